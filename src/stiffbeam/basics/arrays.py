@@ -1,4 +1,4 @@
-"""The array type, arrays laid out for vector registers, float64 in JAX."""
+"""The array type, arrays laid out for vector registers, recent results by their content, float64 in JAX."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables for notebooks, in HTML."""
+"""What a notebook shows of a result: tables in HTML, and pictures, which objects call by name."""
 
 from __future__ import annotations
 

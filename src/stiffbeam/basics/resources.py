@@ -1,4 +1,4 @@
-"""Memory, time and threads: a call that would take too much raises an error before it begins.
+"""Memory, time, threads and processes: a call that would take too much raises an error before it begins.
 
 STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed, STIFFBEAM_THREADS sets the threads.
 """

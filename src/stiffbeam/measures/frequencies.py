@@ -1,4 +1,4 @@
-"""Smooth motion of a system without contact: the steady response to every load, and the lowest mode."""
+"""Frequencies of a motion: of the drives, of the smooth motion without contact, and amplitude spectra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The errors of a motion against the answers of a problem, which are read from its file."""
+"""The errors of a motion, from arrays or a file of any program, against the answers of a problem."""
 
 from __future__ import annotations
 

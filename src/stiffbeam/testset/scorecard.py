@@ -1,4 +1,4 @@
-"""The scorecard: all measurements of a score, as records, tables and pictures."""
+"""The scorecard: all measurements of a score, as records, tables, pictures and a page; and a problem in LaTeX."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table of all variables of results: name, dimensions, unit and meaning.
+"""Table of all variables of results: name, dimensions, unit and meaning; and the files that hold them.
 
 Attributes, DataFrames, Datasets and files of every format are walks over ``SCHEMA``; the documentation prints it.
 """
