@@ -6,7 +6,9 @@
 Value: error of the tip at the end over the largest displacement. Gradient: largest relative error of its derivatives in
 the parameters that the problem knows. diffrax: jax.grad through the solve, the contact a penalty force. SciPy: central
 differences of solve_ivp, through the contacts or restarted at events. heyoka: variational equations, restarted at
-events. Schemes: central differences of their runs.
+events. CasADi: forward sensitivities, through the contacts or with its events. MJX: jax.jacfwd through MuJoCo's steps.
+Schemes: central differences of their runs. CasADi and MJX (`pip install casadi mujoco-mjx`) are needed only for
+their records.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 
 import stiffbeam as sb
 from stiffbeam.model.members import with_values
@@ -30,7 +33,10 @@ PAGE = Path(__file__).parent / "guide" / "derivatives.md"
 RECORDS = Path(__file__).with_suffix(".json")
 BEGIN, END = "<!-- made by studies/gradients.py -->", "<!-- end -->"
 COMPLIANT = ("bilinear-gap", "two-mass-chain", "hertz")
+LIBRARIES = {"diffrax": "diffrax", "SciPy": "scipy", "heyoka": "heyoka", "CasADi": "casadi", "MJX": "mujoco-mjx"}
 RIGID = ("impact-oscillator", "impact-transient")
+HALF_PERIOD = 8.0  # of the spring in the place of a rigid stop of MuJoCo, in steps
+SOLIMP = "0.9999 0.9999 0.001 0.5 2"  # almost all of the force at a limit is that of this spring
 WIDTH = 1e-6  # of a parameter, of central differences
 Found = tuple[float, Mapping[str, float]]  # tip at the end, and its derivatives
 
@@ -77,14 +83,19 @@ class Model:
         values = [*self.problem.data["initial_displacement"], *self.problem.data["initial_velocity"]]
         return xp.stack([xp.asarray(theta.get(a, b), float) for a, b in zip(names, values, strict=True)])
 
+    def loads(self, t: Any, xp: Any) -> Any:
+        """Forces of the loads at t."""
+        force = xp.zeros(self.n)
+        for load in self.problem.data.get("loads", ()):
+            force = force + np.array(load["vector"]) * load["amplitude"] * xp.sin(load["frequency"] * t + load["phase"])
+        return force
+
     def depth(self, y: Any, theta: Mapping[str, Any]) -> Any:
         return self.row @ y[: self.n] - self.law(theta, "upper")
 
     def rate(self, t: Any, y: Any, theta: Mapping[str, Any], xp: Any, closed: bool | None = None) -> Any:
         """y' with the contact closed, open, or as the depth says."""
-        force = -self.K @ y[: self.n]
-        for load in self.problem.data.get("loads", ()):
-            force = force + np.array(load["vector"]) * load["amplitude"] * xp.sin(load["frequency"] * t + load["phase"])
+        force = self.loads(t, xp) - self.K @ y[: self.n]
         if closed is not False and np.isfinite(self.contact["stiffness"]):
             d, p = self.depth(y, theta), self.law(theta, "exponent")
             inside = d > 0.0
@@ -173,6 +184,135 @@ def by_heyoka(problem: Problem) -> Found:
     return float(tip), {path: float(pair[0]) for path, pair in found.items()}
 
 
+def by_casadi(solver: str, rtol: float, events: bool = False) -> Callable[[Problem], Found]:
+    """Forward sensitivities of CasADi's integrators, through the contacts or with its events.
+
+    With events a third state, 0 or 1, tells whether the contact is closed; a rigid stop turns the velocity round.
+    """
+
+    def engine(problem: Problem) -> Found:
+        import casadi as ca
+
+        model, (paths, theta) = Model(problem), tip_by_theta(problem)
+        n, data = model.n, problem.data
+        x, p, t = ca.SX.sym("x", 2 * n + 1), ca.SX.sym("p", len(paths)), ca.SX.sym("t")
+        named = dict(zip(paths, ca.vertsplit(p), strict=True))
+        depth = ca.dot(ca.DM(model.row), x[:n]) - model.law(named, "upper")
+        closed = x[2 * n] if events else ca.if_else(depth > 0.0, 1.0, 0.0)
+        force = -(ca.DM(model.K) @ x[:n])
+        for load in data.get("loads", ()):
+            force += ca.DM(load["vector"]) * load["amplitude"] * ca.sin(load["frequency"] * t + load["phase"])
+        if not problem.rigid:
+            exponent = model.law(named, "exponent")
+            press = depth
+            if exponent != 1.0:  # no power of a negative number, not even where it is multiplied by zero
+                press = ca.if_else(depth > 0.0, ca.if_else(depth > 0.0, depth, 1.0) ** exponent, 0.0)
+            force -= ca.DM(model.row) * closed * model.law(named, "stiffness") * press
+        ode = ca.vertcat(x[n : 2 * n], ca.DM(model.inverse) @ force, 0.0)
+        equations = {"x": x, "p": p, "t": t, "ode": ode}
+        options: dict[str, Any] = {"abstol": rtol * 1e-2 * float(np.max(np.abs(problem.answers["tip"].value)))}
+        options |= {"reltol": rtol, "max_num_steps": 10**7, "enable_reverse": False, "enable_jacobian": False}
+        if events:
+            equations["zero"] = (2.0 * closed - 1.0) * depth
+            after = ca.vertcat(x[: 2 * n], 1.0 - closed)
+            if problem.rigid:
+                after = ca.vertcat(x[:n], -model.law(named, "restitution") * x[n : 2 * n], 0.0)
+            index, z, u = ca.SX.sym("index"), ca.SX(0, 1), ca.SX(0, 1)
+            options["transition"] = ca.Function(
+                "transition", [index, t, x, z, p, u], [after, z], ca.event_in(), ca.event_out()
+            )
+            options["max_events"] = 10_000
+        flow = ca.integrator("flow", solver, equations, 0.0, problem.t_end, options)
+        values = ca.MX.sym("values", len(paths))
+        mixed = dict(zip(paths, ca.vertsplit(values), strict=True))
+        names = [f"{name}0[{i}]" for name in "qv" for i in range(n)]
+        numbers = [*data["initial_displacement"], *data["initial_velocity"]]
+        start = ca.vertcat(*(mixed.get(a, b) for a, b in zip(names, numbers, strict=True)), 0.0)
+        tip = ca.dot(ca.DM(model.row), flow(x0=start, p=values)["xf"][:n])
+        value, gradient = ca.Function("tip", [values], [tip, ca.jacobian(tip, values)])(theta)
+        return float(value), dict(zip(paths, np.asarray(gradient)[0].tolist(), strict=True))
+
+    return engine
+
+
+def by_mjx(steps: int) -> Callable[[Problem], Found]:
+    """Forward derivatives through MuJoCo's steps (RK4), with the model of `engines/mujoco_engine.py`.
+
+    Unit masses on slide joints, one for each mode; the contact is a tendon with a dead band, or with a limit for a
+    rigid stop. A limit has no restitution: a damped spring whose half period is HALF_PERIOD steps gives back the
+    same share of the speed. The load is held over each step at its value in the middle.
+    """
+
+    def engine(problem: Problem) -> Found:
+        import jax
+        import jax.numpy as jnp
+        import mujoco
+        from mujoco import mjx
+
+        model, (paths, theta) = Model(problem), tip_by_theta(problem)
+        if model.law({}, "exponent") != 1.0:
+            raise sb.InputError("stops.exponent", model.law({}, "exponent"), "be 1 for a tendon", "take another engine")
+        data, dt = problem.data, problem.t_end / steps
+        squares, shapes = scipy.linalg.eigh(np.array(data["stiffness"], float), np.array(data["mass"], float))
+        joints = "".join(
+            f'<body><joint name="z{i}" type="slide" axis="1 0 0" stiffness="{w!r}"/>'
+            f'<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>' for i, w in enumerate(squares.tolist())
+        )  # fmt: skip
+        tendon = "".join(f'<joint joint="z{i}" coef="{x!r}"/>' for i, x in enumerate((model.row @ shapes).tolist()))
+        law = 'stiffness="1" springlength="-1e9 0"'
+        if problem.rigid:
+            law = f'limited="true" range="-1e9 0" solreflimit="-1 -1" solimplimit="{SOLIMP}"'
+        xml = mujoco.MjModel.from_xml_string(
+            f'<mujoco><compiler autolimits="false"/><option timestep="{dt!r}" gravity="0 0 0" integrator="RK4" '
+            f'tolerance="1e-14" iterations="200"/><worldbody>{joints}</worldbody>'
+            f"<tendon><fixed {law}>{tendon}</fixed></tendon></mujoco>"
+        )
+        still, at_rest = mjx.put_model(xml), mjx.make_data(xml)
+        back = shapes.T @ np.array(data["mass"], float)
+
+        def tip(values: Any) -> Any:
+            named = dict(zip(paths, values, strict=True))
+            ends = jnp.array([[-1e9, 1.0]]).at[0, 1].set(model.law(named, "upper"))
+            if problem.rigid:
+                limit = jnp.stack(spring_of(model.law(named, "restitution"), dt))[None]
+                changed = still.replace(tendon_range=ends, tendon_solref_lim=-limit)
+            else:
+                stiffness = jnp.full(1, model.law(named, "stiffness"))
+                changed = still.replace(tendon_lengthspring=ends, tendon_stiffness=stiffness)
+            y = model.start(named, jnp)
+
+            def step(state: Any, k: Any) -> Any:
+                force = shapes.T @ model.loads((k + 0.5) * dt, jnp)
+                after = mjx.step(changed, at_rest.replace(qpos=state[0], qvel=state[1], qfrc_applied=force))
+                return (after.qpos, after.qvel), None
+
+            (z, _), _ = jax.lax.scan(step, (back @ y[: model.n], back @ y[model.n :]), jnp.arange(steps))
+            return model.row @ (shapes @ z), model.row @ (shapes @ z)
+
+        gradient, value = jax.jit(jax.jacfwd(tip, has_aux=True))(jnp.asarray(theta))
+        return float(value), dict(zip(paths, np.asarray(gradient).tolist(), strict=True))
+
+    return engine
+
+
+def spring_of(restitution: Any, dt: float) -> tuple[Any, Any]:
+    """Stiffness and damping, over the mass, of the spring that returns this share of the speed when its force is zero.
+
+    e = exp(-2 s atan(1/s)), s = zeta/sqrt(1 - zeta^2).
+    """
+    import jax
+    import jax.numpy as jnp
+
+    def log_e(s: Any) -> Any:
+        return -2.0 * s * jnp.arctan2(1.0, s)
+
+    aim, s = jnp.log(restitution), 0.1
+    for _ in range(30):  # Newton's steps, the last of which carries the derivative
+        s = s - (log_e(s) - aim) / jax.grad(log_e)(s)
+    decay = np.pi / (HALF_PERIOD * dt)
+    return decay**2 * (1.0 + s * s), 2.0 * decay * s
+
+
 def by_scheme(scheme: Any, steps: int, contact: str = "implicit") -> Callable[[Problem], Found]:
     """Central differences of runs of a scheme."""
 
@@ -204,6 +344,12 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
     "SciPy DOP853, rtol 1e-12, differences": by_scipy(1e-12, events=False),
     "SciPy DOP853, rtol 1e-12, restarted at events": by_scipy(1e-12, events=True),
     "heyoka, variational equations": by_heyoka,
+    "CasADi CVODES, rtol 1e-6, forward sensitivities": by_casadi("cvodes", 1e-6),
+    "CasADi CVODES, rtol 1e-10": by_casadi("cvodes", 1e-10),
+    "CasADi erk, rtol 1e-9": by_casadi("erk", 1e-9),
+    "CasADi erk, rtol 1e-12, with events": by_casadi("erk", 1e-12, events=True),
+    "MJX RK4, 1000 steps, jax.jacfwd": by_mjx(1000),
+    "MJX RK4, 16 000 steps": by_mjx(16_000),
     "trapezoidal, 16 000 steps, differences": by_scheme(sb.Trapezoidal(), 16_000),
     "trapezoidal, conserving contact": by_scheme(sb.Trapezoidal(), 16_000, "conserving"),
     "trapezoidal, averaged contact": by_scheme(sb.Trapezoidal(), 16_000, "averaged"),
@@ -212,6 +358,9 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
 OF_RIGID: dict[str, Callable[[Problem], Found]] = {
     "SciPy DOP853, rtol 1e-12, restarted at events, differences": by_scipy(1e-12, events=True),
     "heyoka, variational equations": by_heyoka,
+    "CasADi erk, rtol 1e-12, with events, forward sensitivities": by_casadi("erk", 1e-12, events=True),
+    "MJX RK4, 1000 steps, jax.jacfwd": by_mjx(1000),
+    "MJX RK4, 16 000 steps": by_mjx(16_000),
     "Moreau-Jean, 16 000 steps, differences": by_scheme(sb.MoreauJean(), 16_000),
     "Paoli-Schatzman, 16 000 steps, differences": by_scheme(sb.PaoliSchatzman(), 16_000),
     "nonsmooth generalised-alpha, 16 000 steps, differences": by_scheme(sb.NonsmoothGeneralisedAlpha(), 16_000),
@@ -232,6 +381,7 @@ def record(engines: Mapping[str, Callable[[Problem], Found]], names: Sequence[st
     for label, engine in engines.items():
         for name in names:
             of_engine = records.setdefault(label, {})
+            library = LIBRARIES.get(label.partition(",")[0].split()[0])
             if name in of_engine:
                 continue
             begun = time.perf_counter()
@@ -240,6 +390,8 @@ def record(engines: Mapping[str, Callable[[Problem], Found]], names: Sequence[st
                 of_engine[name] = {"value": value, "gradient": gradient}
             except sb.InputError:  # no exact solution for a power law
                 of_engine[name] = {"value": None, "gradient": None}
+            if library:
+                records.setdefault("made with", {})[library] = version(library)
             print(f"{label}, {name}: {of_engine[name]}, {time.perf_counter() - begun:.1f} s", flush=True)
             RECORDS.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
 
@@ -266,7 +418,8 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     record(OF_RIGID, RIGID)
     record(ENGINES, COMPLIANT)
-    libraries = ", ".join(f"{x} {version(x)}" for x in ("diffrax", "scipy", "heyoka"))
+    made_with = json.loads(RECORDS.read_text(encoding="utf-8"))["made with"]
+    libraries = ", ".join(f"{library} {number}" for library, number in made_with.items())
     lines = [BEGIN, "", *table(ENGINES, COMPLIANT), "", "Rigid stops:", "", *table(OF_RIGID, RIGID), "",
              f"Made with {libraries}.", "", END]  # fmt: skip
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)

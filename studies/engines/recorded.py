@@ -22,6 +22,14 @@ from stiffbeam.testset.problem import Problem, folder
 HERE = Path(__file__).resolve().parent
 
 
+class Unsupported(sb.InputError):
+    """A problem that an engine does not support, and the reason, which is the whole message."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__("problem", reason, "be supported by the engine", "score another engine on it")
+        self.args = (reason,)
+
+
 @dataclass(frozen=True)
 class Recorded(ProblemSolver):
     """The runs in ``out``; its levels are those that were made."""
@@ -40,7 +48,7 @@ def recorded(out: Path) -> Recorded:
 
     def solve(problem: Problem, level: float, t_end: float) -> Made:
         if problem.name in record["refused"]:
-            raise sb.InputError(f"stops ({record['refused'][problem.name]})", problem.name, "be others", "take another")
+            raise Unsupported(record["refused"][problem.name])
         if problem.name in record["failed"] and not level:
             raise RuntimeError(next(iter(record["failed"][problem.name].values())))
         with np.load(out / f"{problem.name}-{level:g}.npz") as run:

@@ -240,8 +240,8 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
     lines = [
         f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
         f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
+        f"{' in an earlier run' if r.provenance.get('kept') else ''}"
         f"{', ' + r.provenance['budget'] if 'budget' in r.provenance else ''}"
-        f"{', earlier' if r.provenance.get('kept') else ''}"
         for r in references
     ]
     lines += [

@@ -41,6 +41,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
     factor, which = np.zeros((m, m)), np.zeros(m, np.int64)
     for _ in range(20 * m):
+        # Penetration times stiffness is the force that it would cause alone: the largest one enters.
         worst = 0.0
         entering = -1
         stop = 0.0
@@ -50,6 +51,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
                 for e in range(m):
                     v += compliance[e, c] * force[e]
                 depth = max(v - g2[c], g1[c] - v)
+                # A depth that rounding of v explains must not enter, or the same contact would enter and leave forever.
                 if depth > 1e-15 * abs(v) and kappa[c] * depth > worst:
                     worst = kappa[c] * depth
                     entering = c
@@ -72,6 +74,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
             solve_definite(factor, right, closed)
             for i in range(closed):
                 target[which[i]] = right[i]
+            # As far as the first force that would pull: beyond it the minimum over pressing forces is left.
             way = 1.0
             opening = -1
             for c in range(m):

@@ -149,6 +149,7 @@ def account(
     paths, acting = free
     z, new, sums, q, v, x, force, beyond, power, last, pulled = work
     n, m, L, steps = squares.size, law.shape[0], loads.shape[0], forces.shape[0]
+    # Forces, energies and sides at the start of the first step.
     stops, touching, rated = 0.0, 0, False
     for c in range(m):
         rated |= damps(law_of(law, c))
@@ -166,6 +167,7 @@ def account(
     for b in range(starts.shape[0]):
         begun = b * block
         count = min(block, steps - begun)
+        # Without forces the motion of each mode over the whole block is a fixed linear map: no step is taken.
         quiet = paths.shape[1] > 0
         for i in range(begun, begun + count):
             for f in range(forces.shape[1]):
@@ -180,6 +182,8 @@ def account(
         for i in range(count):
             at = begun + i
             k = at + 1
+            # Two rules for what dashpots take in the step: by the displacement, and by the mean velocity. Their
+            # difference is the spread.
             lost = again = 0.0
             if quiet:
                 new_kinetic, new_elastic = 0.5 * sums[0, i], 0.5 * sums[1, i]
@@ -205,6 +209,8 @@ def account(
                 new_force, new_beyond, held, pressed = _at_stop(law, node_forces, c, k, u, rate)
                 stops += held
                 touching += pressed
+                # What a damped stop takes, again by two rules: force times way, and force times velocity. Where the
+                # force begins or ends within the step, the second one has no meaning.
                 own = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
                 dissipated -= own
                 if (beyond[c] == 0.0) == (new_beyond == 0.0):
@@ -213,6 +219,7 @@ def account(
                 if offsets.shape[0]:
                     moved -= 0.5 * (force[c] + new_force) * (offsets[k, c] - offsets[k - 1, c])
                 force[c], beyond[c], power[c], last[c] = new_force, new_beyond, new_beyond * rate, u
+            # The loss of a range of steps is settled where contact begins or ends.
             kind = CONTACT if touched + touching else FREE
             if kind != within:
                 _settle(balance, kinetic, elastic, held_before, given, viscous, taken, within)
@@ -233,6 +240,7 @@ def account(
                         y[j] = new[j]
                         y[n + j] = new[P + j]
                 z, new = new, z
+            # An output in the middle of a range: the loss so far, without settling it.
             until -= 1
             if until == 0:
                 until = every
@@ -299,6 +307,7 @@ def _pass_free(
                 for i in range(K):
                     sums[4 + m + c, i] += row * v[i]
         if damping.size:
+            # The first step starts from y, which is not among the ends of steps.
             sums[2, 0] += damping[j] * (q[0] - y[j]) ** 2
             sums[3, 0] += damping[j] * (v[0] + y[n + j]) ** 2
             for i in range(1, paths.shape[1]):

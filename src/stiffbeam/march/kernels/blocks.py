@@ -30,6 +30,7 @@ from ...trajectory.sampling import (
     switch_time,
 )
 
+# A position beyond this ends the run. Its square, in an energy, is still a float64.
 OVERFLOW = 1e100
 
 
@@ -99,6 +100,7 @@ def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forc
     """
     m = law.shape[0]
     met = False
+    # Node after node: the force at one moves the positions at all later ones.
     for first in range(0, compliance.shape[0], m):
         beyond, last = 0, 0
         for c in range(m):
@@ -109,6 +111,8 @@ def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forc
             continue
         met = True
         i = first + last
+        # Most contacts are met one at a time. The closed form of a single contact then solves the node, unless its
+        # force closes another one.
         stiff = stage_stiffness(law[last, KAPPA], compliance[i, last])
         force = stage_force(out[i], stiff, law[last, G1], law[last, G2])
         alone = beyond == 1
@@ -121,6 +125,7 @@ def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forc
             for j in range(np.uint64(first), np.uint64(out.size)):
                 out[j] += force * push[i, j]
         else:
+            # The contacts move each other within the node. Which of them press is a complementarity problem.
             together = solve_node(out[first : first + m], compliance[first : first + m], law)
             for c in range(m):
                 forces[first + c] = together[c]
@@ -144,6 +149,8 @@ def resolve_by_law(
     r, w, S, S_rate = np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros((m, m))
     met = 0
     for first in range(0, compliance.shape[0], m):
+        # A node is left out only if no force can act at it. The mean over a step depends on both of its ends, the
+        # average around the node on the way h to either side.
         touched = False
         for c in range(m):
             u = out[first + c]
@@ -163,6 +170,7 @@ def resolve_by_law(
                     S_rate[c, e] = way * push[first + e, rates[first + c]] if rated else 0.0
             force = solve_stage(r, w, S, S_rate, before, rule, law)
             for c in range(m):
+                # The iteration failed. If the position itself is NaN, `run` reports an overflow.
                 if math.isnan(force[c]) and not math.isnan(r[c]):
                     return -1 - first
                 forces[first + c] = force[c]
@@ -349,6 +357,7 @@ def resolve(push: Array, g1: float, g2: float, stiff: Array, out: Array, forces:
     stop is touched."""
     touched = False
     for first in range(0, forces.size, 8):
+        # Contacts are rare: comparisons without a branch decide whether any of eight forces is needed.
         beyond = 0
         for i in range(first, first + 8):
             beyond += (out[i] > g2) | (out[i] < g1)
@@ -391,6 +400,7 @@ def run(
     blocks = (steps + K - 1) // K
     rows = cursor[2]
     for i in range(cursor[0], states.shape[0]):
+        # A member that overflowed stays where it is; the others go on.
         if diverged[i] != 0:
             cursor[1] = 0
             continue
@@ -405,12 +415,15 @@ def run(
         count = 0
         full = False
         for b in range(resumed, blocks):
+            # Every contact may close at every step of a block. A kernel cannot lengthen the list: the caller does, and
+            # calls again from this block on.
             if rows + m * K > events.shape[0]:
                 full = True
                 cursor[1] = b
                 break
             at = first + b * K
             count = min(K, steps - b * K)
+            # The block without contact forces: positions at all nodes, and the state at its end.
             read(reading, z, out)
             advance(transition, n, z, z_new)
             force_by_drive(constant, frequencies, forced, v, at * dt, g, out)
@@ -418,6 +431,7 @@ def run(
                 for j in range(out.size):
                     out[j] += inflow_rows[b, j]
             touched = True
+            # Then the forces of the stops, each of which moves what comes after it.
             if linear is not None:
                 if m == 1:
                     touched = resolve(push, g1, g2, stiff, out, forces)
@@ -431,22 +445,26 @@ def run(
                 if solved < 0:
                     diverged[i] = -(at + (-1 - solved) * K // compliance.shape[0] + 1)
                     break
+            # The energy balance repeats the steps from these states and forces.
             if starts.shape[0]:
                 for e in range(z.size):
                     starts[b, e] = z[e]
                 for e in range(N):
                     all_forces[b, e] = forces[e]
             finite = True
+            # Overflow, outputs and impacts of every channel; the first m channels are the contacts.
             for c in range(C):
                 entry, stride = np.uint64(end_first[c]), np.uint64(end_stride[c])
                 u_end = out[entry + np.uint64(count - 1) * stride]
                 if not abs(u_end) < OVERFLOW:
+                    # So far only the end of the block was looked at. Which step was the first beyond the bound?
                     for k in range(count - 1, -1, -1):
                         if not abs(out[end_first[c] + k * end_stride[c]]) < OVERFLOW:
                             diverged[i] = at + k + 1
                     finite = False
                     break
                 if positions.shape[1]:
+                    # Velocities of the outputs, eight steps at a time, as soon as an output needs one of them.
                     eight = -8
                     for o in range(at // every + 1, (at + count) // every + 1):
                         k = o * every - at - 1
@@ -489,6 +507,8 @@ def run(
                         k = int(events[row, column]) if row >= 0 else -1
                         if k < 0:
                             continue
+                        # The crossing lies between the steps k - 1 and k; their positions and velocities give its time.
+                        # The step before a block belongs to the block before, or to the call before.
                         u0 = u[k - 1] if k > 0 else position[i, c]
                         if k > 0:
                             v0 = speed(
@@ -513,6 +533,7 @@ def run(
             for e in range(D):
                 z_last[e] = z[e]
                 z[e] = z_new[e]
+            # z is held from its start again, see Block.
             for e in range((a - 1) * n):
                 z[a * n + e] = z[e]
             for e in range(N):

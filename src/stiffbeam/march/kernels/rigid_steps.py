@@ -54,6 +54,7 @@ def steps(
     closed = np.zeros(m)
     for k in range(path.shape[0]):
         new = path[k]
+        # Arguments of the nodes from the old state, before any reaction.
         for s in range(S):
             for c in range(m):
                 total = shifts[k, s, c]
@@ -72,6 +73,7 @@ def steps(
                 if off < math.inf and off <= ON_STOP * (size + abs(stops[c, side])):
                     total = stops[c, side]
             r_before[c] = total
+        # The new state without reactions.
         if a:
             for i in range(a):
                 for j in range(n):
@@ -85,6 +87,8 @@ def steps(
                 for d in range(D):
                     total += matrix[i, d] * z[d]
                 new[i] = total
+        # Reactions node by node. A node on the velocity may press only if its contact is closed: by the predicted
+        # position, or by the reaction that a node on the position found in this step.
         for s in range(S):
             touched = False
             for c in range(m):
