@@ -262,7 +262,7 @@ def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
 
     if address is None:
         return nullcontext()
-    from ..studies.engine.workers import scheduler
+    from ..studies.engine.runner import scheduler
 
     return scheduler(address)
 
