@@ -382,7 +382,9 @@ def _page_of_steps(ns: dict[str, float]) -> list[str]:
 
 def _page_of_runs(runs: dict[str, dict[str, float]]) -> list[str]:
     return [
-        "Time of whole runs by `integrate`, with set-up and every step kept, over that of as many steps in C:", "",
+        "Time of whole runs by `integrate`, with set-up and every step kept, over that of as many steps in C. C keeps the",
+        "tip's position. `integrate` also computes and keeps velocity, force and time: 32 bytes of new memory per step,",
+        "so that these ratios depend on the time that the machine takes for a new page.", "",
         "| steps | " + " | ".join(SCHEMES) + " |", "|---" * (1 + len(SCHEMES)) + "|",
         *(f"| {count} | " + " | ".join(f"{x:.3g}" for x in row.values()) + " |" for count, row in runs.items()),
     ]  # fmt: skip

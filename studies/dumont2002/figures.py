@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -10,16 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.storage import write_whole
 from stiffbeam.figures.animation import animate
 from stiffbeam.figures.panels import COLOURS, DASHES, look_of_name, new_figure
-from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
-from stiffbeam.measures.frequencies import amplitude_spectrum
+from stiffbeam.figures.paper import Trace, delayed, displacement, first_contacts, portrait, shear, spectrum
+from stiffbeam.figures.runs import draw_stops
 from stiffbeam.references import reference
-from stiffbeam.trajectory.trajectory import Reference, Trajectory
 
-from .peaks import MULTIPLES
 from .sample import of_members
 from .table import Made
 
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
 
 Look = tuple[str, tuple[float, ...]]  # colour and dashes
 EXACT: dict[str, Look] = {"displacement": ("black", ()), "velocity-curvature": ("black", (4, 1.5))}
-ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5), "alpha": 0.8}  # what float64 makes of it past the horizon
+ONE: dict[str, Any] = {"color": "0.55", "dashes": (1, 1.5)}  # of REALISATION, for a legend
 
 
 @dataclass(frozen=True)
@@ -98,22 +95,27 @@ def panels(made: Made) -> list[Panel]:
     as delayed is not.
     """
     periods = PERIODS + (made.drive > 30.0)
-    end = min(made.case.t_end, periods * 2.0 * np.pi / made.drive)
+    whole = made.case.t_end
+    end = min(whole, periods * 2.0 * np.pi / made.drive)
     # The portrait of a single run is that of its last periods, where the start has died away.
-    start = made.case.t_end - end if len(made.case.runs) == 1 else 0.0
-    portrait = f"phase portrait, t in [{start:.3g}, {start + end:.3g}]"
+    start = whole - end if len(made.case.runs) == 1 else 0.0
+    traces, system = _traces(made), next(iter(made.systems.values()))
+    period = 2.0 * np.pi / made.drive
+
+    def drawn(draw: Callable[..., None], *numbers: float) -> Callable[[Axes], None]:
+        return lambda axis: draw(axis, traces, system, *numbers)
+
     found = [
-        # Thin lines: the exact motion is fast.
-        Panel("a", f"tip displacement to t = {end:.3g}", lambda axis: _over_time(axis, made, (0.0, end), lw=0.8)),
-        Panel("b", portrait, lambda axis: _portrait(axis, made, start, start + end)),
+        Panel("a", f"tip displacement to t = {end:.3g}", drawn(displacement, 0.0, end)),
+        Panel("b", f"phase portrait, t in [{start:.3g}, {start + end:.3g}]", drawn(portrait, start, start + end)),
     ]
     if made.number == 17:
-        found.append(Panel("b′", "delayed by one drive period T", lambda axis: _delayed(axis, made)))
+        found.append(Panel("b′", "delayed by one drive period T", drawn(delayed, 0.0, whole - period, period)))
     if made.number in (15, 16, 17):
-        found.append(Panel("c", f"shear stress at the tip to t = {end:.3g}", lambda axis: _stress(axis, made, end)))
+        found.append(Panel("c", f"shear stress at the tip to t = {end:.3g}", drawn(shear, 0, 0.0, end)))
     else:
-        found.append(Panel("c", "the first contacts", lambda axis: _first_contact(axis, made)))
-    found.append(Panel("d", f"spectrum of the tip to t = {made.case.t_end:g}", lambda axis: _spectrum(axis, made)))
+        found.append(Panel("c", "the first contacts", drawn(first_contacts, 0, whole)))
+    found.append(Panel("d", f"spectrum of the tip to t = {whole:g}", drawn(spectrum, made.drive)))
     return found
 
 
@@ -150,24 +152,16 @@ def together(made: Made) -> Figure:
     return figure
 
 
-def _curves(made: Made, start: float, end: float) -> Iterator[tuple[str, dict[str, Any], Array, Array, Array]]:
-    """(label, style, t, u, v) of the exact motions, then of the runs, over [start, end].
-
-    A motion that is known to its horizon only goes on from there as dots: one realisation.
-    """
-    fine = np.linspace(start, end, 8000)
+def _traces(made: Made) -> list[Trace]:
+    """The exact motions, then the runs. A motion that is known to its horizon only goes on from there as dots."""
+    traces = []
     for form, exact in made.references.items():
-        style = _style(EXACT[form], alpha=0.5, lw=1.6, zorder=1)
-        horizon = end if made.known(form) else made.horizons[form]
-        known, past = fine[fine <= horizon], fine[fine > horizon]
-        if len(known):
-            yield exact_label(made, form), style, known, *exact.at(known)
-        if len(past):
-            yield f"one realisation, {form}", style | ONE | {"lw": 1.0}, past, *exact.at(past)
-    for order, (equation, run) in enumerate(made.runs.items()):
-        here = (run.t >= start) & (run.t <= end)
-        style = _style(STYLE[equation], lw=1.0, zorder=2 + order)
-        yield f"{equation} {run.label}", style, run.t[here], run.tip[here], run.tip_velocity[here]
+        past = "" if made.known(form) else f"one realisation, {form}"
+        style = _style(EXACT[form]) | {"alpha": 0.5}
+        traces.append(Trace(exact, exact_label(made, form), style, made.horizons[form], past))
+    for equation, run in made.runs.items():
+        traces.append(Trace(run, f"{equation} {run.label}", _style(STYLE[equation])))
+    return traces
 
 
 def exact_label(made: Made, form: str) -> str:
@@ -175,110 +169,9 @@ def exact_label(made: Made, form: str) -> str:
     return f"{'true' if made.known(form) else 'exact to the horizon'}, {form}"
 
 
-def _style(look: Look, **more: Any) -> dict[str, Any]:
+def _style(look: Look) -> dict[str, Any]:
     """Keywords of ``plot`` for a look."""
-    return {"color": look[0], "dashes": look[1] or (None, None), **more}
-
-
-def _over_time(
-    axis: Axes, made: Made, span: tuple[float, float], of: Callable[[Array], Array] | None = None, **changes: Any
-) -> None:
-    """The tip between its stops, or a function of it, with the horizon."""
-    for label, style, t, u, _ in _curves(made, *span):
-        axis.plot(t, u if of is None else of(u), label=label, **style | changes)
-    if of is None:
-        draw_stops(axis, made.stops, horizontal=True)
-    _horizon(axis, made, span[1])
-    axis.set(xlabel="time $t$", ylabel=TIP, xlim=span)
-
-
-def _first_contact(axis: Axes, made: Made) -> None:
-    main = next(iter(made.references.values()))
-    assert main.system is not None
-    span = first_contact(main, main.system, made.case.t_end)
-    _over_time(axis, made, span)
-    zoom_on_stop(axis, main, *span)
-
-
-def _stress(axis: Axes, made: Made, end: float) -> None:
-    """sigma(1, t) = -kappa [(u - g2)_+ - (g1 - u)_+] of the exact motion and of the runs."""
-    _over_time(axis, made, (0.0, end), made.stops.force, lw=0.9)
-    axis.set_ylabel(r"shear stress $\sigma(1, t)$")
-
-
-def _horizon(axis: Axes, made: Made, end: float) -> None:
-    """Past the earliest horizon a float64 computation has lost the exact motion."""
-    horizon = min(made.horizons.values())
-    if horizon >= end:
-        return
-    axis.axvspan(horizon, end, color="0.5", alpha=0.10, lw=0, zorder=0)
-    axis.axvline(horizon, color="0.3", lw=0.8, zorder=0)
-    axis.annotate(
-        f"horizon {horizon:.2g}", (horizon, 0.5), xycoords=("data", "axes fraction"), xytext=(4, 0),
-        textcoords="offset points", va="center", fontsize=8, color="0.2", zorder=9,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
-    )  # fmt: skip
-
-
-def _portrait(axis: Axes, made: Made, start: float, end: float) -> None:
-    for label, style, _, u, v in _curves(made, start, end):
-        thin: dict[str, Any] = style | {"lw": 0.5, "alpha": 0.3 if style["zorder"] == 1 else 0.85}
-        if not label.startswith("one realisation"):
-            thin["dashes"] = (None, None)
-        axis.plot(u, v, label=label, **thin)
-    draw_stops(axis, made.stops, horizontal=False)
-    axis.set(xlabel=TIP, ylabel="tip velocity $u_t(1, t)$")
-    axis.locator_params(axis="x", nbins=6)
-
-
-def _delayed(axis: Axes, made: Made) -> None:
-    """(u(1, t), u(1, t + T)): on the diagonal for a motion of period T. Every twentieth step, as points."""
-    period, end = 2.0 * np.pi / made.drive, made.case.t_end
-    t = np.arange(0.0, end - period, 20.0 * made.case.dt)
-    motions: list[tuple[str, dict[str, Any], Callable[..., Any]]] = []
-    for form, exact in made.references.items():
-        label = exact_label(made, form) if made.known(form) else f"one realisation, {form}"
-        motions.append((label, {"color": "black", "alpha": 0.35, "zorder": 1}, _tip_of(exact)))
-    for equation, run in made.runs.items():
-        motions.append((f"{equation} {run.label}", {"color": STYLE[equation][0], "zorder": 2}, _tip_of(run)))
-    for label, style, tip in motions:
-        axis.plot(tip(t), tip(t + period), ".", ms=1.6, mew=0, label=label, **style)
-    for horizontal in (False, True):
-        draw_stops(axis, made.stops, horizontal)
-    axis.set(xlabel="$u(1, t)$", ylabel="$u(1, t + T)$", aspect="equal")
-
-
-def _tip_of(run: Trajectory) -> Callable[[Array], Array]:
-    if isinstance(run, Reference):
-        return lambda t: run.at(t)[0]
-    return lambda t: np.interp(t, run.t, run.tip)
-
-
-def _spectrum(axis: Axes, made: Made) -> None:
-    """Amplitudes over the multiples of the drive; of the exact motion at the same instants as of the runs."""
-    t = np.arange(round(made.case.t_end / made.case.dt) + 1) * made.case.dt
-    lines = []
-    for form, exact in made.references.items():
-        style = _style(EXACT[form], alpha=0.45, lw=2.0, zorder=1)
-        label = exact_label(made, form)
-        if not made.known(form):
-            label, style = f"one realisation, {form}", style | ONE | {"lw": 1.2}
-        lines.append((label, style, exact.at(t)[0]))
-    for order, (equation, run) in enumerate(made.runs.items()):
-        lines.append((f"{equation} {run.label}", _style(STYLE[equation], lw=0.9, zorder=2 + order), run.tip))
-    top = 0.0
-    for label, style, u in lines:
-        omega, amplitude = amplitude_spectrum(t, u, made.drive)
-        multiple = omega / made.drive
-        here = (multiple > 0.0) & (multiple <= MULTIPLES + 0.5)
-        axis.plot(multiple[here], amplitude[here], label=label, **style)
-        top = max(top, float(np.max(amplitude[here])))
-    ticks = range(1, MULTIPLES + 1, 2)
-    axis.set_xticks(list(ticks), [f"{k}a" if k > 1 else "a" for k in ticks])
-    axis.set(
-        xlim=(0.0, MULTIPLES + 0.5), yscale="log", ylim=(top * 1e-4, top * 2.0),
-        xlabel=f"angular frequency, a = {made.drive:g}", ylabel="amplitude of $u(1, t)$",
-    )  # fmt: skip
+    return {"color": look[0], "linestyle": (0, look[1]) if look[1] else "-"}
 
 
 def close_up(made: Made) -> Figure:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,31 @@ def own_system() -> sb.System:
         observe=[0.0, 0.0, 1.0],
         initial_velocity=[0.2, 0.0, 1.0],
     )
+
+
+def test_matrices_have_the_units_that_are_stated(file):
+    """In a case file and in Python; a changed or reduced system keeps them, and its runs and files have them."""
+    named = TEXT.replace("observe =", 'units = { length = "mm", time = "ms", force = "kN" }\nobserve =')
+    file.write_text(named)
+    system, units = find_case(str(file)).system(), sb.Units("mm", "ms", "kN")
+    assert system.units == units
+    assert find_case(str(file)).units == units
+    own = own_system()
+    assert own.units != units
+    assert replace(own, units=units).fingerprint != own.fingerprint  # a cache must not mix them
+    assert replace(own, units=own.units).fingerprint == own.fingerprint
+    assert replace(system, stiffness=2.0 * STIFFNESS).units == units
+    stop = sb.Contact([0, 0, 1], sb.Stops(upper=0.1, stiffness=1e3))
+    assert sb.reduce_model(MASS, STIFFNESS, contacts=[stop], modes=2, units=units).system.units == units
+    run = sb.integrate(system, sb.HHT(), 1e-2, 1.0)
+    assert sb.load(run.save(file.parent / "run.nc")).units == units
+    assert "(kN)" in str(sb.compare(run, sb.reference(system, 1.0)))
+    for text, field in (('length = "mile"', "units.length"), ("length = 1", "units.length"), ('mass = "kg"', "mass")):
+        file.write_text(named.replace('length = "mm"', text))
+        with pytest.raises(InputError, match=field):
+            find_case(str(file))
+    with pytest.raises(InputError, match="be Units"):
+        sb.System.from_matrices(MASS, STIFFNESS, observe=[1, 0, 0], units="mm")  # type: ignore[arg-type]
 
 
 def test_a_file_makes_the_system_that_python_makes(file):

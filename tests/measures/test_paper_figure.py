@@ -37,7 +37,12 @@ def test_every_panel_of_a_case_holds_what_its_runs_hold():
     t, sigma = shear[label].T
     wanted = -5e6 * (np.maximum(run.tip - 0.1, 0.0) - np.maximum(-0.1 - run.tip, 0.0))
     np.testing.assert_allclose(sigma, wanted, rtol=1e-12, atol=0.0)
-    for name, path in (("exact", lambda t: exact.at(t)[0]), (label, lambda t: np.interp(t, run.t, run.tip))):
+    for name in ("exact", "exact, one realisation"):  # which it is past its horizon
+        t, u = displacement[name].T
+        np.testing.assert_allclose(u, exact.at(t)[0], atol=1e-12)
+        assert np.all(t <= exact.horizon) if name == "exact" else np.all(t > exact.horizon)
+    motions = {"exact, one realisation": lambda t: exact.at(t)[0], label: lambda t: np.interp(t, run.t, run.tip)}
+    for name, path in motions.items():
         now, later = delayed[name].T
         t = np.linspace(0.0, 1.5 - 0.2 * np.pi, len(now))
         np.testing.assert_allclose(now, path(t), atol=1e-12)

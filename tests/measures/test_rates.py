@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.signal import lfilter
 from scipy.stats import norm
+from systems import thrown_case
+from typer.testing import CliRunner
 
 import stiffbeam as sb
+from stiffbeam.cli import app
 from stiffbeam.measures.rates import stationary_mean
 
 CASES = 300
@@ -157,3 +161,27 @@ def test_what_is_not_known_is_said(tmp_path):
             sb.contact_rates(run, tangents=wrong)
     with pytest.raises(sb.InputError, match="since"):
         sb.contact_rates(run, since=6.0)
+
+
+def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
+    """The command's tables hold what ``contact_rates`` returns; a later comparison removes them."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "thrown.toml").write_text(thrown_case(0.2))
+    options = ["compare", "thrown.toml", "--schemes", "HHT(alpha=-0.1)", "--references", "exact", "--out", "here"]
+    said = CliRunner().invoke(app, [*options, "--rates"])
+    assert said.exit_code == 0, said.output
+    system = sb.load_cases("thrown.toml")["thrown"].system()
+    solutions = [sb.reference(system, 0.6), sb.integrate(system, sb.HHT(alpha=-0.1), 1e-3, 0.6)]
+    rates, impacts = (
+        pandas.read_csv(f"here/comparison-{name}.csv", index_col=["run", "contact"]) for name in ("rates", "impacts")
+    )
+    for one in solutions:
+        known = sb.contact_rates(one)
+        wanted = known.to_dataframe().loc[0]
+        for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_rate_high"):
+            assert rates.loc[(one.label, 0), name] == pytest.approx(wanted[name], rel=1e-9)
+        table = known.impacts_to_dataframe(0)
+        np.testing.assert_allclose(impacts.loc[(one.label, 0), "impact_normal_work"], table.impact_normal_work)
+        assert str(known).splitlines()[0] in said.output
+    assert CliRunner().invoke(app, options).exit_code == 0
+    assert not (tmp_path / "here" / "comparison-rates.csv").exists()

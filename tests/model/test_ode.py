@@ -151,3 +151,14 @@ def test_solvers_of_others_take_it():
         IDA(residual, rtol=1e-10, atol=1e-12).solve(np.array([0.0, t_end]), ode.y0, ode.rhs(0.0, ode.y0)),
     ):
         assert ode.tip(t_end, found.y[-1])[0] == pytest.approx(float(exact.tip[-1]), abs=1e-7)
+
+
+@pytest.mark.parametrize("form", ["displacement", "velocity-curvature", "hermite"])
+@pytest.mark.parametrize("side", ["explicit", "descriptor"])
+def test_a_state_is_made_of_displacement_and_velocity(form, side):
+    system = sb.semidiscretise(sb.paper_case(10).problem, 6, form=form)
+    ode, (q, v) = system.ode(side), np.random.default_rng(0).normal(size=(2, system.size))
+    y = ode.state(q, v)
+    np.testing.assert_allclose(ode.displacement(y), q, atol=1e-11)
+    np.testing.assert_array_equal(ode.velocity(y), v)
+    np.testing.assert_array_equal(ode.state(system.q0, system.v0), ode.y0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +99,20 @@ def test_a_push_in_one_plane_stays_in_it():
     np.testing.assert_allclose(both.tip, one.tip, atol=1e-9 * np.max(np.abs(one.tip)))
     assert both.contacts[0].impacts.count == one.contacts[0].impacts.count > 1
     assert not both.contacts[1].impacts.count
+
+
+def test_the_system_has_the_units_of_the_problem():
+    physical = sb.BeamProblem.from_physical(
+        length=1200.0, bending_stiffness=668e6, mass_per_length=6.47e-7, stops=sb.Stops(-0.3, 0.3, stiffness=1e3),
+        initial_velocity=sb.PolynomialProfile((0.0, 1.0)), units=sb.Units("mm", "s", "N"),
+    )  # fmt: skip
+    system = sb.two_planes(physical, 6, sides=4).system
+    assert system.units == physical.units
+    run = sb.integrate(system, sb.HHT(), 1e-5, 0.02)
+    assert run.units == physical.units
+    assert re.search(r"normal work rate \S+ N mm/s ", str(sb.contact_rates(run)))
+    words = [axis.get_ylabel() for axis in sb.paper_figure(run, ["displacement", "shear"]).axes]
+    assert words == ["tip displacement $u(t)$ (mm)", r"$\sigma$ at the stop (N)", r"$\sigma$ at the stop (N)"]
 
 
 def test_what_is_no_round_hole_is_refused():

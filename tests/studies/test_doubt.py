@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from doubt_ranks import Beam
 from systems import thrown_case
 from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.cli import app
 from stiffbeam.files.cases import Case, case_of
+from stiffbeam.measures.rates import stationary_mean, windows
 from stiffbeam.references import solve
-from stiffbeam.studies.doubt import agreement_horizon, bootstrap, dominant, scatter, share, shift
+from stiffbeam.references.ensemble import energies
+from stiffbeam.studies.doubt import agreement_horizon, bootstrap, dominant, of_span, scatter, share, shift
 
 CASES = 300
 LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the count, 1.26 %, and what BCa lacks at 48
@@ -136,7 +140,9 @@ def test_the_source_that_is_large_by_construction_is_named(source):
     shares = result["largest force"].shares
     if source != "data":  # the members are the nominal beam but for a millionth
         assert shares["scheme"].value == pytest.approx(abs(run.contacts[0].peak_force / peak[cells] - 1.0), rel=0.02)
-        assert shares["mesh"].value == pytest.approx(abs(peak[2 * cells] / peak[cells] - 1.0), rel=0.02)
+        assert shares["mesh"].value == pytest.approx(4 / 3 * abs(peak[2 * cells] / peak[cells] - 1.0), rel=0.02)
+        assert shares["mesh"].low == pytest.approx(shares["mesh"].value / 1.5, rel=0.02)
+        assert shares["mesh"].high == pytest.approx(shares["mesh"].value * 1.5, rel=0.02)
     else:
         each = [
             sb.reference(sb.semidiscretise(replace(beam(24, dt, 0.2).problem, stiffness=3.0 * x), 24), 0.6)
@@ -144,6 +150,91 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         ]
         forces = [one.contacts[0].peak_force for one in each]
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
+
+
+BRACKETED = {  # least share of exact motions whose mesh error is inside the bracket, on 8 cells
+    "displacement": {"tip": 0.97, "peak_force": 0.9, "energy": 0.82, "impulse": 0.76, "fraction": 0.78},
+    "hermite": dict.fromkeys(("tip", "peak_force", "energy", "impulse", "fraction"), 0.9),
+}
+
+
+@pytest.mark.parametrize(
+    ("form", "cells", "beams"),
+    [
+        pytest.param("hermite", 4, 5, marks=pytest.mark.slow),
+        pytest.param("displacement", 4, 8, marks=pytest.mark.slow),
+        pytest.param("displacement", 8, 40, marks=pytest.mark.campaign),
+        pytest.param("hermite", 8, 24, marks=pytest.mark.campaign),
+    ],
+)
+def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cells(form, cells, beams):
+    """Exact motions of random beams on 1, 2 and 8 times the cells; the shares that the module states."""
+    t = np.linspace(0.0, 0.9, 401)
+    inside: dict[str, list[bool]] = {}
+    for number in range(beams):
+        beam = Beam(900, number)
+        motions = [sb.reference(beam.build(1.0, n * cells, form), 0.9, t_eval=t) for n in (1, 2, 8)]
+        size = np.max(np.abs(motions[2].tip))
+        columns = {"tip": [np.sqrt(np.mean((x.tip - motions[0].tip) ** 2)) / size for x in motions]}
+        columns["energy"] = [np.mean(x.energy.energy) for x in motions]
+        for i in range(len(motions[0].contacts)):
+            for name in ("peak_force", "impulse", "fraction"):
+                columns[f"{name} {i}"] = [getattr(x.contacts[i], name) for x in motions]
+        for name, (coarse, twice, eight) in columns.items():
+            if eight != coarse:
+                part = share(shift(np.full(8, twice), np.full(8, coarse)).on_twice_the_cells(form), 1.0)
+                inside.setdefault(name.split()[0], []).append(part.low <= abs(eight - coarse) <= part.high)
+    shares = {name: np.mean(each) for name, each in inside.items()}
+    assert np.mean(np.concatenate(list(inside.values()))) > (0.8 if cells == 8 or form == "hermite" else 0.65), shares
+    if cells == 8:
+        assert all(shares[name] >= least for name, least in BRACKETED[form].items()), shares
+
+
+def oscillator(seed: int) -> sb.System:
+    """A damped mass that noise throws at a spring."""
+    contact = sb.Contact([1.0], sb.Stops(upper=0.3, stiffness=400.0))
+    load = ([1.0], sb.noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
+    return sb.System.from_matrices([[1.0]], [[4.0]], [[0.2]], loads=[load], contacts=[contact])
+
+
+def test_the_span_of_a_rate_is_its_deviation_over_other_records():
+    """100 records of one noise: rates scatter by what each run alone states, inside nearly all of its intervals."""
+    many = [sb.integrate(oscillator(seed), sb.Trapezoidal(), 4e-3, 80.0).impacts.times for seed in range(100)]
+    wanted = np.std([len(x) / 80.0 for x in many], ddof=1)
+    edges = windows(oscillator(0), 0.0, 80.0)
+    means = [stationary_mean(np.histogram(x, edges)[0] * (len(edges) - 1) / 80.0) for x in many]
+    assert share(of_span(means), 1.0).value == pytest.approx(wanted, rel=0.25)
+    each = [share(of_span([x]), 1.0) for x in means]
+    assert np.mean([x.low <= wanted <= x.high for x in each]) >= 0.84  # 0.87; of other oscillators to 0.99
+
+
+def test_the_rate_has_the_shares_of_the_impacts_and_its_span():
+    case = replace(case_of(oscillator(3), 4e-3, 80.0), uncertain={"stops.stiffness": sb.Uncertain(tolerance=0.05)})
+    result = sb.doubt(case, sb.Trapezoidal(), members=8)
+    impacts, rate = result["impacts"], result["impact rate"]
+    assert rate.mean == pytest.approx(impacts.mean / 80.0)
+    for name, part in impacts.shares.items():
+        assert rate.shares[name].value == pytest.approx(part.value)
+    members = sb.uncertain_members(case.system(), case.uncertain, 8)
+    edges = windows(case.system(), 0.0, 80.0)
+    variances = [
+        stationary_mean(np.histogram(sb.reference(x, 80.0).impacts.times, edges)[0] / (edges[1] - edges[0])).deviation
+        for x in members
+    ]
+    wanted = np.sqrt(np.mean(np.square(variances))) / rate.mean
+    assert rate.shares["span"].value == pytest.approx(wanted, rel=1e-6)
+    assert rate.shares["span"].low < wanted < rate.shares["span"].high
+    assert "impact rate" in str(result)
+    thrown = sb.doubt(beam(8, 1e-3, 0.2), sb.HHT(-0.1), members=8)
+    assert "impact rate" not in [x.quantity for x in thrown.budgets]  # it comes to rest: no rate of a run without end
+
+
+def test_energies_of_exact_members_are_those_of_their_ledgers():
+    case = beam(8, 1e-3, 0.2)
+    t = np.linspace(0.0, 0.6, 7)
+    many = sb.reference_ensemble(case.system(), 0.6, sb.uncertain_members(case.system(), case.uncertain, 3), t)
+    for i, each in enumerate(energies(many, range(3))):
+        np.testing.assert_allclose(each, many.ledger(i).energy, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -215,6 +306,46 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
     wrong = CliRunner().invoke(app, [*options, "--uncertain", "stiffness"])
     assert isinstance(wrong.exception, sb.InputError)
     assert "path=tolerance" in str(wrong.exception)
+
+
+def test_compare_adds_the_budget_of_every_scheme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    Path("thrown.toml").write_text(thrown_case(0.2))
+    options = ["compare", "thrown.toml", "--schemes", "HHT(alpha=-0.1),BDF2", "--references", "exact", "--doubt"]
+    said, text = (CliRunner().invoke(app, [*options, *more]) for more in (["--json", "-"], []))
+    assert (said.exit_code, text.exit_code) == (0, 0), said.output
+    for record, scheme in zip(json.loads(said.stdout)["doubts"], (sb.HHT(-0.1), sb.BDF2()), strict=True):
+        alone = sb.doubt(beam(8, 1e-3, 0.2), scheme)
+        assert record == json.loads(json.dumps(alone.to_dict()))
+        assert " ".join(alone["tip"].verdict.split()) in " ".join(text.stdout.split())
+    Path("bare.toml").write_text(thrown_case(0.2).partition("[case.uncertain]")[0])
+    refused = CliRunner().invoke(app, ["compare", "bare.toml", "--doubt"])
+    assert isinstance(refused.exception, sb.InputError)
+
+
+def test_tables_name_the_units_of_the_means():
+    stops = sb.Stops(None, 0.1, stiffness=1e4)
+    system = sb.System.from_matrices(
+        [[2.0]], [[0.0]], contacts=[sb.Contact(np.ones(1), stops)], initial_velocity=[3.0], units=sb.Units("mm")
+    )  # fmt: skip
+    case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.stiffness": sb.Uncertain(tolerance=0.1)})
+    text = str(sb.doubt(case, sb.HHT(-0.1), members=8))
+    factors = sb.uncertain_members(system, case.uncertain, 8).values[:, 0]
+    assert re.search(rf"largest force +{np.mean(3.0 * np.sqrt(2e4 * factors)):.4g} N ", text)
+    assert re.search(r"impulse +12 N s ", text)
+    assert re.search(r"energy +9 N mm ", text)
+    assert "t = 0.2 s" in text
+
+
+def test_the_table_of_a_budget_holds_its_shares():
+    result = sb.doubt(replace(beam(4, 1e-3, 0.2), t_end=0.3), sb.HHT(-0.1), members=8)
+    frame = result.to_dataframe()
+    assert list(frame.index) == [x.quantity for x in result.budgets]
+    for x in result.budgets:
+        assert frame.loc[x.quantity, "mean"] == x.mean
+        assert frame.loc[x.quantity, "mesh_low"] == x.shares["mesh"].low
+        assert frame.loc[x.quantity, "data"] == x.shares["data"].value
+        assert str(x.shares["data"]) in result._repr_html_()
 
 
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():

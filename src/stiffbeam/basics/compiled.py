@@ -210,7 +210,7 @@ def _without_collections(kernel: Any) -> Any:
             finally:
                 gc.enable()
                 if time.perf_counter() - begun > LONG:
-                    gc.collect()  # here, and not at the first array of a run
+                    gc.collect(0)  # here, and not at the first array of a run; all of it is young
 
     kernel.compile = collecting_after
     return kernel

@@ -19,6 +19,7 @@ def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, SIGINT with 130, SIGTERM with 143, each with one line."""
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
     from ..basics.validation import InputError
 
     try:

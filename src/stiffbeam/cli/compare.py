@@ -19,11 +19,16 @@ from .options import Case, Dt, Json, TEnd, option
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import RenderableType
 
+    from ..basics.progress import Show
     from ..files.cases import Case as CaseFile
+    from ..measures.rates import ContactRates
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
+    from ..studies.doubt import Doubt
     from ..testset.integrators import Integrator
     from ..trajectory.trajectory import Reference, Trajectory
 
@@ -54,14 +59,27 @@ def compare(
     json_file: Json = None,
     cache: Annotated[bool, option("store references and use stored ones, or compute all anew")] = True,
     budget: Annotated[float, option("seconds for each reference; one that needs more ends earlier")] = BUDGET,
+    doubt: Annotated[
+        bool,
+        typer.Option(
+            "--doubt", help="add the sources of uncertainty of every scheme; for a case with [case.uncertain]"
+        ),
+    ] = False,
+    rates: Annotated[
+        bool,
+        typer.Option("--rates", help="add rates of impacts, impulse and work at every stop, and all impacts as CSV"),
+    ] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
     from ..files.cases import compared_runs, find_case
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
+    from ..studies.doubt import require_uncertain
     from ..testset.integrators import parse_integrator
 
     chosen = find_case(case)
+    if doubt:
+        require_uncertain(chosen)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
         if value is not None:
             positive(name, value)
@@ -87,13 +105,57 @@ def compare(
         result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
         show("drawing", 0, 0)
         written += _draw(result, folder)
+        budgets = _doubts(result, runs, contact, show) if doubt else []
+        measured = _rates(result) if rates else []
+        written += _rate_tables(measured, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}
+        records |= {"doubts": [each.to_dict() for each in budgets]} if doubt else {}
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
         _print_result(result, written, earlier, case)
+        for label, each in measured:
+            say(f"\n{label}, rates with 95 % intervals\n{each}")
+        for each in budgets:
+            say(f"\n{each}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     if failed_runs or not result.references:
         raise typer.Exit(1)
+
+
+def _doubts(
+    result: CaseComparison, runs: Sequence[tuple[Integrator | Scheme, str]], contact: str, show: Show
+) -> list[Doubt]:
+    """The budgets of uncertainty of all schemes that have run on the case's first form."""
+    from ..schemes import Scheme
+    from ..studies.doubt import doubts
+
+    form, failed = result.case.forms[0], {label for label, _ in result.failures}
+    schemes = [one if isinstance(one, Scheme) else one.source for one, of_run in runs if of_run == form]
+    schemes = [x for x in schemes if isinstance(x, Scheme) and f"{x}@{form}" not in failed]
+    return doubts(result.case, schemes, show=show, contact=contact) if schemes else []
+
+
+def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
+    """Label and rates of the main reference and of every scheme."""
+    from ..measures.rates import contact_rates
+
+    solutions = [*result.references[:1], *result.runs] if result.case.has_stops else []
+    return [(one.label, contact_rates(one)) for one in solutions]
+
+
+def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> list[Path]:
+    """A table with a line for each run and stop, and one with a line for each impact."""
+    if not measured:
+        return []
+    import pandas
+
+    rates, impacts = [], []
+    for label, each in measured:
+        rates.append(each.to_dataframe().reset_index().assign(run=label))
+        impacts += [each.impacts_to_dataframe(i).assign(run=label, contact=i) for i in range(len(each.rates))]
+    tables = {"comparison-rates.csv": rates, "comparison-impacts.csv": impacts}
+    joined = {name: pandas.concat(x).set_index(["run", "contact"]) for name, x in tables.items()}
+    return [write_whole(folder / name, table.to_csv()) for name, table in joined.items()]
 
 
 def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[Integrator | Scheme, str]:

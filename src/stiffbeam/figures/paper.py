@@ -8,6 +8,7 @@ force, T the period of the drive and a its angular frequency; k^2, kappa, d and 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
 from .panels import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
-from .runs import draw_stops, first_contact, line_of, zoom_on_stop
+from .runs import draw_stops, drive_axis, first_contact, line_of, zoom_on_stop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from ..model.system import System
 
 PANELS = ("displacement", "portrait", "contact", "shear", "delayed", "spectrum")
+AT_CONTACT = ("contact", "shear")
 FINE, DELAYED, MULTIPLES = 8000, 6000, 15
 
 
@@ -90,29 +92,23 @@ def paper_figure(
         if missing.get(name):
             remedy = "leave it out"
             raise InputError("panels", name, "be one that the system has: a stop, or a drive's period", remedy)
-    time, tip = system.units.label("time $t$", "time"), f"{tip_name(system.problem)} displacement"
-    length = system.units.label(f"{tip} {tip_symbol(system.problem)}", "length")
     draw = {
-        "displacement": partial(_displacement, start=start, end=end),
-        "portrait": partial(_portrait, start=start, end=end),
-        "delayed": partial(_delayed, start=start, end=end - delay, delay=delay),
-        "spectrum": partial(_spectrum, drive=drive),
+        "displacement": partial(displacement, start=start, end=end),
+        "portrait": partial(portrait, start=start, end=end),
+        "contact": partial(first_contacts, end=end),
+        "shear": partial(shear, start=start, end=end),
+        "delayed": partial(delayed, start=start, end=end - delay, delay=delay),
+        "spectrum": partial(spectrum, drive=drive),
     }
-    plan = [(name, i) for name in names for i in (range(len(system.contacts)) if name in ("contact", "shear") else [0])]
+    plan = [(name, i) for name in names for i in (range(len(system.contacts)) if name in AT_CONTACT else [0])]
     lines = (len(plan) + 1) // 2
     figure = new_figure(3.7 * lines + 0.6, width=10.5 if len(plan) > 1 else 5.6)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
     for axis in axes[len(plan) :]:
         axis.remove()
     for axis, letter, (name, i) in zip(axes, ascii_lowercase, plan, strict=False):
-        axis.set(xlabel=time, ylabel=length)
-        if name == "contact":
-            _contact(axis, solutions, system, i, end)
-        elif name == "shear":
-            _shear(axis, solutions, system, i, start, end)
-        else:
-            draw[name](axis, solutions, system)
-        place = f" at contact {i + 1}" if len(system.contacts) > 1 and name in ("contact", "shear") else ""
+        draw[name](axis, traces_of(solutions), system, **{"contact": i} if name in AT_CONTACT else {})
+        place = f" at contact {i + 1}" if len(system.contacts) > 1 and name in AT_CONTACT else ""
         axis.set_title(f"({letter}) {TITLES[name]}{place}", loc="left")
     shared_legend(figure, 3)
     return figure
@@ -124,30 +120,99 @@ TITLES = {
 }  # fmt: skip
 
 
-def _path(run: Trajectory, start: float, end: float, contact: int | None = None) -> tuple[Array, Array, Array]:
-    """Times in [start, end], position and velocity of the tip or a contact."""
-    if isinstance(run, Reference) and run.solution is not None:
-        t = np.linspace(start, end, FINE)
-        return t, *run.at(t, contact)
-    u, v = (run.tip, run.tip_velocity) if contact is None else (
-        run.contacts[contact].position, run.contacts[contact].velocity
-    )  # fmt: skip
-    inside = (run.t >= start) & (run.t <= end)
-    return run.t[inside], u[inside], v[inside]
+@dataclass(frozen=True)
+class Trace:
+    """A run with the look of its curves.
+
+    Parameters
+    ----------
+    run : Trajectory
+    label : str
+    style : dict
+        Keywords of ``Axes.plot``, without the width.
+    horizon : float
+        The time to which float64 follows the exact motion.
+    past : str
+        Label of the later part, which is one realisation; "" if the run is exact there too.
+    """
+
+    run: Trajectory
+    label: str
+    style: dict[str, Any]
+    horizon: float = np.inf
+    past: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """True for a reference."""
+        return isinstance(self.run, Reference)
+
+    @property
+    def whole(self) -> str:
+        """Label of a curve over the whole span."""
+        return self.past if self.past and self.horizon < float(self.run.t[-1]) else self.label
+
+    def at(self, t: Array, contact: int | None = None) -> tuple[Array, Array] | None:
+        """Position and velocity of the tip or a contact at any times; None where the run has its output times only."""
+        if not isinstance(self.run, Reference):
+            return None
+        try:
+            return self.run.at(t, contact)
+        except InputError:
+            return None
+
+    def path(self, start: float, end: float, contact: int | None = None) -> tuple[Array, Array, Array]:
+        """Times in [start, end], position and velocity of the tip or a contact."""
+        fine, run = np.linspace(start, end, FINE), self.run
+        found = self.at(fine, contact)
+        if found is not None:
+            return fine, *found
+        record = None if contact is None else run.contacts[contact]
+        u, v = (run.tip, run.tip_velocity) if record is None else (record.position, record.velocity)
+        inside = (run.t >= start) & (run.t <= end)
+        return run.t[inside], u[inside], v[inside]
+
+    def line(self, lw: float) -> dict[str, Any]:
+        """Width and order: an exact motion is broad and lies below."""
+        return {"lw": 1.8 * lw, "zorder": 1} if self.exact else {"lw": lw, "zorder": 2}
+
+    def draw(self, axis: Axes, t: Array, x: Array, y: Array, lw: float = 0.9, **changes: Any) -> None:
+        """Draw y over x, of which the part past the horizon is dotted and grey."""
+        style: dict[str, Any] = self.style | self.line(lw) | changes
+        late = (t > self.horizon) & bool(self.past)
+        for here, label, look in ((~late, self.label, {}), (late, self.past, REALISATION)):
+            if np.any(here):
+                axis.plot(x[here], y[here], label=label, **style | look)
 
 
-def _draw(axis: Axes, run: Trajectory, x: Array, y: Array, lw: float = 0.9) -> None:
-    exact = isinstance(run, Reference)
-    style: dict[str, Any] = {"alpha": 0.4, "lw": 1.8 * lw, "zorder": 1} if exact else {"lw": lw, "zorder": 2}
-    axis.plot(x, y, label=short(run.provenance["method"]), **line_of(run) | style)
+REALISATION: dict[str, Any] = {"color": "0.55", "linestyle": (0, (1, 1.5)), "alpha": 0.8, "lw": 1.0}
 
 
-def _horizon(axis: Axes, runs: Sequence[Trajectory], start: float, end: float) -> None:
-    """The span and, where the reference becomes one realisation, a dashed line."""
-    axis.set_xlim(start, end)
+def traces_of(runs: Sequence[Trajectory]) -> list[Trace]:
+    """The traces of runs and references in the looks that they have in every picture."""
+    traces = []
     for run in runs:
-        if isinstance(run, Reference) and run.horizon < end:
-            axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
+        label, style = short(run.provenance["method"]), line_of(run)
+        if isinstance(run, Reference):
+            past = f"{label}, one realisation"
+            traces.append(Trace(run, label, style | {"alpha": 0.4}, run.horizon, past))
+        else:
+            traces.append(Trace(run, label, style))
+    return traces
+
+
+def mark_horizon(axis: Axes, traces: Sequence[Trace], end: float) -> None:
+    """Shade the times past the earliest horizon: there float64 has lost the exact motion."""
+    horizon = min((trace.horizon for trace in traces), default=np.inf)
+    if horizon >= end:
+        return
+    axis.axvspan(horizon, end, color="0.5", alpha=0.10, lw=0, zorder=0)
+    axis.axvline(horizon, color="0.3", lw=0.8, zorder=0)
+    axis.annotate(
+        f"horizon {horizon:.2g}", (horizon, 0.5), xycoords=("data", "axes fraction"), xytext=(4, 0),
+        textcoords="offset points", va="center", fontsize=8, color="0.2", zorder=9,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+    )  # fmt: skip
 
 
 def _tip_stops(axis: Axes, system: System, horizontal: bool) -> None:
@@ -156,82 +221,100 @@ def _tip_stops(axis: Axes, system: System, horizontal: bool) -> None:
             draw_stops(axis, contact.stops, horizontal)
 
 
-def _displacement(axis: Axes, runs: Sequence[Trajectory], system: System, start: float, end: float) -> None:
-    for run in runs:
-        t, u, _ = _path(run, start, end)
-        _draw(axis, run, t, u)
+def _tip_label(system: System) -> str:
+    name = f"{tip_name(system.problem)} displacement {tip_symbol(system.problem)}"
+    return system.units.label(name, "length")
+
+
+def displacement(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
+    """The tip over time, between its stops."""
+    for trace in traces:
+        t, u, _ = trace.path(start, end)
+        trace.draw(axis, t, t, u)
     _tip_stops(axis, system, horizontal=True)
-    _horizon(axis, runs, start, end)
+    mark_horizon(axis, traces, end)
+    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=_tip_label(system), xlim=(start, end))
 
 
-def _portrait(axis: Axes, runs: Sequence[Trajectory], system: System, start: float, end: float) -> None:
-    for run in runs:
-        _, u, v = _path(run, start, end)
-        _draw(axis, run, u, v, 0.6)
+def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
+    """The velocity of the tip over its displacement."""
+    for trace in traces:
+        t, u, v = trace.path(start, end)
+        trace.draw(axis, t, u, v, 0.4, **{"linestyle": "-", "alpha": 0.3} if trace.exact else {})
     _tip_stops(axis, system, horizontal=False)
     axis.locator_params(axis="x", nbins=6)
-    symbol = tip_symbol(system.problem)
-    axis.set_xlabel(axis.get_ylabel())
-    velocity = f"{tip_name(system.problem)} velocity {symbol.replace('u(', 'u_t(')}"
-    axis.set_ylabel(system.units.label(velocity, "velocity"))
+    velocity = f"{tip_name(system.problem)} velocity {tip_symbol(system.problem).replace('u(', 'u_t(')}"
+    axis.set(xlabel=_tip_label(system), ylabel=system.units.label(velocity, "velocity"))
 
 
-def _contact(axis: Axes, runs: Sequence[Trajectory], system: System, contact: int, end: float) -> None:
-    begin, until = first_contact(runs[0], system, end, contact)
-    for run in runs:
-        t, u, _ = _path(run, begin, until, contact)
-        _draw(axis, run, t, u)
-    axis.set_xlim(begin, until)
+def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact: int, end: float) -> None:
+    """The first impacts at a contact in close-up."""
+    main = traces[0].run
+    begin, until = first_contact(main, system, end, contact)
+    for trace in traces:
+        t, u, _ = trace.path(begin, until, contact)
+        trace.draw(axis, t, t, u)
     draw_stops(axis, system.contacts[contact].stops, horizontal=True)
-    zoom_on_stop(axis, runs[0], begin, until, contact)
-    axis.set_ylabel(system.units.label("displacement relative to the stops", "length"))
+    zoom_on_stop(axis, main, begin, until, contact)
+    length = system.units.label("displacement relative to the stops", "length")
+    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=length, xlim=(begin, until))
+    mark_horizon(axis, traces, until)
 
 
-def _shear(axis: Axes, runs: Sequence[Trajectory], system: System, contact: int, start: float, end: float) -> None:
-    stops = system.contacts[contact].stops
-    for run in runs:
+def shear(axis: Axes, traces: Sequence[Trace], system: System, contact: int, start: float, end: float) -> None:
+    """The shear stress at a stop, -kappa [(u - g2)_+ - (g1 - u)_+] for a linear one."""
+    for trace in traces:
+        run = trace.run
+        stops = run.contacts[contact].stops
         if stops.rigid:
             inside = (run.t >= start) & (run.t <= end)
             t, force = run.t[inside], run.contacts[contact].force[inside]
         else:
-            t, u, v = _path(run, start, end, contact)
+            t, u, v = trace.path(start, end, contact)
             force = stops.force(u, v)
-        _draw(axis, run, t, force)
-    _horizon(axis, runs, start, end)
-    axis.set_ylabel(system.units.label(r"$\sigma$ at the stop", "force"))
+        trace.draw(axis, t, t, force)
+    mark_horizon(axis, traces, end)
+    sigma = system.units.label(r"$\sigma$ at the stop", "force")
+    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=sigma, xlim=(start, end))
 
 
-def _delayed(
-    axis: Axes, runs: Sequence[Trajectory], system: System, start: float, end: float, delay: float
-) -> None:  # fmt: skip
+def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float, delay: float) -> None:
+    """u(t + T) over u(t), as points: on the diagonal for a motion of period T."""
     t = np.linspace(start, end, DELAYED)
-    for run in runs:
-        now, later = (run.at(x)[0] if isinstance(run, Reference) and run.solution is not None
-                      else np.interp(x, run.t, run.tip) for x in (t, t + delay))  # fmt: skip
-        label, colour = short(run.provenance["method"]), line_of(run)["color"]
-        axis.plot(now, later, ls="", marker=".", ms=1.6, mew=0.0, label=label, color=colour)
+    for trace in traces:
+        now, later = (
+            np.interp(x, trace.run.t, trace.run.tip) if (found := trace.at(x)) is None else found[0]
+            for x in (t, t + delay)
+        )
+        look = {name: trace.style[name] for name in ("color", "alpha") if name in trace.style}
+        axis.plot(
+            now, later, ls="", marker=".", ms=1.6, mew=0.0, label=trace.whole, zorder=1 + (not trace.exact), **look
+        )
     axis.locator_params(axis="x", nbins=6)
     for horizontal in (False, True):
         _tip_stops(axis, system, horizontal)
-    symbol = tip_symbol(system.problem)
-    axis.set(xlabel=axis.get_ylabel(), ylabel=system.units.label(symbol.replace("t)", "t + T)"), "length"))
+    later_label = system.units.label(tip_symbol(system.problem).replace("t)", "t + T)"), "length")
+    axis.set(xlabel=_tip_label(system), ylabel=later_label)
 
 
-def _spectrum(axis: Axes, runs: Sequence[Trajectory], system: System, drive: float) -> None:
+def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) -> None:
+    """Amplitudes of the tip; of an exact motion at the instants of the first scheme."""
+    sampled = next((trace.run.t for trace in traces if not trace.exact), None)
     top = 0.0
-    for run in runs:
-        t, u, v = run.t, run.tip, run.tip_velocity
-        if isinstance(run, Reference) and run.solution is not None and not isinstance(runs[-1], Reference):
-            t = runs[-1].t[runs[-1].t <= run.t[-1]]  # the instants of a scheme
-            u, v = run.at(t)
+    for trace in traces:
+        t, u, v = trace.run.t, trace.run.tip, trace.run.tip_velocity
+        if trace.exact and sampled is not None:
+            instants = sampled[sampled <= t[-1]]
+            found = trace.at(instants)
+            t, (u, v) = (t, (u, v)) if found is None else (instants, found)
         omega, amplitude = amplitude_spectrum(t, u, drive, v)
         shown = (omega > 0.0) & ((omega <= (MULTIPLES + 0.5) * drive) | (not drive))
-        _draw(axis, run, system.units.cycles(omega[shown])[0], amplitude[shown])
+        look = {} if trace.whole == trace.label else REALISATION
+        style: dict[str, Any] = trace.style | trace.line(0.9) | look
+        axis.plot(system.units.cycles(omega[shown])[0], amplitude[shown], label=trace.whole, **style)
         top = max(top, float(np.max(amplitude[shown], initial=0.0)))
+    axis.set_xlabel(drive_axis(axis, system.units, drive))
     log_scale(axis, x=False)
     if top:
-        axis.set_ylim(1e-5 * top, 2.0 * top)
-    at, label, quantity = system.units.cycles(drive)
-    words = f"{label}, drive a = {system.units.measure(float(at), quantity, '.4g')}" if drive else label
-    axis.set_xlabel(words if drive else system.units.label(label, quantity))
-    axis.set_ylabel(f"amplitude of {axis.get_ylabel()}")
+        axis.set_ylim(1e-4 * top, 2.0 * top)
+    axis.set_ylabel(f"amplitude of {_tip_label(system)}")

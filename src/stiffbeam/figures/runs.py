@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.units import Units
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
@@ -227,15 +228,7 @@ def _draw_spectra(
             u, v = references[0].at(t)
             omega, amplitude = amplitude_spectrum(t, u, drive, v)
             axis.plot(units.cycles(omega)[0], amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
-    at, label, quantity = units.cycles(drive)
-    a = float(at)
-    if drive:
-        axis.set_xlim(0.0, 15.5 * a)
-        axis.set_xticks([k * a for k in (1, 3, 5, 7, 9, 11, 13, 15)])
-        axis.set_xticklabels([f"{k}a" if k > 1 else "a" for k in (1, 3, 5, 7, 9, 11, 13, 15)])
-        axis.set_xlabel(f"{label}, in multiples of the drive a = {units.measure(a, quantity, 'g')}")
-    else:
-        axis.set_xlabel(units.label(label, quantity))
+    axis.set_xlabel(drive_axis(axis, units, drive))
     curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
     visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
     top = max((float(np.max(y)) for y in visible), default=0.0)
@@ -246,6 +239,17 @@ def _draw_spectra(
     to = units.measure(whole, "time", "g")
     span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
     axis.set_title(f"({letter}) spectrum{span}", loc="left")
+
+
+def drive_axis(axis: Axes, units: Units, drive: float) -> str:
+    """Label of an axis of frequencies, on which a drive sets ticks at its odd multiples."""
+    at, label, quantity = units.cycles(drive)
+    if not drive:
+        return units.label(label, quantity)
+    odd = range(1, 16, 2)
+    axis.set_xlim(0.0, 15.5 * float(at))
+    axis.set_xticks([k * float(at) for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
+    return f"{label}, in multiples of the drive a = {units.measure(float(at), quantity, 'g')}"
 
 
 def run_figure(run: Trajectory, **kwargs: Any) -> Figure:

@@ -474,10 +474,6 @@ class _Reader(Reader):
         numbers = {name: self.number(name) for name in ("stiffness", "mass") if name in self.table}
         return self.build(BeamSection, self.number("begin"), self.number("end"), **numbers)
 
-    def units(self) -> Units:
-        self.only({"length", "time", "force"})
-        return self.build(Units, **self.table)
-
     def load(self) -> Load:
         if "shape" in self.table:
             return DistributedLoad(self.polynomial("shape"), self.time_function({"shape"}))

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..basics.units import Units
 from ..basics.validation import InputError, near
 from ..model.contact import Contact, Stops
 from ..model.contact_law import LINEAR
@@ -194,6 +195,11 @@ class Reader:
         except InputError as error:
             raise InputError(f"{self.where}: {error.field}", error.value, error.rule, error.remedy) from None
 
+    def units(self) -> Units:
+        """Names of the units of lengths, times and forces."""
+        self.only({"length", "time", "force"})
+        return self.build(Units, **self.table)
+
     def time_function(self, besides: set[str]) -> TimeFunction:
         """The sum, samples or harmonic function that this table describes; ``besides`` are fields of others in it."""
         if "sum" in self.table:
@@ -241,7 +247,8 @@ class Reader:
         return self.build(Sampled, t, values, kind)
 
 
-FIELDS = {"mass", "stiffness", "damping", "loads", "contacts", "observe", "initial_displacement", "initial_velocity"}
+FIELDS = {"mass", "stiffness", "damping", "loads", "contacts", "units"}
+VECTORS = {"observe", "initial_displacement", "initial_velocity"}
 ROW = "be a list of numbers, the name of a file, or a table { unknown = number }, unknowns counted from 0"
 
 
@@ -250,7 +257,8 @@ class SystemReader(Reader):
 
     def system(self) -> System:
         """The system of the whole table; InputError names the field that is wrong."""
-        self.only(FIELDS)
+        self.only(FIELDS | VECTORS)
+        units = self.sub("units")
         mass = self.matrix("mass")
         n = mass.shape[0] if mass.ndim == 2 else 0
         loads, contacts = (self.one_or_several(name) for name in ("loads", "contacts"))
@@ -261,11 +269,8 @@ class SystemReader(Reader):
             self.matrix("damping") if "damping" in self.table else None,
             loads=[load.load(n) for load in loads],
             contacts=[contact.contact(n) for contact in contacts],
-            **{
-                name: self.row(name, n)
-                for name in ("observe", "initial_displacement", "initial_velocity")
-                if name in self.table
-            },
+            **{name: self.row(name, n) for name in sorted(VECTORS & set(self.table))},
+            **{} if units is None else {"units": units.units()},
         )
 
     def matrix(self, field: str) -> Any:

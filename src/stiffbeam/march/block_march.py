@@ -307,8 +307,9 @@ class March:
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
         t = np.arange(0.0, len(u) * (self.every or 1), self.every or 1)
+        t *= dt
         return Trajectory(
-            t=t * dt,
+            t=t,
             tip=u,
             tip_velocity=v,
             contacts=tuple(contacts),

@@ -154,10 +154,11 @@ class Plan:
 
     def provenance(self, every: int | None) -> dict[str, Any]:
         """Provenance of the run."""
+        units = self.system.units
         return {
             "method": str(self.scheme),
             "form": self.form,
-            "units": {name: getattr(self.system.units, name) for name in KNOWN},
+            "units": {name: getattr(units, name) for name in KNOWN},
             "contact": self.contact,
             "dt": float(self.dt),
             "t_end": float(self.t_end),

@@ -97,11 +97,10 @@ def first_impacts_end(exact: Reference, impacts: int) -> float:
     """The end of a window that holds ``impacts`` impacts of ``exact`` and stays far from its horizon.
 
     It ends half-way to the next impact, so that whether a scheme counts the last one does not depend on
-    rounding; a motion without so many ends at half the horizon.
+    rounding, or half-way from the last impact to the horizon if there are no more; without impacts at half the horizon.
     """
     positive("impacts", impacts)
-    times = impact_times(exact)
-    end = 0.5 * min(exact.horizon, float(exact.provenance["t_end"]))
+    times, horizon = impact_times(exact), min(exact.horizon, float(exact.provenance["t_end"]))
     if len(times) > impacts:
-        end = min(end, 0.5 * float(times[impacts - 1] + times[impacts]))
-    return end
+        return min(0.5 * horizon, 0.5 * float(times[impacts - 1] + times[impacts]))
+    return 0.5 * (float(times[-1]) + horizon) if len(times) and times[-1] < horizon else 0.5 * horizon

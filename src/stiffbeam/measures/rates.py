@@ -37,6 +37,8 @@ from ..trajectory.trajectory import Reference, Trajectory
 if TYPE_CHECKING:
     import pandas
 
+    from ..model.system import System
+
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
@@ -47,12 +49,14 @@ Nodes = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean of a stationary series with the ends of its 95 % interval and its effective sample size."""
+    """Mean of a stationary series with the ends of its 95 % interval, its effective sample size and its standard
+    deviation sqrt(V)."""
 
     value: float
     low: float
     high: float
     effective: float
+    deviation: float
 
 
 def stationary_mean(series: ArrayLike) -> Mean:
@@ -66,7 +70,7 @@ def stationary_mean(series: ArrayLike) -> Mean:
     n, mean = len(x), float(np.mean(x))
     off = x - mean
     if not np.any(off):
-        return Mean(mean, mean, mean, float(n))
+        return Mean(mean, mean, mean, float(n), 0.0)
     covariance = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * n)) ** 2)[: n - n % 2] / n
     lags, effective, variance = np.arange(len(covariance)), float(n), 0.0
     for _ in range(ITERATIONS):
@@ -76,7 +80,7 @@ def stationary_mean(series: ArrayLike) -> Mean:
         effective = n / max(LEAST_TAU, 2.0 * float(np.sum(pairs[:first])) - 1.0)
         variance = gamma[0] / effective
     half = float(student.ppf(0.975, min(effective, n) - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
-    return Mean(mean, mean - half, mean + half, effective)
+    return Mean(mean, mean - half, mean + half, effective, float(np.sqrt(variance)))
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,7 @@ def contact_rates(
     end = float(run.provenance.get("t_end", run.t[-1]))
     record_from(since, end)
     rows = _tangents(run, tangents)
-    edges = _windows(run, since, end)
+    edges = windows(run.system, since, end)
     parts, width = len(edges) - 1, edges[1] - edges[0]
     rates, works, sources = [], [], []
     for i, contact in enumerate(run.contacts):
@@ -202,15 +206,16 @@ def contact_rates(
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
 
 
-def _windows(run: Trajectory, since: float, end: float) -> Array:
-    parts = MOST if run.system is None else int((end - since) / (2.0 * scales(run.system, end).period))
+def windows(system: System | None, since: float, end: float) -> Array:
+    """Edges of the parts of a run."""
+    parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period))
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
 
 def _rate(series: Array) -> Mean:
     """Mean of a series without negative entries, so that its interval ends at zero at the latest."""
     if not np.all(np.isfinite(series)):
-        return Mean(*4 * (float("nan"),))
+        return Mean(*5 * (float("nan"),))
     mean = stationary_mean(series)
     return replace(mean, low=max(0.0, mean.low))
 

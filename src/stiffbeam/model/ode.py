@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,9 @@ class ODE:
     Attributes
     ----------
     y0 : (n,) array
-        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q'; ``tip(t, y)`` the observed position.
+        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q', ``state(q, v)`` the way back;
+        ``tip(t, y)`` the observed position. The order of the unknowns is that of the form: (q_0, q'_0, q_1, q'_1, ...)
+        for matrices, the paper's own unknowns for its velocity-curvature form.
     mass : (n, n) array
         E; the identity in the explicit form.
     bandwidths : (int, int) or None
@@ -88,6 +91,11 @@ class ODE:
     def jac(self, t: float, y: ArrayLike) -> Array:
         """Return df/dy, (n, n)."""
         return self._rhs.jacobian(float(t), self._padded(y))[: self._n, : self._n]
+
+    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
+        start = replace(self.system, q0=np.asarray(q, float), v0=np.asarray(v, float))
+        return np.array((start.descriptor()[1] if self.form == "descriptor" else start.first_order()).y0)
 
     def displacement(self, y: ArrayLike) -> Array:
         """Return q, (..., dof), of states (..., n)."""

@@ -80,7 +80,7 @@ def two_planes(
     Returns
     -------
     TwoPlanes
-        ``system`` has the tip in the first plane as its ``.tip``, and no names of units.
+        ``system`` has the tip in the first plane as its ``.tip``, and the units of the problem.
 
     Raises
     ------
@@ -131,5 +131,6 @@ def two_planes(
         observe=np.concatenate([x.channels[x.tip_channel][0], nothing]),
         initial_displacement=np.concatenate([x.q0, y.q0]),
         initial_velocity=np.concatenate([x.v0, y.v0]),
+        units=problem.units,
     )
     return TwoPlanes(system, np.array(normals), np.array(tangents), sides)

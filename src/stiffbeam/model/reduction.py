@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
 from ..basics.resources import afford
+from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, non_negative
 from .contact import Contact
 from .graded import uncoupled
@@ -111,6 +112,7 @@ def reduce_model(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
+    units: Units = UNKNOWN,
 ) -> ReducedModel:
     """Return a large system reduced to natural modes and static deflections, by Craig and Bampton's idea.
 
@@ -122,6 +124,8 @@ def reduce_model(
         As for ``System.from_matrices``.
     modes : int
         Number of natural modes to keep.
+    units : Units, optional
+        Names for tables, pictures and files.
 
     Returns
     -------
@@ -185,6 +189,7 @@ def reduce_model(
         observe=None if observe is None else T.T @ np.asarray(observe, float),
         initial_displacement=z[0],
         initial_velocity=z[1],
+        units=units,
     )
     strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
     static_lost = float(

@@ -118,7 +118,7 @@ class RightHandSide:
     def __call__(self, t: float, z: Array, out: Array) -> None:
         """Write f(t, z) into ``out``."""
         self._call_offsets(t)
-        right_hand_side(t, _fixed(z), out, self.block)
+        right_hand_side(t, _writable(z), out, self.block)
         if self._called:
             t = self._inside(t)
             y, n = z[: self.states], self.states
@@ -143,7 +143,7 @@ class RightHandSide:
     def residual(self, t: float, z: Array, rate: Array, out: Array) -> None:
         """Write E z' - f(t, z) into ``out``; for a system with a ``mass``."""
         self._call_offsets(t)
-        residual(t, _fixed(z), _fixed(rate), out, self.block)
+        residual(t, _writable(z), _writable(rate), out, self.block)
         if self._called:
             t = self._inside(t)
             for (vector, function), (row, _) in zip(self._called, self._called_power, strict=True):
@@ -155,7 +155,7 @@ class RightHandSide:
         """cj E + sign df/dz, (size, size), without the rows of the integrals: they act on nothing."""
         self._call_offsets(t)
         J = np.empty(self.size * self.size)
-        jacobian(t, _fixed(z), cj, sign, J, 0, self.size, self.block)
+        jacobian(t, _writable(z), cj, sign, J, 0, self.size, self.block)
         return J.reshape(self.size, self.size).T
 
     def event_functions(self, t: float, z: Array, out: Array) -> None:
@@ -169,7 +169,7 @@ class RightHandSide:
                 shifts[2, i] = offset.acceleration(inside)  # type: ignore[union-attr]
             for vector, function in self._called:
                 shifts[2] += self.equations.acceleration_rows @ vector * _at_one_time(function, inside)
-        event_functions(t, _fixed(z), out, self.block)
+        event_functions(t, _writable(z), out, self.block)
 
     @property
     def levels(self) -> Array:
@@ -249,9 +249,6 @@ def _sparse(matrix: Array) -> tuple[Array, Array, Array]:
     return sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64), sparse.data.astype(np.float64)
 
 
-def _fixed(z: Array) -> Array:
-    """z as SUNDIALS hands states over, read-only: for arrays of another kind the kernels would be compiled again."""
-    if z.flags.writeable:
-        z = z.view()
-        z.setflags(write=False)
-    return z
+def _writable(z: Array) -> Array:
+    """z, or a copy where it is read-only: for arrays of two kinds the kernels would be compiled twice."""
+    return z if z.flags.writeable else z.copy()

@@ -191,10 +191,6 @@ class Origin:
         """Name of the form, if the system still has its matrices."""
         return self.form if self.has_matrices_of(system) else None
 
-    def units_of(self, system: System) -> Units | None:
-        """The beam's units, where the matrices are these."""
-        return self.problem.units if self.has_matrices_of(system) else None
-
     def factor_of(self, system: System) -> Array | None:
         """G, where the stiffness is this one; mass and damping have no part in it."""
         return self.stiffness_factor if same(self.stiffness, system.stiffness) else None
@@ -251,6 +247,8 @@ class System:
         Initial displacements and velocities.
     origin : Origin, optional
         The beam and grid that the matrices came from.
+    units : Units, optional
+        Units of t, q, the forces and the energies; by default those of the beam, unknown for matrices.
 
     Raises
     ------
@@ -274,6 +272,7 @@ class System:
     q0: Array
     v0: Array
     origin: Origin | None = field(default=None, repr=False)
+    units: Units = UNKNOWN
 
     def __post_init__(self) -> None:
         itself("system", self, System)
@@ -303,7 +302,9 @@ class System:
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
             itself("origin", self.origin, Origin)
-        checked = {
+        if not isinstance(self.units, Units):
+            raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        checked: dict[str, Any] = {
             "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
             "observe": None if self.observe is None else finite_vector("observe", self.observe, n),
             "q0": finite_vector("initial_displacement", self.q0, n),
@@ -311,6 +312,8 @@ class System:
         }  # fmt: skip
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.origin is not None and self.units == UNKNOWN and self.origin.has_matrices_of(self):
+            object.__setattr__(self, "units", self.origin.problem.units)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
@@ -335,15 +338,17 @@ class System:
         observe: ArrayLike | None = None,
         initial_displacement: ArrayLike | None = None,
         initial_velocity: ArrayLike | None = None,
+        units: Units = UNKNOWN,
     ) -> System:
         """System of any finite-element model: dense or SciPy sparse matrices, any contact row. It is at rest at zero
-        without initial data. Raises InputError as the class does."""
+        without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
+        does."""
         mass = symmetric_matrix("mass", mass)
         nothing = np.zeros(len(mass))
         options: Any = {
             "loads": loads, "contacts": contacts, "observe": observe,
             "q0": nothing if initial_displacement is None else initial_displacement,
-            "v0": nothing if initial_velocity is None else initial_velocity,
+            "v0": nothing if initial_velocity is None else initial_velocity, "units": units,
         }  # fmt: skip
         return cls(
             mass=mass,
@@ -390,11 +395,6 @@ class System:
     def size(self) -> int:
         """n, the number of unknowns."""
         return len(self.mass)
-
-    @property
-    def units(self) -> Units:
-        """The units of t, q, the forces and the energies: the problem's, unknown for matrices."""
-        return (self.origin.units_of(self) if self.origin else None) or UNKNOWN
 
     @property
     def damped(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -154,6 +154,19 @@ def _solve(system: System, t_end: float, at: Array, known: Known | None, since: 
     if any(contact.stops.rigid for contact in system.contacts):
         return solve_rigid(system, t_end, at, since, trusted=False)
     return solve_exact(system, t_end, at, known=known, since=since)
+
+
+def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:
+    """Energy (k,) of some members at the output times. Of exact members without the work of loads and dashpots, which
+    takes longer than the motion."""
+    known: Known | None = None if many.members.separate else {}
+    for i in members:
+        if many.provenance["method"] != "exact":
+            yield many.ledger(i).energy
+        else:
+            system = many.members[i]
+            run = _solve(system, float(many.provenance["t_end"]), many.t, known, 0.0)
+            yield sum(system.energies(many.t, *run.states), np.zeros(len(many.t)))
 
 
 def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:

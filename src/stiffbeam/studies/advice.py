@@ -408,14 +408,15 @@ def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
     columns = {"tip": "tip"} | dict(COLUMNS)
     names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
     names += ["tip"] if "tip" in want else []
-    return [x for x in budget.budgets if x.quantity.partition(" at contact")[0] in names]
+    return [x for x in budget.budgets if x.name in names]
 
 
 def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
     count = min(FEW, max(8, members))
     while True:
         found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
-        if count >= members or all(x.dominant or not x.uncertain for x in _wanted_budgets(found, want)):
+        ranked = (x.dominant or not x.uncertain or not x.rankable for x in _wanted_budgets(found, want))
+        if count >= members or all(ranked):
             return found
         count = min(2 * count, members)
 

@@ -55,17 +55,20 @@ class _Solver:
             return reference(system, t_end, method, times, progress=silent)
         return cached_reference(system, t_end, method, times, progress=silent)
 
-    def as_far_as(self, system: System, times: Array, method: str) -> Reference:
-        """Solve to the last of ``times``, or to one of SHARES of it, as far as the budget allows."""
-        parts = [times[: int(share * (len(times) - 1)) + 1] for share in SHARES if share * (len(times) - 1) >= 2.0]
-        part = next((p for p in parts if self.cache and is_cached(system, float(p[-1]), method, p)), None)
-        if part is None:
-            seconds = self.seconds(system, float(times[-1]), method, len(times))
-            part = next((p for p in parts if seconds * len(p) / len(times) <= self.budget), times)
-        free = replace(self, budget=np.inf) if part is not times else self
-        solution = free(system, float(part[-1]), method, part)
-        if len(part) < len(times):
-            solution.provenance["budget"] = f"to t = {part[-1]:.3g} of {times[-1]:.3g}: the budget ends there"
+    def as_far_as(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
+        """Solve to t_end, or to one of SHARES of it, as far as the budget allows. times: None for any time."""
+        grid = np.linspace(0.0, t_end, OUTPUTS) if times is None else times
+        parts = [grid[: int(share * (len(grid) - 1)) + 1] for share in SHARES if share * (len(grid) - 1) >= 2.0]
+        spans = [(t_end if len(p) == len(grid) else float(p[-1]), None if times is None else p) for p in parts]
+        span = next((span for span in spans if self.cache and is_cached(system, span[0], method, span[1])), None)
+        if span is None:
+            seconds = self.seconds(system, t_end, method, len(grid))
+            span = next((span for span in spans if seconds * span[0] / t_end <= self.budget), None)
+        free = self if span is None else replace(self, budget=np.inf)
+        end, asked = (t_end, times) if span is None else span
+        solution = free(system, end, method, asked)
+        if end < t_end:
+            solution.provenance["budget"] = f"to t = {end:.3g} of {t_end:.3g}: the budget ends there"
         return solution
 
     def seconds(self, system: System, t_end: float, method: str, outputs: int) -> float:
@@ -225,15 +228,16 @@ def _references(
                 progress(label, 0, 0)
                 # The adaptive solvers answer at the times they were asked for: the runs' own steps.
                 times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-                solution = replace(solver, budget=4.0 * solver.budget)(system, case.t_end, method, times)
+                solution = replace(solver, budget=4.0 * solver.budget).as_far_as(system, case.t_end, method, times)
             else:
                 progress(f"{label} to the horizon {window:.3g}", 0, 0)
-                solution = solver.as_far_as(system, np.arange(steps + 1) * case.dt, method)
+                times = np.arange(steps + 1) * case.dt
+                solution = solver.as_far_as(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue
         if main is None:
-            main, window = solution, min(case.t_end, solution.horizon)
+            main, window = solution, min(float(solution.t[-1]), solution.horizon)
             steps = int(np.floor(window / case.dt * (1 + 1e-12)))
         result.references.append(solution)
         yield solution

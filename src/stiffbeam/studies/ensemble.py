@@ -196,6 +196,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
     drawn = first.get("drawn")
     differ = f"Members drawn with {drawn}" if drawn else f"Members perturbed by {first['size']:g}"
+    budget = " stiffbeam doubt compares the scatter with rounding, scheme and mesh." if drawn else ""
     over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
     share = percent(_mean(distribution(rows, "exact", "fraction")))
     return Answer(
@@ -204,7 +205,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         table,
         f"{differ}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
         "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads"
-        f"{over}. The largest force grows with the span.",
+        f"{over}. The largest force grows with the span.{budget}",
     )
 
 

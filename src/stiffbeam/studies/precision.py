@@ -17,9 +17,10 @@ from ..measures.impacts import matched_until
 from ..model.right_hand_side import RightHandSide
 from ..model.system import System
 from ..references import solve, takes
+from ..references.estimate import expected_seconds
 from ..references.registry import MULTIPRECISION, REFERENCES
 from ..references.request import Steps
-from ..testset.integrators import RECORDED, SOLVER
+from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
 from .engine.study import Answer, Point, Records, Row, Rows, declared
@@ -47,7 +48,8 @@ def points(
     (the dense ones at two), and those only that stand among ``schemes`` or ``methods``; recorded runs at their steps.
 
     The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
-    where it is not yet amplified by chaos; the time tracked on the whole horizon.
+    where it is not yet amplified by chaos; the time tracked on the whole horizon. Left out are functions with so many
+    steps, and solvers that are not named, that a run would take more than 10 seconds by an estimate.
 
     work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as many linear
     solves; of diffrax's solvers stages, at least (it does not count what Newton's method needs in each), in a run
@@ -67,17 +69,20 @@ def points(
             raise InputError("method", method, "be a reference solver", near(method, METHODS))
     end = common.first_impacts(case, form, impacts)
     horizon = min(common.solve_once(system, case.t_end).horizon, case.t_end)
-    shared = {"form": form, "t_end": end, "horizon": horizon}
+    shared = {"form": form, "t_end": end, "horizon": horizon, "budget": 0.0}
     plan: list[Point] = []
     for one in chosen:
         method = {"method": one.label, "rtol": 0.0} | shared
         if one.kind == RECORDED:
             plan += [method | entries for entries in common.recorded_points(one, system)]
         elif one.kind != SOLVER:
-            plan += [method | {"dt": end / steps} for steps in common.halved(end, dt, halvings)]
+            counts = common.halved(end, dt, halvings)
+            plan += [method | {"dt": end / steps} for steps in _affordable(one, system, end, horizon, counts)]
     installed = [m for m in METHODS if REFERENCES[m].installed or not REFERENCES[m].extra]
     fast = [m for m in installed if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
-    for method in fast if methods is None and not asked else dict.fromkeys(asked):
+    if methods is None and not asked:
+        asked, shared = fast, shared | {"budget": TOO_SLOW}
+    for method in dict.fromkeys(asked):
         affordable = TOLERANCES[: 2 if REFERENCES[method].seconds >= SLOW else None]
         levels = [0.0] if method == "exact" else tolerances or affordable
         plan += [{"method": method, "dt": 0.0, "rtol": rtol} | shared for rtol in levels]
@@ -90,6 +95,19 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     exact = common.solve_once(system, case.t_end)
     measured = (_steps if point["dt"] else _solver)(system, exact, point, point["t_end"])
     return [measured | _tracked(system, exact, point)]
+
+
+def _affordable(one: Integrator, system: System, end: float, horizon: float, counts: list[int]) -> list[int]:
+    """The numbers of steps in [0, end] of which a run of a function to the horizon takes TOO_SLOW seconds at most, by
+    the time of the fewest; all of them for a scheme."""
+    if one.kind == SCHEME:
+        return counts
+    try:
+        seconds = min(common.run_of(one.label, None, system, end / counts[0], end).work.seconds for _ in range(2))
+    except (ArithmeticError, InputError, RuntimeError, ValueError):
+        return counts  # every point has its own reason
+    seconds *= max(1.0, horizon / end) / counts[0]
+    return [steps for steps in counts if steps * seconds <= TOO_SLOW] or counts[:1]
 
 
 def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
@@ -106,7 +124,13 @@ def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
 def _solver(system: System, exact: Reference, point: Point, end: float) -> Row:
     times, method = np.linspace(0.0, end, SAMPLES + 1), point["method"]
     steps = Steps() if method == "exact" else Steps(events=False)
-    run = common.fastest(lambda: solve(system, end, method, times, point["rtol"] or 1e-10, None, steps=steps))
+    rtol, budget = point["rtol"] or 1e-10, point["budget"]
+    if budget:
+        expected = expected_seconds(system, end, method, rtol, None, steps, solve, budget, 1.0, SAMPLES)
+        if expected > budget:
+            rule = f"allow the {expected:.0f} s that {method} will take by an estimate"
+            raise InputError("budget", budget, rule, f"name {method} among the methods to run it")
+    run = common.fastest(lambda: solve(system, end, method, times, rtol, None, steps=steps))
     error = 0.0 if method == "exact" else tip_error(run.tip, exact.at(times)[0]).rms
     if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
         bare = np.array([0.0, end])
@@ -191,7 +215,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
     notes = [
         f"Tip errors {ERRORS[0]:g} and {ERRORS[1]:g} that all finer runs keep, without set-up, interpolated between "
-        "runs: a time step between two may do worse. Solves: linear solves or evaluations."
+        "runs: a time step between two may do worse. Solves: linear solves or evaluations; steps of a function that "
+        f"counts neither. Errors are taken to t = {units.measure(rows[0]['t_end'], 'time', '.3g')}."
     ]
     if tracked:
         notes.append(f"Impacts can be followed to t = {units.measure(rows[0]['horizon'], 'time', '.3g')}.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ...basics.compiled import stopped_clock
 from ...basics.validation import InputError
 from ...model.right_hand_side import RightHandSide
 from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
+from ...model.right_hand_side_kernels import THROUGH
 from ...model.time_functions import in_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES
@@ -144,13 +145,16 @@ def _march(
     import optimistix
     from jax import lax
 
+    # Between events under a linear law all but the viscous power is linear, and one iteration is exact.
+    linear = set(kind.exponents) <= {1.0} and not kind.damped and not numbers.damping.shape[0]
+    once = jnp.all(numbers.regime != THROUGH) if linear else False
     term = diffrax.ODETerm(partial(_field, kind))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     kind_of_solver = getattr(diffrax, name)
     implicit = issubclass(kind_of_solver, diffrax.AbstractImplicitSolver)
     finder: dict[str, Any] = {}
     if implicit:  # to the tolerances of the steps, as diffrax.diffeqsolve sets it
-        finder["root_finder"] = diffrax.VeryChord(rtol=rtol, atol=atol, norm=optimistix.rms_norm)
+        finder["root_finder"] = _chord()(rtol=rtol, atol=atol, norm=optimistix.rms_norm, once=once)
     solver = kind_of_solver(**finder)
     order = solver.error_order(term)
     _, control = controller.init(term, t, end, z, dt, numbers, solver.func, order)
@@ -187,6 +191,21 @@ def _march(
         going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
     )
     return times, states, made, tried, length
+
+
+@cache
+def _chord() -> Any:
+    """The chord method of diffrax, ended after one iteration where ``once`` is True."""
+    import diffrax
+
+    class Chord(diffrax.VeryChord):
+        once: Any = False
+
+        def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
+            ended, result = super().terminate(fn, y, args, options, state, tags)
+            return ended | (self.once & (state.step > 0)), result
+
+    return Chord
 
 
 def _field(kind: Kind, t: Any, z: Any, numbers: Any) -> Any:
