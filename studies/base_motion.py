@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import make_lsq_spline
 
 import stiffbeam as sb
-from stiffbeam.figures import new_figure, short
+from stiffbeam.figures.panels import new_figure, short
 from stiffbeam.files.reader import read_samples
 
 RATE, T_END, KNOT = 2000.0, 1.0, 8e-3  # 1/s, s, s

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.figures import new_figure, short
+from stiffbeam.figures.panels import new_figure, short
 from stiffbeam.files.reader import read_samples
 
 RATE, T_END = 25_600.0, 0.15  # 1/s, s

@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 import stiffbeam as sb
 from stiffbeam.testset.integrators import Made, ProblemSolver
 from stiffbeam.testset.measure import motion_of
-from stiffbeam.testset.problem import Problem, matrix, time_function
+from stiffbeam.testset.problem import Problem, matrix
 
 MOST_EVENTS = 5_000
 
@@ -36,10 +36,10 @@ class Model:
         damping = matrix(data["damping"]) if "damping" in data else 0.0 * mass
         self.inverse = np.linalg.inv(mass)
         self.A = np.block([[np.zeros_like(mass), np.eye(self.n)], [-self.inverse @ stiffness, -self.inverse @ damping]])
-        self.loads = [(self.inverse @ np.array(x["vector"]), time_function(x)) for x in data.get("loads", ())]
+        self.loads = [(self.inverse @ vector, function) for vector, function in problem.system.loads]
         self.contacts = data["contacts"]
         self.rows = [np.array(c["row"]) for c in self.contacts]
-        self.offsets = [time_function(c["offset"]) if "offset" in c else sb.Constant(0.0) for c in self.contacts]
+        self.offsets = [contact.offset or sb.Constant(0.0) for contact in problem.system.contacts]
         self.start = np.array([*data["initial_displacement"], *data["initial_velocity"]], float)
 
     def free(self, t: float, y: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from pathlib import Path as _Path
 from typing import Any as _Any
 
 from .basics.deprecation import warn_of as _warn_of
-from .basics.pictures import DRAW as _DRAW
+from .basics.notebook import DRAW as _DRAW
 
 _SCHEMES = "schemes.registry"  # every class in it is public
 _STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
@@ -46,7 +46,7 @@ def _draw(module: str, function: str) -> _Any:
 
 # Objects offer their pictures; figures, and with it matplotlib, is loaded when the first one is asked for.
 _DRAW |= {
-    name: _draw(".figures.plots", f"plot_{name}")
+    name: _draw(".figures.runs", f"plot_{name}")
     for name in ("run", "system", "impacts", "ensemble", "comparison", "advice", "scorecard")
 } | {
     "film": _draw(".figures.animation", "animate"),

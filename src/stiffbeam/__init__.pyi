@@ -3,7 +3,7 @@
 from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
 from .figures.paper import paper_figure as paper_figure
-from .figures.plots import mode_shapes as mode_shapes
+from .figures.runs import mode_shapes as mode_shapes
 from .files.cases import Case as Case
 from .files.cases import load_cases as load_cases
 from .files.cases import paper_case as paper_case
@@ -67,11 +67,11 @@ from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
 from .studies.doubt import Doubt as Doubt
 from .studies.doubt import doubt as doubt
-from .testset.orbits import EnclosedAnswer as EnclosedAnswer
-from .testset.orbits import FrozenOrbit as FrozenOrbit
-from .testset.orbits import frozen_orbit as frozen_orbit
-from .testset.orbits import frozen_orbits as frozen_orbits
+from .testset.problem import EnclosedAnswer as EnclosedAnswer
+from .testset.problem import FrozenOrbit as FrozenOrbit
 from .testset.problem import Problem as Problem
+from .testset.problem import frozen_orbit as frozen_orbit
+from .testset.problem import frozen_orbits as frozen_orbits
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
 from .testset.score import score as score

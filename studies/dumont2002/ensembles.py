@@ -15,7 +15,7 @@ import numpy as np
 from stiffbeam.basics.arrays import Array
 from stiffbeam.files.cases import paper_case
 from stiffbeam.march.ensemble import integrate_ensemble
-from stiffbeam.measures.spectrum import whole_periods
+from stiffbeam.measures.frequencies import whole_periods
 from stiffbeam.model.members import SPREAD, perturbed_members
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references.ensemble import reference_ensemble

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffbeam.basics.text import plain
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures import save_figure
+from stiffbeam.figures.panels import save_figure
 from stiffbeam.files.cases import paper_case
 from stiffbeam.studies.engine.journal import Journal
 

@@ -20,8 +20,7 @@ from make import toml
 from systems import INF, drive, table_of
 
 import stiffbeam as sb
-from stiffbeam.testset.orbits import read_orbit
-from stiffbeam.testset.problem import system_of
+from stiffbeam.testset.problem import read_orbit, system_of
 
 FOLDER = Path(__file__).parents[2] / "reference" / "orbits"
 DIGITS, SAMPLES = 25, 64

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffbeam.testset.pictures import problem_picture
 from stiffbeam.testset.problem import VERSION, Answer, Problem, read
+from stiffbeam.testset.scorecard import problem_picture
 
 LONG = 6  # values that a page shows of a list
 

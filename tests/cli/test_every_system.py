@@ -18,7 +18,8 @@ import stiffbeam as sb
 from stiffbeam import references
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import case_of
-from stiffbeam.studies import STUDIES, agreement, comparison, find_study
+from stiffbeam.studies import STUDIES, comparison, find_study
+from stiffbeam.studies import references as stored
 from stiffbeam.studies.common import smoke_options
 
 # What may be refused, by the study that may refuse it: no other reason is good enough.
@@ -144,7 +145,7 @@ def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
             raise InputError("method", method, "start within seconds", "see its own tests")
         return references.solve(system, t_end, method, *options)
 
-    monkeypatch.setattr(agreement, "solve", solve)
+    monkeypatch.setattr(stored, "solve", solve)
     monkeypatch.setattr(comparison, "COMPARED", tuple(m for m in comparison.COMPARED if not m.startswith("kvaerno")))
 
 

@@ -36,7 +36,7 @@ import numpy as np
 import stiffbeam as sb
 run = sb.Trajectory.from_arrays(np.linspace(0.0, 1.0, 20001), np.random.default_rng(1).normal(size=20001))
 figure = sb.mode_shapes(sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 4))
-from stiffbeam.figures import save_figure
+from stiffbeam.figures.panels import save_figure
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 for suffix in ("nc", "csv", "mat", "png"):
     try:

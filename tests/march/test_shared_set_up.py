@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.recent import Recent, content
+from stiffbeam.basics.arrays import Recent, content
 from stiffbeam.march import block_march
 from stiffbeam.model import modes as modes_module
 from stiffbeam.model.time_functions import Superposition

@@ -11,8 +11,8 @@ from oracles import beam_mode, beam_roots
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.measures.comparison import phase_lag
+from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.measures.impacts import match
-from stiffbeam.measures.spectrum import amplitude_spectrum
 from stiffbeam.trajectory.impacts import Impacts
 
 

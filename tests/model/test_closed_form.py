@@ -11,7 +11,7 @@ from oracles import beam_mode, beam_roots
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.errors import observed_order
-from stiffbeam.measures.smooth_motion import steady_state
+from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model import closed_form
 from stiffbeam.model.drive import Drive
 from stiffbeam.model.modes import modes

@@ -18,8 +18,8 @@ from stiffbeam.basics import storage
 from stiffbeam.files.cases import case_text, paper_cases
 from stiffbeam.files.store import BOUND, freeze
 from stiffbeam.references import solve
-from stiffbeam.studies.agreement import agree
-from stiffbeam.studies.references import check, remake, wanted
+from stiffbeam.studies import references as stored
+from stiffbeam.studies.references import agree, check, remake, wanted
 from stiffbeam.trajectory.trajectory import Work
 
 STORE = Path(__file__).parents[2] / "reference"
@@ -194,7 +194,6 @@ def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_
 
 @pytest.mark.slow
 def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypatch):
-    from stiffbeam.studies import agreement
 
     def slow_kvaerno(system, t_end, method, *rest):
         if method != "kvaerno3":
@@ -202,7 +201,7 @@ def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypat
         pilot = solve(system, t_end, "exact", *rest)
         return dataclasses.replace(pilot, work=Work(march_seconds=1e6))
 
-    monkeypatch.setattr(agreement, "solve", slow_kvaerno)
+    monkeypatch.setattr(stored, "solve", slow_kvaerno)
     case = sb.paper_case(5)
     found = agree(case, t_end=0.02, budget=12.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
     assert found.baseline == "multiprecision"
@@ -215,7 +214,7 @@ def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypat
     i, j = (list(found.references).index(name) for name in ("exact", "multiprecision"))
     assert found.differences[i, j] < 1e-9
     json.dumps(found.to_dict(), allow_nan=False)
-    monkeypatch.setattr(agreement, "INCONSISTENT", 1e-6)  # a claim that nobody holds
+    monkeypatch.setattr(stored, "INCONSISTENT", 1e-6)  # a claim that nobody holds
     assert "cvode-adams" in agree(case, t_end=0.02, budget=500.0, methods=("exact", "cvode-adams")).inconsistent
 
 

@@ -8,7 +8,8 @@ from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import stiffbeam as sb
 from dumont2002 import figures as page
-from stiffbeam.figures import EXACT, look, panels
+from stiffbeam.figures import panels
+from stiffbeam.figures.panels import EXACT, look
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered
 

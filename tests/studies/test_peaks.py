@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dumont2002.peaks import THRESHOLD, band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
-from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.measures.frequencies import amplitude_spectrum
 
 DRIVE = 10.0
 

@@ -19,7 +19,7 @@ from dumont2002.peaks import even_over_odd, find_peaks, multiple_amplitudes, sha
 from dumont2002.reading import Reading, reading
 from dumont2002.table import drive_of, equation_of, make_table
 from dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
-from stiffbeam.measures.spectrum import amplitude_spectrum
+from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.model.closed_form import mode, roots
 from stiffbeam.model.problem import PointLoad
 

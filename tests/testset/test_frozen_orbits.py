@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.testset.orbits import FrozenOrbit
+from stiffbeam.testset.problem import FrozenOrbit
 
 SMALL = [name for name in sb.frozen_orbits() if not name.startswith("beam")]
 BEAMS = [name for name in sb.frozen_orbits() if name.startswith("beam")]

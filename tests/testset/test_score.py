@@ -199,7 +199,7 @@ def test_steps_at_which_a_run_overflows_are_left_out():
 
 def test_a_file_with_an_unknown_field_is_refused():
     text = (folder() / "hertz.toml").read_text(encoding="utf-8")
-    with pytest.raises(sb.InputError, match=r"hertz: system.contacts.exponant must be a known field.*exponent"):
+    with pytest.raises(sb.InputError, match=r"hertz: system.contacts\[0\]: exponant must be a known field.*exponent"):
         _ = read(text.replace("exponent = 1.5", "exponant = 1.5")).system
 
 
@@ -282,7 +282,7 @@ def test_the_problems_are_listed_shown_and_set_in_latex(command):
 
 
 def test_every_problem_can_be_set_in_latex():
-    from stiffbeam.testset.latex import latex_table
+    from stiffbeam.testset.scorecard import latex_table
 
     for problem in sb.problems().values():
         text = latex_table(problem)

@@ -10,7 +10,7 @@ import hashlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,7 +72,6 @@ class Arrays:
 
     def to_dict(self) -> dict[str, Any]:
         """The variables in the layout of ``xarray.Dataset.to_dict``, which ``xarray.Dataset.from_dict`` reads."""
-        sizes = {dim: n for dims, x, _ in self.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
         coordinates, data = (
             {
                 name: {"dims": dims, "attrs": attributes, "data": values}
@@ -80,7 +79,7 @@ class Arrays:
             }
             for x in self._parts()
         )
-        return {"coords": coordinates, "attrs": self.attributes, "dims": sizes, "data_vars": data}
+        return {"coords": coordinates, "attrs": self.attributes, "dims": self.sizes, "data_vars": data}
 
     def _parts(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Coordinates, those named like their dimension or in an attribute ``coordinates``, and the other variables;
@@ -94,18 +93,18 @@ class Arrays:
 
     def hash(self, attributes: Iterable[str]) -> str:
         """sha256 of every variable and of the named attributes."""
-        return content_hash({name: x[1] for name, x in self.variables.items()}, self.attributes, attributes)
+        digest = hashlib.sha256()
+        for name in sorted(self.variables):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(self.variables[name][1]).tobytes())
+        for name in sorted(attributes):
+            digest.update(f"{name}={self.attributes.get(name)}".encode())
+        return digest.hexdigest()
 
-
-def content_hash(variables: Mapping[str, Array], known: Mapping[str, Any], attributes: Iterable[str]) -> str:
-    """sha256 of the variables and of the named ones among the ``known`` attributes."""
-    digest = hashlib.sha256()
-    for name in sorted(variables):
-        digest.update(name.encode())
-        digest.update(np.ascontiguousarray(variables[name]).tobytes())
-    for name in sorted(attributes):
-        digest.update(f"{name}={known.get(name)}".encode())
-    return digest.hexdigest()
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Length of every dimension."""
+        return {dim: n for dims, x, _ in self.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
 
 
 def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
@@ -116,7 +115,7 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
     variable that has it.
     """
     packing = {"compression": "gzip", "compression_opts": compression, "shuffle": True} if compression else {}
-    sizes = {dim: n for dims, x, _ in data.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
+    sizes = data.sizes
     with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as target:
         target.attrs.update(data.attributes)
         scales: dict[str, h5py.Dataset] = {}

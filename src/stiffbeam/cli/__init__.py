@@ -1,4 +1,4 @@
-"""The ``stiffbeam`` command: one module a command, which adds itself to the application."""
+"""The ``stiffbeam`` command: modules of commands, which add themselves to the application."""
 
 from __future__ import annotations
 
@@ -7,18 +7,10 @@ import signal
 import sys
 from typing import NoReturn
 
-from . import advise as advise
-from . import animate as animate
-from . import cases as cases
-from . import compare as compare
-from . import doctor as doctor
-from . import doubt as doubt
-from . import reference as reference
-from . import reproduce as reproduce
-from . import score as score
-from . import studies as studies
+from . import advise, compare, reference, reproduce, score, tools
 from .application import app
 
+COMMANDS = (advise, compare, reference, reproduce, score, tools)  # each adds its commands to the application
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 AGAIN = 0.2  # s, until it is looked whether an interruption was heard
 

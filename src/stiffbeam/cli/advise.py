@@ -1,17 +1,18 @@
-"""``stiffbeam advise``: the scheme and time step for a given error."""
+"""``stiffbeam advise``, the scheme and time step for a given error; ``stiffbeam doubt``, how sure results are."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..basics.progress import TALK, progress
-from . import completion
+from ..basics.validation import InputError
 from .application import app
-from .options import Case, Form, Json, TEnd
+from .options import Case, Dt, Form, Json, TEnd, option
 from .output import check_json, default_folder, make_folder, say, write_json
 
 
@@ -19,17 +20,14 @@ from .output import check_json, default_folder, make_folder, say, write_json
 def advise(
     case: Case,
     want: Annotated[
-        str | None,
-        typer.Option(help="admissible errors of tip, impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,..."),
+        str | None, option("admissible errors of tip, impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,...")
     ] = None,
-    schemes: Annotated[
-        str | None, typer.Option(help="comma-separated; default: all", autocompletion=completion.schemes)
-    ] = None,
+    schemes: Annotated[str | None, option("comma-separated; default: all", "schemes")] = None,
     form: Form = None,
     t_end: TEnd = None,
-    most_steps: Annotated[int | None, typer.Option(help="most steps of a run; the search ends there")] = None,
-    members: Annotated[int, typer.Option(help="perturbed runs per mean, past the horizon")] = 48,
-    out: Annotated[Path | None, typer.Option(help="folder for the journal; default: stiffbeam-output/CASE")] = None,
+    most_steps: Annotated[int | None, option("most steps of a run; the search ends there")] = None,
+    members: Annotated[int, option("perturbed runs per mean, past the horizon")] = 48,
+    out: Annotated[Path | None, option("folder for the journal; default: stiffbeam-output/CASE")] = None,
     json_file: Json = None,
 ) -> None:
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
@@ -38,7 +36,6 @@ def advise(
 
     After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
     """
-    from ..basics.validation import InputError
     from ..files.cases import find_case
     from ..schemes.labels import parse_run, split_runs
     from ..studies.advice import advise as find
@@ -74,3 +71,45 @@ def advise(
         say(str(advice))
     if advice.recommendation is None:
         raise typer.Exit(1)
+
+
+@app.command()
+def doubt(
+    case: Case,
+    uncertain: Annotated[str | None, option("path=tolerance,..., relative; default: those of the case file")] = None,
+    scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
+    dt: Dt = None,
+    members: Annotated[int, option("number of random systems, each solved on two meshes")] = 48,
+    seed: Annotated[int, option("seed of the random systems")] = 1,
+    tolerance: Annotated[float, option("for the data horizon, relative to the largest |u|")] = 0.05,
+    json_file: Json = None,
+) -> None:
+    """Contributions of rounding, scheme, mesh and data to the uncertainty of every quantity, and the largest of the
+    four.
+
+    The tolerances are those of the case file, under [case.uncertain].
+    """
+    from ..files.cases import find_case
+    from ..schemes.labels import parse_run
+    from ..studies.doubt import doubt as find
+
+    chosen = find_case(case)
+    if uncertain is not None:
+        chosen = replace(chosen, uncertain=dict(map(_tolerance, uncertain.split(","))))
+    check_json(json_file)
+    parsed = None if scheme is None else parse_run(scheme)[0]
+    with progress() as show:
+        result = find(chosen, parsed, dt, members, seed, tolerance, progress=show)
+    if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json_file):
+        say(str(result))
+
+
+def _tolerance(item: str) -> tuple[str, Any]:
+    """Path and distribution of "path=tolerance"."""
+    from ..model.uncertain import Uncertain
+
+    path, _, value = (part.strip() for part in item.rpartition("="))
+    try:
+        return path, Uncertain(tolerance=float(value))
+    except ValueError:
+        raise InputError("--uncertain", item, "read path=tolerance", "for example stiffness=0.01") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -14,19 +15,16 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..basics.progress import Show, progress
-from . import completion
-from .options import Case, Jobs, Json, labels, numbers, shared, values_of
-from .output import check_json, console, default_folder, file_name, make_folder, say, write_json
+from ..basics.validation import InputError
+from .options import KIND, Case, Jobs, Json, References, labels, numbers, option, shared, values_of
+from .output import check_json, console, default_folder, file_name, make_folder, say, table_of, write_json
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
-    from rich.table import Table
-
     from ..files.cases import Case as CaseFile
     from ..studies.engine.study import Records, Study
-
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "doubt": ("stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'", "stiffbeam doubt my-beam.toml --members 200"),
@@ -102,11 +100,9 @@ GROUPS: dict[str, tuple[str, ...]] = {  # in the order of the help; a command wi
     "The paper": ("reproduce",),
     "Tools": ("cases", "doctor"),
 }
-Out = Annotated[
-    Path | None, typer.Option(help="folder for records, picture and journal; default: stiffbeam-output/CASE")
-]
+Out = Annotated[Path | None, option("folder for records, picture and journal; default: stiffbeam-output/CASE")]
 Smoke = Annotated[bool, typer.Option("--smoke", help="small configuration: seconds instead of minutes")]
-Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler, e.g. tcp://host:8786, instead of processes")]
+Scheduler = Annotated[str | None, option("Dask scheduler, e.g. tcp://host:8786, instead of processes")]
 LISTS: dict[type, Callable[[str | None], list[Any] | None]] = {
     str: labels,
     int: lambda text: numbers(text, int),
@@ -210,8 +206,7 @@ def _option(parameter: inspect.Parameter, hint: Any) -> Any:
     words = next((text for text in get_args(hint)[1:] if isinstance(text, str)), "")
     if parameter.default not in (None, parameter.empty) and not isinstance(parameter.default, bool):
         words += f"; default: {parameter.default}"
-    complete = completion.BY_OPTION.get(parameter.name)
-    return Annotated[_plain(hint)[0] | None, typer.Option(help=words, autocompletion=complete)]
+    return Annotated[_plain(hint)[0] | None, option(words, KIND.get(parameter.name, ""))]
 
 
 def _ask(
@@ -267,29 +262,9 @@ def _workers(address: str | None) -> AbstractContextManager[Executor | None]:
 
     if address is None:
         return nullcontext()
-    from ..studies.engine.scheduler import scheduler
+    from ..studies.engine.runner import scheduler
 
     return scheduler(address)
-
-
-NAME = 36  # characters of a first column that are not broken
-
-
-def _table(lines: list[dict[str, str]]) -> Table:
-    """The lines of an answer under their headings, – for empty entries."""
-    from rich import box
-    from rich.table import Table
-
-    headings = list(dict.fromkeys(key for line in lines for key in line))
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    for i, name in enumerate(headings):
-        cells = [line.get(name, "") for line in lines]
-        number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
-        whole = not i and max(map(len, cells)) <= NAME
-        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
-    for line in lines:
-        table.add_row(*(line.get(name, "–") for name in headings))
-    return table
 
 
 def print_records(records: Records, written: list[Path]) -> None:
@@ -303,7 +278,7 @@ def print_records(records: Records, written: list[Path]) -> None:
     answer = records.answer
     terminal.print(answer.verdict)
     if answer.table:
-        terminal.print(_table(answer.table))
+        terminal.print(table_of(answer.table))
     if answer.notes:
         terminal.print(answer.notes)
     for word, style, messages in (
@@ -340,3 +315,37 @@ def options(
     _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")] = False,
 ) -> None:
     """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams."""
+
+
+@app.command()
+def studies(
+    case: Case = "table10",
+    out: Out = None,
+    references: References = None,
+    jobs: Jobs = None,
+    smoke: Smoke = False,
+    json_file: Json = None,
+) -> None:
+    """Run every study on one case; a second run continues where the first was stopped."""
+    from ..files.cases import find_case
+    from ..studies import STUDIES, find_study
+
+    check_json(json_file)
+    chosen, empty = find_case(case), False
+    asked: list[dict[str, Any]] = []
+    for name in STUDIES:
+        study = find_study(name)
+        named = {"references": str(references)} if references is not None and takes(study, "references") else {}
+        try:
+            with progress() as show:
+                records, written = run_one(study, chosen, out, jobs, named, smoke, show)
+        except InputError as error:  # a study that this case cannot be asked, which is no failure
+            print(f"{study.command}: not asked, {error}", file=sys.stderr)
+            continue
+        asked.append(records.to_dict())
+        if str(json_file) != "-":
+            print_records(records, written)
+        empty = empty or bool(records.failures and not written)
+    write_json("studies", {"case": chosen.name, "studies": asked}, json_file)
+    if empty:
+        raise typer.Exit(1)

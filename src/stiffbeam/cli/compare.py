@@ -1,4 +1,4 @@
-"""``stiffbeam compare``: schemes beside references, the main command."""
+"""``stiffbeam compare``, schemes beside references, the main command; and ``stiffbeam animate``, their film."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import typer
 
 from ..basics.progress import progress
 from ..basics.storage import write_whole
+from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, COMPARED, REFERENCES
-from . import completion
 from .application import app
-from .options import Case, Dt, Json, TEnd
+from .options import Case, Dt, Json, TEnd, option
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
@@ -33,44 +33,32 @@ if TYPE_CHECKING:
     from ..trajectory.trajectory import Reference, Trajectory
 
 
+SCHEMES = (
+    "comma-separated schemes, solvers and functions module:function, e.g. "
+    "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'"
+)
+MAIN = (
+    "comma-separated; the first that supports the case is the main one; default: "
+    f"those of {','.join(COMPARED)} that support it"
+)
+
+
 @app.command()
 def compare(
     case: Case,
-    schemes: Annotated[
-        str | None,
-        typer.Option(
-            help="comma-separated schemes, solvers and functions module:function, e.g. "
-            "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'",
-            autocompletion=completion.integrators,
-        ),
-    ] = None,
-    references: Annotated[
-        str | None,
-        typer.Option(
-            help="comma-separated; the first that supports the case is the main one; default: "
-            f"those of {','.join(COMPARED)} that support it",
-            autocompletion=completion.methods,
-        ),
-    ] = None,
-    contact: Annotated[
-        str,
-        typer.Option(
-            help="implicit, conserving, averaged, or extrapolated as in the paper", autocompletion=completion.contact
-        ),
-    ] = "implicit",
+    schemes: Annotated[str | None, option(SCHEMES, "integrators")] = None,
+    references: Annotated[str | None, option(MAIN, "methods")] = None,
+    contact: Annotated[str, option("implicit, conserving, averaged, or extrapolated as in the paper", "contact")] = (
+        "implicit"
+    ),
     dt: Dt = None,
     t_end: TEnd = None,
     out: Annotated[
-        Path | None, typer.Option(help="folder for picture, trajectories and table; default: stiffbeam-output/CASE")
+        Path | None, option("folder for picture, trajectories and table; default: stiffbeam-output/CASE")
     ] = None,
     json_file: Json = None,
-    cache: Annotated[
-        bool,
-        typer.Option("--cache/--no-cache", help="store references and use stored ones, or compute all anew"),
-    ] = True,
-    budget: Annotated[
-        float, typer.Option(help="seconds for each reference; one that needs more ends earlier")
-    ] = BUDGET,
+    cache: Annotated[bool, option("store references and use stored ones, or compute all anew")] = True,
+    budget: Annotated[float, option("seconds for each reference; one that needs more ends earlier")] = BUDGET,
     doubt: Annotated[
         bool,
         typer.Option(
@@ -83,7 +71,6 @@ def compare(
     ] = False,
 ) -> None:
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
-    from ..basics.validation import InputError, positive
     from ..files.cases import compared_runs, find_case
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
@@ -101,9 +88,9 @@ def compare(
         runs = [_like_case(parse_integrator(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
-    for option, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
+    for flag, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
         if not present:
-            raise InputError(option, "nothing", "name at least one", "or leave the option out for the default ones")
+            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
     earlier: list[str] = []
@@ -212,8 +199,6 @@ def _clear(folder: Path) -> list[str]:
                     removed.append(name)
             earlier.unlink()
     except OSError as error:
-        from ..basics.validation import InputError
-
         remedy = f"{error.strerror}: name another"
         raise InputError("--out", str(folder), "be a folder that can be written to", remedy) from None
     return removed
@@ -229,7 +214,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
-        from ..figures import save_figure
+        from ..figures.panels import save_figure
         from ..figures.runs import four_panels, verdict
 
         runs = [run for run in result.runs if run.provenance["form"] == form]
@@ -269,3 +254,41 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
     say(f"\nWritten: {files}{replaced}")
+
+
+@app.command()
+def animate(
+    case: Case,
+    schemes: Annotated[str | None, option("comma-separated; default: the case's first run", "schemes")] = None,
+    dt: Dt = None,
+    t_end: TEnd = None,
+    seconds: Annotated[float, option("length of the film")] = 8.0,
+    out: Annotated[Path | None, option(".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
+    json_file: Json = None,
+) -> None:
+    """Film of the beam between its stops: schemes beside the exact motion, with a flash at each impact."""
+    from ..figures.animation import animate as film
+    from ..files.cases import find_case
+    from ..march.integrate import integrate
+    from ..references import best_reference
+    from ..schemes.labels import parse_run, split_runs
+
+    check_json(json_file)
+    chosen = find_case(case)
+    form = chosen.forms[0]
+    runs = [chosen.runs[0]] if schemes is None else [parse_run(text, form) for text in split_runs(schemes)]
+    if len({form for _, form in runs}) != 1:
+        remedy = "name the form behind each scheme, as in hht@displacement"
+        raise InputError("--schemes", schemes, "be of one form: the film shows one system", remedy)
+    system, end = chosen.system(runs[0][1]), chosen.t_end if t_end is None else t_end
+    file = out if out is not None else default_folder(chosen.name) / "animation.gif"
+    with progress() as show:
+        show("reference", 0, 0)
+        motions: list[Trajectory] = [best_reference(system, end, progress=show)]
+        for scheme, _ in runs:
+            show(str(scheme), 0, 0)
+            motions.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
+        film(motions, file, seconds, show=show)
+    records = {"case": chosen.name, "motions": [motion.label for motion in motions], "t_end": end, "file": str(file)}
+    if not write_json("animate", records, json_file):
+        say(f"Written: {file}")

@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..basics.progress import TALK
-from ..basics.text import cut, plain
+from ..basics.text import cells_of, cut, plain
+from ..basics.validation import InputError, file_path
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
+
+NAME = 36  # characters of a first column that are not broken
 
 
 def console(width: int | None = None) -> Console:
@@ -23,6 +27,23 @@ def console(width: int | None = None) -> Console:
 
     wide = None if sys.stdout.isatty() else width
     return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
+
+
+def table_of(lines: Sequence[Mapping[str, str]]) -> Table:
+    """A table of lines, text by heading; – for empty entries. Columns of numbers stand to the right."""
+    from rich import box
+    from rich.table import Table
+
+    headings, rows = cells_of(lines)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    for i, name in enumerate(headings):
+        cells = [line.get(name, "") for line in lines]
+        number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
+        whole = not i and max(map(len, cells)) <= NAME
+        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def say(text: str) -> None:
@@ -44,8 +65,6 @@ def file_name(label: str) -> str:
 
 def make_folder(folder: Path, option: str = "--out") -> Path:
     """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
-    from ..basics.validation import InputError, file_path
-
     file_path(option, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +80,6 @@ def check_json(file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
     if file is None or str(file) == "-":
         return
-    from ..basics.validation import InputError, file_path
 
     file_path("--json", file)
     if file.is_dir():

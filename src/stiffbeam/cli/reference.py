@@ -8,40 +8,32 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import Show, progress
+from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
-from . import completion
 from .application import app
-from .options import CASE, Form, Json, TEnd
-from .output import check_json, console, make_folder, say, write_json
+from .options import CASE, Form, Json, TEnd, option
+from .output import check_json, console, make_folder, say, table_of, write_json
 
 
 @app.command("reference")
 def reference_command(
     case: Annotated[str | None, typer.Argument(**CASE)] = None,
     method: Annotated[
-        str | None,
-        typer.Option(
-            help=f"{', '.join(METHODS)}; all: compare them; default: the best for the case",
-            autocompletion=completion.methods,
-        ),
+        str | None, option(f"{', '.join(METHODS)}; all: compare them; default: the best for the case", "methods")
     ] = None,
     form: Form = None,
-    digits: Annotated[str, typer.Option(help="digits of multiprecision: a number, or auto")] = "auto",
-    rtol: Annotated[float | None, typer.Option(help="rtol of the adaptive solvers; default: 1e-10")] = None,
+    digits: Annotated[str, option("digits of multiprecision: a number, or auto")] = "auto",
+    rtol: Annotated[float | None, option("rtol of the adaptive solvers; default: 1e-10")] = None,
     t_end: TEnd = None,
-    budget: Annotated[
-        float | None, typer.Option(help="seconds for --method all; default: 60, others are skipped")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="netCDF file to write")] = None,
-    check: Annotated[Path | None, typer.Option(help="verify a stored file, or a folder with a manifest")] = None,
-    remake: Annotated[Path | None, typer.Option(help="compute missing references of the paper here")] = None,
+    budget: Annotated[float | None, option("seconds for --method all; default: 60, others are skipped")] = None,
+    out: Annotated[Path | None, option("netCDF file to write")] = None,
+    check: Annotated[Path | None, option("verify a stored file, or a folder with a manifest")] = None,
+    remake: Annotated[Path | None, option("compute missing references of the paper here")] = None,
     cache: Annotated[bool, typer.Option("--cache", help="store the reference, and use a stored one")] = False,
     doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the nearest doubles")] = False,
     json_file: Json = None,
 ) -> None:
     """Make, compare and check reference solutions."""
-    from ..basics.validation import InputError
-
     if sum(x is not None for x in (case, check, remake)) != 1:
         remedy = "give exactly one of them"
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
@@ -50,10 +42,10 @@ def reference_command(
             "--method": method, "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
             "--t-end": t_end, "--budget": budget, "--cache": cache, "--doubles": doubles,
         }  # fmt: skip
-        for option, value in options.items():
+        for flag, value in options.items():
             if value:
                 alone = "--check" if remake is None else "--remake"
-                raise InputError(option, str(value), f"be left out with {alone}", "it is an option of CASE")
+                raise InputError(flag, str(value), f"be left out with {alone}", "it is an option of CASE")
     check_json(json_file)
     with progress() as show:
         if check is not None:
@@ -86,7 +78,6 @@ def _references(
     from dataclasses import replace
 
     from ..basics.exact_float import as_doubles
-    from ..basics.validation import InputError
     from ..files.cases import case_text, find_case
     from ..files.reference_cache import cached_reference
     from ..measures.impacts import impact_times
@@ -101,9 +92,9 @@ def _references(
         "--rtol": rtol is None or kind == ADAPTIVE or method == "all",
         "--budget": budget is None or method == "all",
     }
-    for option, fits in used.items():
+    for flag, fits in used.items():
         if not fits and (kind or method == "all"):
-            raise InputError(option, "with --method " + method, "be left out here", "this method has no use for it")
+            raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
     rtol = 1e-10 if rtol is None else rtol
     if doubles:
         if out is not None:
@@ -113,7 +104,7 @@ def _references(
         if out is not None:
             remedy = "name the one method whose file you want"
             raise InputError("--out", str(out), "be left out with --method all", remedy)
-        from ..studies.agreement import agree
+        from ..studies.references import agree
 
         return [agree(case, form, end, budget=60.0 if budget is None else budget, rtol=rtol, progress=show).to_dict()]
     if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
@@ -155,25 +146,16 @@ def _print(records: list[dict[str, Any]], together: bool) -> None:
 
 
 def _print_agreement(record: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    names = list(record["differences"])
-    title = f"Against {record['baseline']}, each to its horizon; units: {record['units']}"
-    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
-    table.add_column("reference", no_wrap=True)
-    for heading in ("horizon", "tip difference", "impact times", "run time (s)", "claim"):
-        table.add_column(heading, justify="right")
-    for name in names:
+    lines = []
+    for name, differences in record["differences"].items():
         impacts = record["impact_differences"][name][record["baseline"]]
-        table.add_row(
-            name,
-            f"{record['horizons'][name]:.4g}",
-            f"{record['differences'][name][record['baseline']]:.1e}",
-            "sampled" if impacts is None else f"{impacts:.1e}",
-            f"{record['seconds'][name]:.3g}",
-            record["inconsistent"].get(name, "holds"),
-        )
-    console(120).print(table)
+        lines.append({
+            "reference": name, "horizon": f"{record['horizons'][name]:.4g}",
+            "tip difference": f"{differences[record['baseline']]:.1e}",
+            "impact times": "sampled" if impacts is None else f"{impacts:.1e}",
+            "run time (s)": f"{record['seconds'][name]:.3g}", "claim": record["inconsistent"].get(name, "holds"),
+        })  # fmt: skip
+    say(f"Against {record['baseline']}, each to its horizon; units: {record['units']}")
+    console(120).print(table_of(lines))
     for name, reason in record["skipped"].items():
         say(f"skipped  {name}: {reason}")

@@ -13,14 +13,15 @@ from typing import Annotated, Any
 import typer
 
 from ..basics.progress import progress
+from ..basics.validation import InputError, integer
 from .application import app
-from .options import Jobs, Json, References
-from .output import check_json, console, make_folder, say, write_json
+from .options import Jobs, Json, References, option
+from .output import check_json, console, make_folder, say, table_of, write_json
 
 What = Annotated[str, typer.Argument(help="all, table N or figure N")]
 Number = Annotated[int | None, typer.Argument(help="1 .. 17", show_default=False)]
-Out = Annotated[Path, typer.Option(help="folder for the page, the pictures and the store")]
-Contact = Annotated[str, typer.Option(help="implicit, or extrapolated as the paper describes it")]
+Out = Annotated[Path, option("folder for the page, the pictures and the store")]
+Contact = Annotated[str, option("implicit, or extrapolated as the paper describes it")]
 Printed = Annotated[bool, typer.Option("--printed", help="HHT and SDIRK with the paper's misprints")]
 
 
@@ -40,10 +41,14 @@ def reproduce(
 
     tables = _tables(what, number)
     paper = _paper()
-    _check(out, jobs, json_file)
+    if jobs is not None:
+        integer("--jobs", jobs, 1)
+    check_json(json_file)
+    make_folder(out)
     chosen = paper.reading(contact, printed, references)
     with progress() as show:
-        page, results = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=_command())
+        typed = shlex.join(["stiffbeam", *sys.argv[1:]])  # without the folder of the program
+        page, results = paper.reproduce(tables, chosen, out, jobs or cores(), progress=show, command=typed)
     written = [page]
     if what == "figure":
         drawn = out / chosen.name / f"table{number}" / f"figure{number}.png"
@@ -61,8 +66,6 @@ def _paper() -> Any:
 
     Its processes find it by the path as well. InputError where an installed package has no checkout around it.
     """
-    from ..basics.validation import InputError
-
     package = Path(__file__).parents[1]
     studies = package.parents[1] / "studies"
     if not (studies / "dumont2002" / "__init__.py").is_file():
@@ -74,8 +77,6 @@ def _paper() -> Any:
 
 
 def _tables(what: str, number: int | None) -> list[int] | None:
-    from ..basics.validation import InputError
-
     if what == "all" and number is None:
         return None
     if what not in ("table", "figure") or number is None:
@@ -84,36 +85,21 @@ def _tables(what: str, number: int | None) -> list[int] | None:
     return [number]
 
 
-def _check(out: Path, jobs: int | None, json_file: Path | None) -> None:
-    from ..basics.validation import InputError
-
-    if jobs is not None and jobs < 1:
-        raise InputError("--jobs", jobs, "be >= 1", "for example 2, or leave it out")
-    check_json(json_file)
-    make_folder(out)
-
-
-def _command() -> str:
-    """The command line as typed, without the folder of the program."""
-    return shlex.join(["stiffbeam", *sys.argv[1:]])
-
-
 def _print(records: dict[str, Any], exact_name: Callable[[str, dict[str, Any]], str]) -> None:
-    from rich import box
-    from rich.table import Table
-
     from ..measures.report import WIDTH, percent
 
-    table = Table(box=box.SIMPLE_HEAD, caption="One run each; impacts of the exact motion are counted by events.")
-    for heading in ("table", "motion", "impacts", "contact", "horizon"):
-        table.add_column(heading, justify="left" if heading in ("table", "motion") else "right")
+    lines: list[dict[str, str]] = []
     for name, record in records.items():
-        for equation, row in record["runs"].items():
-            table.add_row(name, f"{equation} {row['scheme']}", str(row["impacts"]), percent(row["fraction"]), "")
-        for form, row in record["exact"].items():
-            table.add_row(
-                name, exact_name(form, row), str(row["impacts"]), percent(row["fraction"]), f"{row['horizon']:.3g}"
-            )
-        for equation, why in record["failures"].items():
-            table.add_row(name, f"{equation} failed: {why}", "", "", "")
-    console(WIDTH).print(table)
+        motions = {f"{equation} {row['scheme']}": row for equation, row in record["runs"].items()}
+        motions |= {exact_name(form, row): row for form, row in record["exact"].items()}
+        for motion, row in motions.items():
+            line = {
+                "table": name,
+                "motion": motion,
+                "impacts": str(row["impacts"]),
+                "contact": percent(row["fraction"]),
+            }
+            lines.append(line | ({"horizon": f"{row['horizon']:.3g}"} if "horizon" in row else {}))
+        lines += [{"table": name, "motion": f"{eq} failed: {why}"} for eq, why in record["failures"].items()]
+    console(WIDTH).print(table_of(lines))
+    say("One run each; impacts of the exact motion are counted by events.")

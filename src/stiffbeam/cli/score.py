@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from ..basics.progress import progress
-from . import completion
+from ..basics.validation import InputError
 from .application import app
-from .options import Json
+from .options import Json, completion, option
 from .output import check_json, console, make_folder, say, write_json
 
 
@@ -20,32 +20,29 @@ def score(
         str | None,
         typer.Argument(
             help="comma-separated: schemes, solvers, module:function; e.g. 'HHT(alpha=-0.1),cvode'",
-            autocompletion=completion.integrators,
+            autocompletion=completion("integrators"),
         ),
     ] = None,
-    problem: Annotated[
-        str | None, typer.Option(help="comma-separated names; all by default", autocompletion=completion.problems)
-    ] = None,
+    problem: Annotated[str | None, option("comma-separated names; all by default", "problems")] = None,
     trajectory: Annotated[
         list[Path] | None,
-        typer.Option(help="score this file instead: columns t, u and, if known, v; repeat for other time steps"),
+        option("score this file instead: columns t, u and, if known, v; repeat for other time steps"),
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="list the problems, or print the file of one --problem")] = False,
-    latex: Annotated[bool, typer.Option(help="one --problem as a LaTeX table")] = False,
-    out: Annotated[Path | None, typer.Option(help="folder for the page index.html, pictures and records")] = None,
+    latex: Annotated[bool, option("one --problem as a LaTeX table")] = False,
+    out: Annotated[Path | None, option("folder for the page index.html, pictures and records")] = None,
     json_file: Json = None,
 ) -> None:
     """Errors of integrators on problems whose answers are known to 30 digits.
 
     Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
     """
-    from ..basics.validation import InputError
     from ..schemes.labels import split_runs
+    from ..testset.measure import read_trajectory
     from ..testset.problem import folder, problems
     from ..testset.problem import problem as find
     from ..testset.score import score as score_all
     from ..testset.score import score_trajectories
-    from ..testset.trajectory_file import read_trajectory
 
     # What writes one thing takes no option that would be passed over.
     alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
@@ -66,7 +63,7 @@ def score(
         option = "--latex" if latex else "--trajectory"
         raise InputError("--problem", problem, f"name one problem for {option}", ", ".join(problems()))
     if latex:
-        from ..testset.latex import latex_table
+        from ..testset.scorecard import latex_table
 
         say(latex_table(find(names[0])))  # type: ignore[index]
         return

@@ -189,16 +189,12 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
     return figure, draw
 
 
-def _stop_marks(system: System, i: int, t: Array) -> tuple[float, tuple[Array, Array]]:
-    """(place, (lower, upper) stop over time) of contact i; NaN where that side is free."""
-    contact = system.contacts[i]
+def _stop_marks(system: System, i: int, t: Array) -> tuple[float, list[Array]]:
+    """(place, [lower, upper] stop over time) of contact i; NaN where that side is free."""
+    bounds = system.contacts[i].stops.lower_bound, system.contacts[i].stops.upper_bound
+    edges = [np.full(len(t), x if np.isfinite(x) else np.nan) for x in bounds]
     if system.problem is None:
-        return float(i), tuple(np.full(len(t), x if np.isfinite(x) else np.nan) for x in _edges(contact))  # type: ignore
+        return float(i), edges
     stops = system.problem.all_stops[i]
     place = system.problem.length if stops.position is None else float(stops.position)
-    moved = offset_values(stops.motion, t)
-    return place, tuple(moved + (x if np.isfinite(x) else np.nan) for x in _edges(contact))  # type: ignore
-
-
-def _edges(contact: Any) -> tuple[float, float]:
-    return contact.stops.lower_bound, contact.stops.upper_bound
+    return place, [offset_values(stops.motion, t) + edge for edge in edges]

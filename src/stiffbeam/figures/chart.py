@@ -18,11 +18,11 @@ from .panels import (
     MARKERS,
     column,
     dashed,
-    legend_entries,
     log_scale,
     look,
     mark_order,
     new_figure,
+    panel_legend,
     say_empty,
     shared_legend,
     short,
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row", bound=Mapping[str, Any])
 LINE = 118  # letters in a line of a title
-WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line
 LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
 NONE = np.zeros(0)
 
@@ -330,13 +329,5 @@ def _draw(axis: Axes, panel: Panel, letter: str, units: Units, words: Callable[[
         axis.set_aspect("equal")
     if panel.slopes:
         mark_order(axis, panel.slopes)
-    entries = legend_entries([axis], words) if panel.legend else {}
-    if entries:
-        place: dict[str, Any] = {
-            "loc": "upper center",
-            "bbox_to_anchor": (0.5, -0.14),
-            "ncols": 2 if max(map(len, entries)) < WIDE else 1,
-            "columnspacing": 1.0,
-        }
-        axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5,
-                    **place if panel.legend == "below" else {})  # fmt: skip
+    if panel.legend:
+        panel_legend(axis, words, panel.legend == "below")

@@ -87,6 +87,7 @@ def default_label(name: str) -> str:
     return str(make(name))
 
 
+WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line
 FLAT = 0.07  # share of the axis that the steepest triangle of mark_order rises at least
 
 
@@ -194,6 +195,14 @@ def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> d
         for text, handles in own.items():
             entries.setdefault(text, handles[0] if len(handles) == 1 else tuple(handles))
     return entries
+
+
+def panel_legend(axis: Axes, words: Callable[[str], str] = str, below: bool = False) -> None:
+    """The legend of one panel, with every text once, inside it or ``below`` it."""
+    if entries := legend_entries([axis], words):
+        columns = 2 if max(map(len, entries)) < WIDE else 1
+        place: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": columns, "columnspacing": 1.0}
+        axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5, **place if below else {})
 
 
 def shared_legend(

@@ -19,8 +19,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, near
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.smooth_motion import drive_frequency
-from ..measures.spectrum import amplitude_spectrum
+from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
 from .panels import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol

@@ -381,9 +381,7 @@ class _Reader(Reader):
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         runs = self.get("runs", list, "be a list of runs", [str(x) for x in default_schemes(all_stops)])
         dt, t_end = self.number("dt"), self.number("t_end")
-        for key, value in (("dt", dt), ("t_end", t_end)):
-            self.build(positive, key, value)
-        self.build(step_count, dt, t_end)
+        self.build(step_count, self.build(positive, "dt", dt), self.build(positive, "t_end", t_end))
         form = "matrices" if beam is None else "hermite" if beam.for_elements else "displacement"
         parsed = []
         for run in runs:
@@ -410,9 +408,7 @@ class _Reader(Reader):
                 raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
             return self.drawn_from(SystemCase(matrices=system, **common))
         assert beam is not None
-        cells = self.get("cells", int, "be an integer >= 4")
-        if cells < 4:
-            raise self.error("cells", cells, "be an integer >= 4", "for example 25")
+        cells = self.build(integer, "cells", self.get("cells", int, "be an integer >= 4"), 4)
         return self.drawn_from(Case(problem=beam, cells=cells, **common))
 
     def uncertain(self) -> dict[str, Uncertain]:

@@ -32,10 +32,9 @@ from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run, run_label
-from ..trajectory.dataset import HASHED
 from ..trajectory.impacts import ContactRecord, Impacts
 from ..trajectory.ledger import Ledger
-from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, renamed
+from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
 
@@ -88,12 +87,20 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         "t_end": t_end,
         "digits": reference.provenance["digits"],
         "confirmed_with": reference.provenance["digits_confirmed_with"],
-        "impacts": sum(contact.impacts.count for contact in reference.contacts),
-        "contact_fraction": max((contact.fraction for contact in reference.contacts), default=0.0),
-        "peak_force": max((contact.peak_force for contact in reference.contacts), default=0.0),
+        **contact_facts(reference),
         "bound": BOUND,
         "seconds": round(reference.work.seconds, 1),
         "hash": dataset.attrs["hash"],
+    }
+
+
+def contact_facts(run: Trajectory) -> dict[str, float]:
+    """Impacts of all contacts, the largest share of contact and force among them, for a manifest."""
+    contacts = run.contacts
+    return {
+        "impacts": sum(contact.impacts.count for contact in contacts),
+        "contact_fraction": max((contact.fraction for contact in contacts), default=0.0),
+        "peak_force": max((contact.peak_force for contact in contacts), default=0.0),
     }
 
 
@@ -334,7 +341,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
-    data = data.rename(renamed(data.variables))
+    data = data.rename({name: BEFORE[name] for name in map(str, data.variables) if name in BEFORE})
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i

@@ -10,9 +10,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..basics.arrays import Array, aligned
+from ..basics.arrays import MOST, Array, Recent, aligned, content
 from ..basics.compiled import clock
-from ..basics.recent import MOST, Recent, content
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW
 from ..basics.text import plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError
@@ -24,8 +24,8 @@ from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import relative_error, rms, run_of
+from .frequencies import drive_frequency
 from .impacts import ContactMeasures, Matching, longest_delay, match
-from .smooth_motion import drive_frequency
 
 if TYPE_CHECKING:
     import pandas

@@ -13,7 +13,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ..basics.html import html_table
+from ..basics.notebook import html_table
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference
@@ -58,15 +58,6 @@ def _names(comparisons: Sequence[Comparison]) -> list[str]:
         f"{name}, {c.switches}" if c.switches in ("restart", "through") else name
         for name, c in zip(names, comparisons, strict=True)
     ]
-
-
-def _count(impacts: int) -> str:
-    """The number of impacts, a dash where it is not known."""
-    return DASH if impacts < 0 else str(impacts)
-
-
-def _whole_number(value: float) -> str:
-    return f"{value:.0f}" if np.isfinite(value) else DASH
 
 
 def _lag(comparison: Comparison) -> str:
@@ -189,7 +180,8 @@ def _impacts(comparison: Comparison, whose: str, events: bool = False, forces: b
 
 def _counts(statistics: ContactMeasures, events: bool = False, forces: bool = False) -> tuple[str, ...]:
     """Impacts, with ``events`` those of the trajectory itself in brackets; share; peak force and impulse."""
-    count = f"{statistics.impacts} [{statistics.event_impacts}]" if events else _count(statistics.impacts)
+    count = f"{statistics.impacts}" if statistics.impacts >= 0 else DASH
+    count += f" [{statistics.event_impacts}]" if events else ""
     columns = (count, percent(statistics.fraction))
     return (*columns, number(statistics.peak_force, 4), number(statistics.impulse, 4)) if forces else columns
 
@@ -223,7 +215,12 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         if c.steps:
             totals = _impacts(c, "run_totals", forces=True)
-            table.add_row(name, _whole_number(c.ns_per_step), *totals, percent(c.totals_energy_lost))
+            table.add_row(
+                name,
+                f"{c.ns_per_step:.0f}" if np.isfinite(c.ns_per_step) else DASH,
+                *totals,
+                percent(c.totals_energy_lost),
+            )
             for contact in _several(c):
                 table.add_row(f"  {contact.place}", "", *_counts(contact.run_totals, forces=True), "")
     return table

@@ -12,8 +12,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
-from ..basics.recent import MOST, Recent, content
+from ..basics.arrays import MOST, Array, Recent, content
 from ..basics.validation import InputError
 from .equations import Modal
 from .graded import EPS, graded_eigenpairs, uncoupled

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, is_read_only, read_only, same
 from ..basics.exact_float import as_doubles, exact_parts
-from ..basics.html import html_facts
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_facts
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, itself, numbers, sequence

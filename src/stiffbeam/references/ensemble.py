@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.compiled import wall_clock
-from ..basics.executors import on_executor, require_executor
 from ..basics.progress import silent
-from ..basics.resources import cores, over_slices
+from ..basics.resources import cores, on_executor, over_slices, require_executor
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System

@@ -34,8 +34,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
-from ..basics.html import html_table
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_table
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.text import table

@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, column, default_label, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture
+from ..figures.panels import column, default_label, look, short
 from ..files.cases import Case
 from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered

@@ -18,10 +18,11 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
-from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, column, curves, look, short, tip_symbol
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, curves
+from ..figures.panels import column, look, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.smooth_motion import drive_frequency
+from ..measures.frequencies import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, sequence
-from ..figures import Axis, Curve, short
+from ..figures.chart import Axis, Curve
+from ..figures.panels import short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, observed_order

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import silent
+from ..basics.progress import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
@@ -34,7 +34,6 @@ from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajecto
 from . import common
 
 SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
-Progress = Callable[[str, int, int], None]  # (what is running, done, total); total 0: unknown
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ def compare_case(
     contact: str = "implicit",
     dt: float | None = None,
     t_end: float | None = None,
-    progress: Progress = lambda what, done, total: None,
+    progress: Show = silent,
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
     cache: bool = False,
     budget: float = BUDGET,
@@ -216,7 +215,7 @@ def _run(one: Integrator, system: System, case: Case, contact: str, show: Callab
 
 
 def _references(
-    system: System, case: Case, methods: Sequence[str], result: CaseComparison, progress: Progress, solver: _Solver
+    system: System, case: Case, methods: Sequence[str], result: CaseComparison, progress: Show, solver: _Solver
 ) -> Iterator[Reference]:
     """Yield the main reference, the first of ``methods`` that can take the system, then the others to its horizon."""
     main, window = None, case.t_end

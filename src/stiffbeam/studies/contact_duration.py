@@ -17,7 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..basics.arrays import Array
-from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, curves, groups, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, curves, groups
+from ..figures.panels import column, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match

@@ -11,12 +11,13 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Panel, Picture, groups, look, short
+from ..figures.chart import Axis, Curve, Panel, Picture, groups
+from ..figures.panels import look, short
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order, tip_error
+from ..measures.frequencies import slowest_period, smooth_motion, without_contact
 from ..measures.impacts import impact_times, matched_until
 from ..measures.report import DASH
-from ..measures.smooth_motion import slowest_period, smooth_motion, without_contact
 from ..model.drive import Drive
 from ..model.scales import scales
 from ..model.system import System

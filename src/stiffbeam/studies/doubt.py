@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.html import html_table
+from ..basics.notebook import html_table
 from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.resources import cores, over_slices

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..figures import Axis, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, short
+from ..figures.chart import Axis, Level, Mark, Note, Panel, Picture, Ranges, curves, groups
+from ..figures.panels import column, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent

@@ -13,27 +13,12 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer
-from ..figures import (
-    Axis,
-    Band,
-    Curve,
-    Level,
-    Mark,
-    Panel,
-    Picture,
-    Ranges,
-    column,
-    curves,
-    groups,
-    look,
-    short,
-    tip_symbol,
-)
+from ..figures.chart import Axis, Band, Curve, Level, Mark, Panel, Picture, Ranges, curves, groups
+from ..figures.panels import column, look, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
+from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
 from ..measures.report import DASH, percent
-from ..measures.smooth_motion import drive_frequency
-from ..measures.spectrum import amplitude_spectrum, drive_amplitude
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
 from ..model.uncertain import uncertain_members

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import MARKERS, Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
+from ..figures.panels import MARKERS, column, dashed, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import observed_order, tip_error
+from ..measures.frequencies import smooth_motion
 from ..measures.report import DASH
-from ..measures.smooth_motion import smooth_motion
 from ..model.system import System
 from ..schemes import SCHEMES, Scheme, make
 from ..schemes.misprints import forms_of

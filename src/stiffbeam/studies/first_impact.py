@@ -26,16 +26,20 @@ from scipy.special import rgamma
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
-from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, numeric, style_of
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups, style_of
+from ..figures.panels import column, dashed, numeric
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order
+from ..measures.frequencies import without_contact
 from ..measures.report import percent
-from ..measures.smooth_motion import without_contact
 from ..model.closed_form import natural_frequencies, roots
+from ..model.contact import Stops
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
+from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..references import solve
+from ..trajectory.trajectory import Reference
 from .common import Cells, tip_stops
 from .engine.study import Answer, Point, Records, Row, Rows, declared
 
@@ -81,14 +85,8 @@ def _plain(case: Case) -> None:
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: time, speed, peak force and impulse of the first impact on one grid."""
     problem, form, cells = started(case.problem, point["start"]), point["form"], point["cells"]
-    stops = problem.all_stops[0]
-    system = semidiscretise(problem, cells, form=form)
-    free_system = without_contact(system)
-    span = look_span(problem)
-    free = solve(free_system, span, "exact", np.linspace(0.0, span, LOOK + 1), 0.0, None)
-    when = first_crossing(
-        lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.lower_bound, stops.upper_bound
-    )
+    stops, system = problem.all_stops[0], semidiscretise(problem, cells, form=form)
+    when, free = flight(system)
     speed = abs(float(free.at(np.array([when]))[1][0]))
     end = when + WINDOW * tau(problem)
     contact = solve(system, end, "exact", np.array([0.0, end]), 0.0, None).contacts[0]
@@ -139,16 +137,25 @@ def largest_penetration() -> float:
     return penetration(float(at))
 
 
-def look_span(problem: BeamProblem) -> float:
-    """Two first natural periods."""
-    return float(4.0 * np.pi / natural_frequencies(problem, 1)[0])
+def look_times(problem: BeamProblem) -> Array:
+    """LOOK + 1 times in two first natural periods."""
+    return np.linspace(0.0, float(4.0 * np.pi / natural_frequencies(problem, 1)[0]), LOOK + 1)
 
 
-def first_crossing(tip: Callable[[float], float], t: Array, u: Array, g1: float, g2: float) -> float:
-    """Return the time when the tip first leaves [g1, g2].
+def flight(system: System) -> tuple[float, Reference]:
+    """The time when the tip of a beam first reaches a stop, and its motion without stops."""
+    assert system.problem is not None
+    t = look_times(system.problem)
+    free = solve(without_contact(system), float(t[-1]), "exact", t, 0.0, None)
+    return first_crossing(lambda t: free.at(np.array([t]))[0][0], t, free.tip, system.problem.all_stops[0]), free
+
+
+def first_crossing(tip: Callable[[float], float], t: Array, u: Array, stops: Stops) -> float:
+    """Return the time when the tip first leaves its stops.
 
     Raises InputError where it does not on the grid t (k,) of u (k,).
     """
+    g1, g2 = stops.lower_bound, stops.upper_bound
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
         rule = "be reached within two of the beam's first periods"
@@ -185,9 +192,9 @@ def beam_tip(problem: BeamProblem, start: str, t: float, count: int = MODES) -> 
 
 def beam_speed(problem: BeamProblem, start: str) -> float:
     """Return the speed with which the beam itself meets its stop, to 1e-3."""
-    stops, times = problem.all_stops[0], np.linspace(0.0, look_span(problem), LOOK + 1)
+    times = look_times(problem)
     u = np.array([beam_tip(problem, start, t, 400)[0] for t in times])
-    when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, stops.lower_bound, stops.upper_bound)
+    when = first_crossing(lambda t: beam_tip(problem, start, t)[0], times, u, problem.all_stops[0])
     return abs(beam_tip(problem, start, when)[1])
 
 

@@ -20,7 +20,8 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError
-from ..figures import Axis, Panel, Picture, curves, groups, short
+from ..figures.chart import Axis, Panel, Picture, curves, groups
+from ..figures.panels import short
 from ..files.cases import Case
 from ..march.choice import takes_contact
 from ..march.integrate import integrate

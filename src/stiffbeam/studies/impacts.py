@@ -13,9 +13,9 @@ from typing import Annotated
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..basics.units import Units
-from ..figures import Axis, Band, Curve, Level, Mark, Panel, Picture, column, curves, look, numeric, short, style_of
+from ..figures.chart import Axis, Band, Curve, Level, Mark, Panel, Picture, curves, style_of
+from ..figures.panels import column, look, numeric, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.impacts import longest_delay, match
@@ -114,15 +114,10 @@ def _statistics(many: Ensemble) -> list[Row]:
             "fraction": float(np.mean(seen.fraction)),
             "peak_force": float(np.mean(seen.peak_force)),
             "impulse": float(np.mean(seen.impulse)),
-            "median_peak": _median(seen.impacts.peaks[np.isfinite(seen.impacts.peaks)]),
+            "median_peak": seen.impacts.median_peak,
         }
         for i, seen in enumerate(many.contacts, 1)
     ]
-
-
-def _median(peaks: Array) -> float:
-    """The median of some peaks, NaN of none."""
-    return float(np.median(peaks)) if len(peaks) else float("nan")
 
 
 def reference_solution(case: Case, point: Point) -> Reference:

@@ -8,11 +8,12 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.arrays import Array
-from ..figures import Axis, Curve, Mark, Panel, Picture, column, groups, look, short
+from ..figures.chart import Axis, Curve, Mark, Panel, Picture, groups
+from ..figures.panels import column, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
-from ..measures.smooth_motion import without_contact
+from ..measures.frequencies import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, significant, system_of

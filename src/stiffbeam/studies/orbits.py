@@ -17,7 +17,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number
-from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
+from ..figures.panels import column, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.continuation import Bifurcation, Branch, continuation

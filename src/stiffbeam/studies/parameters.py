@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.recent import content
+from ..basics.arrays import content
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops

@@ -9,7 +9,8 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError, near
-from ..figures import Axis, Curve, Level, Mark, Note, Panel, Picture, column, curves, groups, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, curves, groups
+from ..figures.panels import column, look, short
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.impacts import matched_until

@@ -21,7 +21,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.validation import InputError, number
-from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
+from ..figures.chart import Axis, Curve, Panel, Picture, groups, style_of
+from ..figures.panels import column
 from ..files.cases import Case
 from ..model.contact import Contact, Stops, dissipation_for, restitution_of
 from ..model.system import System

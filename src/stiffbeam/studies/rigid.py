@@ -12,7 +12,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, style_of
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, style_of
+from ..figures.panels import column, dashed
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent

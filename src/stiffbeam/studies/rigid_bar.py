@@ -15,7 +15,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..figures import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, column, groups, short
+from ..figures.chart import Axis, Curve, Mark, Note, Panel, Picture, Ranges, groups
+from ..figures.panels import COLOURS, column, short
 from ..files.cases import Case
 from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate

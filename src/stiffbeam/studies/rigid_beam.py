@@ -15,18 +15,18 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.validation import positive
-from ..figures import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
+from ..figures.chart import Axis, Curve, Mark, Panel, Picture, Ranges, groups
+from ..figures.panels import COLOURS, column, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
-from ..measures.smooth_motion import without_contact
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
 from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of, tip_stops
 from .engine.study import Answer, Point, Records, Row, Rows, declared
-from .first_impact import LOOK, first_crossing, look_span
+from .first_impact import flight
 
 EXACT, CONSERVING = "exact", "Trapezoidal conserving"
 COMPLIANT = (EXACT, CONSERVING, "Trapezoidal", "HHT(alpha=-0.1)", "BDF2", "SDIRK")
@@ -60,7 +60,8 @@ def points(
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
     plan: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
-        end = dt * np.ceil((first_touch(case, number) + WINDOW) / dt)
+        touch, _ = flight(semidiscretise(case.problem, number))
+        end = dt * np.ceil((touch + WINDOW) / dt)
         asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
         asked += [(*entry, None) for entry in RIGID]
         for method, node, e, kappa in asked:
@@ -69,18 +70,6 @@ def points(
             steps = [0.0] if method == EXACT else [dt / part for part in divide or [1, 10]]
             plan += [{"method": label, "dt": step} | shared for step in steps]
     return plan
-
-
-def first_touch(case: Case, cells: int) -> float:
-    """Return the time when the tip first reaches a stop."""
-    span = look_span(case.problem)
-    free = solve(
-        without_contact(semidiscretise(case.problem, cells)), span, EXACT, np.linspace(0.0, span, LOOK + 1), 0.0, None
-    )
-    stops = case.problem.all_stops[0]
-    return first_crossing(
-        lambda t: free.at(np.array([t]))[0][0], free.t, free.tip, stops.lower_bound, stops.upper_bound
-    )
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:

@@ -8,11 +8,12 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures import Axis, Curve, Panel, Picture, column, groups, style_of
+from ..figures.chart import Axis, Curve, Panel, Picture, groups, style_of
+from ..figures.panels import column
 from ..files.cases import Case
 from ..measures.errors import Order, tip_error
+from ..measures.frequencies import steady_state, without_contact
 from ..measures.impacts import impact_times
-from ..measures.smooth_motion import steady_state, without_contact
 from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic

@@ -28,7 +28,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, one_of, positive
-from ..figures import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
+from ..figures.chart import Axis, Curve, Map, Panel, Picture
+from ..figures.panels import COLOURS, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan

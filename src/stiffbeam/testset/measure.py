@@ -1,21 +1,21 @@
-"""The errors of a motion against the answers of a problem, which are read from its file."""
+"""The errors of a motion, from arrays or a file of any program, against the answers of a problem."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, unmasked
-from ..model.contact import Stops
-from ..model.time_functions import LoadFunction, offset_rate, offset_values
-from ..trajectory.from_arrays import distinct_times, one_position
+from ..model.time_functions import offset_rate, offset_values
 from ..trajectory.impacts import Impacts
-from ..trajectory.recorder import rebounds, sampled_impacts
-from .problem import Problem, matrix, time_function
+from ..trajectory.recorder import distinct_times, one_position, rebounds, sampled_impacts
+from .problem import Problem
 
 PAIRED = 8  # impacts that are held against the known ones
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
@@ -76,7 +76,7 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     t_end: the problem's by default.
     Raises InputError for other shapes, numbers that are not finite, and times that do not cover the samples.
     """
-    data, n = problem.data, len(problem.data["initial_displacement"])
+    system, n = problem.system, problem.system.size
     unmasked("the run", t, u, v)
     t, u = np.asarray(t, float), np.asarray(u, float)
     v = None if v is None else np.asarray(v, float)
@@ -97,19 +97,16 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
     if np.count_nonzero(t <= t_end + slack) < 4:
         rule = f"hold four steps at least to t_end = {t_end:g}"
         raise InputError("the run's times", (t[0], t[-1]), rule, "are they in another unit?")
-    contacts = data.get("contacts", ())
-    first = np.array(contacts[0]["row"], float)
-    row = np.array(data["observe"], float) if "observe" in data else first
+    contact, row = system.contacts[0], system.channels[system.tip_channel][0]
     last, states, position, velocity = int(np.argmin(np.abs(t - t_end))), None, None, None
     if n == 1 and u.ndim == 1:
         u, v = u[:, None], None if v is None else v[:, None]
     if u.ndim == 2:
         states = None if v is None else (u[last], v[last])
-        offset = offset_of(contacts[0])
-        position = u @ first + offset_values(offset, t)
-        velocity = None if v is None else v @ first + offset_rate(offset, t)
+        position = u @ contact.row + offset_values(contact.offset, t)
+        velocity = None if v is None else v @ contact.row + offset_rate(contact.offset, t)
         u, v = u @ row, None if v is None else v @ row
-    elif np.array_equal(row, first) and "offset" not in contacts[0]:
+    elif np.array_equal(row, contact.row) and contact.offset is None:
         position, velocity = u, v
     return Motion(t, u, v, states, position, velocity)
 
@@ -192,31 +189,26 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
         return None
     inside = t <= (problem.t_end if t_end is None else t_end) * (1 + 1e-9)
     t, u, v = t[inside], u[inside], None if v is None else v[inside]
-    contact = problem.data["contacts"][0]
-    if problem.rigid:
-        known = problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
+    stops = problem.system.contacts[0].stops
+    if stops.rigid:
+        known = _known_impacts(problem)
         told_apart = v is not None or 3.0 * np.max(np.diff(t)) < np.min(np.diff(known), initial=np.inf)
-        return rebounds(t, u, v, stops_of(contact)) if told_apart else None
+        return rebounds(t, u, v, stops) if told_apart else None
     if v is None:
         from scipy.interpolate import CubicSpline
 
         v = np.asarray(CubicSpline(t, u)(t, 1))
-    return sampled_impacts(t, u, v, stops_of(contact))
+    return sampled_impacts(t, u, v, stops)
 
 
-def offset_of(contact: Mapping[str, Any]) -> LoadFunction | None:
-    """Motion of the contact point of a [[system.contacts]] against its stops."""
-    return time_function(contact["offset"]) if "offset" in contact else None
-
-
-def stops_of(contact: Mapping[str, Any]) -> Stops:
-    """The stops of a [[system.contacts]]."""
-    return Stops(**{key: value for key, value in contact.items() if key not in ("row", "offset")})
+def _known_impacts(problem: Problem) -> Array:
+    """The first known impact times, up to PAIRED of them."""
+    return problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
 
 
 def _late(problem: Problem, times: Array) -> float:
     """The largest error of the first impact times; NaN where none is known, or one is missing."""
-    known = problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
+    known = _known_impacts(problem)
     if not 0 < len(known) <= len(times):
         return float("nan")
     return float(np.max(np.abs(times[: len(known)] - known)))
@@ -230,7 +222,7 @@ def _peak(problem: Problem, motion: Motion) -> float:
         return motion.peak_force / known - 1.0
     if motion.position is None:
         return float("nan")
-    stops = stops_of(problem.data["contacts"][0])
+    stops = problem.system.contacts[0].stops
     if stops.dissipative and motion.velocity is None:
         return float("nan")
     u, v = _between_steps(motion, np.abs(stops.force(motion.position, motion.velocity)))
@@ -261,13 +253,114 @@ def _between_steps(motion: Motion, force: Array) -> tuple[Array, Array]:
 def _energy_error(problem: Problem, motion: Motion) -> float:
     if motion.states is None or "energy" not in problem.answers:
         return float("nan")
-    data = problem.data
     q, v = motion.states
-    energy = 0.5 * float(v @ matrix(data["mass"]) @ v + q @ matrix(data["stiffness"]) @ q)
-    for contact in () if problem.rigid else data.get("contacts", ()):
-        if "offset" in contact:
+    energy = float(sum(problem.system.free_energies(q, v)))
+    for contact in () if problem.rigid else problem.system.contacts:
+        if contact.offset is not None:
             return float("nan")
-        stops, row = stops_of(contact), np.array(contact["row"], float)
-        if stops.state(row @ q, row @ v):  # what a damped stop holds when it has let go is dissipated
-            energy += float(stops.energy(row @ q))
+        stops, u = contact.stops, contact.row @ q
+        if stops.state(u, contact.row @ v):  # what a damped stop holds when it has let go is dissipated
+            energy += float(stops.energy(u))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
+
+
+SAMPLE = 200  # numbers that are looked at
+DIGITS = range(3, 10)  # that are few
+SINGLE, NEAR = 2.0**-23, 5e-9  # the spacing of single precision; what a decimal of one is off by, relative
+
+
+def lost_to_digits(problem: Problem, motion: Motion) -> float:
+    """Largest error of the tip from rounding of the positions, and of times that are not equidistant, over its largest
+    displacement; 0 for doubles."""
+    rounding = _spacing(motion.u)
+    if rounding and np.ptp(np.diff(motion.t)) > 1e-9 * problem.t_end and "tip_velocity" in problem.answers:
+        largest, fastest = (np.max(np.abs(problem.answers[name].value)) for name in ("tip", "tip_velocity"))
+        rounding += _spacing(motion.t) * float(motion.t[-1] * fastest / largest)
+    return rounding
+
+
+def _spacing(x: Array) -> float:
+    """Between the numbers that x was rounded to, over the largest |x|; 0 where no rounding shows."""
+    numbers = x[x != 0.0]
+    numbers = numbers[:: max(1, len(numbers) // SAMPLE)]
+    if not len(numbers):
+        return 0.0
+    single = numbers.astype(np.float32).astype(float)
+    if np.all(np.abs(numbers - single) <= NEAR * np.abs(numbers)):
+        return SINGLE
+    largest = float(np.max(np.abs(numbers)))
+    for digits in DIGITS:
+        if all(float(f"{v:.{digits - 1}e}") == v for v in numbers):
+            return 10.0 ** (1 - digits)
+        places = digits - 1 - int(np.floor(np.log10(largest)))
+        if places >= 0 and all(float(f"{v:.{places}f}") == v for v in numbers):
+            return 10.0**-places / largest
+    return 0.0
+
+
+NAMES = {"t": ("t", "time"), "u": ("u", "tip", "displacement"), "v": ("v", "velocity", "tip_velocity")}
+COLUMNS = (["t", "u"], ["t", "u", "v"])
+
+
+def read_trajectory(file: Path) -> tuple[Array, ...]:
+    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them.
+
+    A first line may name them, t, u and v (or time, tip or displacement, velocity or tip_velocity) in any order; other
+    names are refused, and without names that is the order. Empty lines and those that begin with # are passed over,
+    but for names behind the # of the last line before the numbers.
+    Raises InputError naming file, line and rule for a file that cannot be read, and for lines that are not two or three
+    numbers each.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("--trajectory", str(file), "be a readable file", f"give another: {error}") from None
+    rows: list[list[float]] = []
+    names: list[str] = []
+    for number, line in enumerate(lines, start=1):
+        cells = line.replace(",", " ").replace(";", " ").split()
+        if not cells:
+            continue
+        if line.startswith("#"):
+            behind = [_known(cell) for cell in line.lstrip("#").replace(",", " ").replace(";", " ").split()]
+            if not rows and sorted(behind) in COLUMNS:
+                names = behind
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and not names:
+                names = _columns(cells, f"{file}, line {number}")
+                continue
+            remedy = "for example 0.1, 0.02, 1.5"
+            raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers", remedy) from None
+        if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
+            rule = "hold t, u and perhaps v, the same in every line"
+            empty = any(not cell.strip() for cell in re.split("[,;\t]", line))
+            remedy = "a cell is empty: fill it, or leave the line out" if empty else "write the same columns everywhere"
+            raise InputError("--trajectory", f"{file}, line {number}: {len(row)} numbers", rule, remedy)
+        rows.append(row)
+    if len(rows) < 4:
+        remedy = "write the run out at more times"
+        raise InputError("--trajectory", f"{file}: {len(rows)} lines of numbers", "hold at least 4 of them", remedy)
+    if names and len(names) != len(rows[0]):
+        raise InputError(
+            "--trajectory", f"{file}: {len(names)} names, {len(rows[0])} columns", "name every column", "t, u and v"
+        )
+    columns = dict(zip(names or "tuv", np.array(rows).T, strict=False))
+    return tuple(columns[name] for name in "tuv" if name in columns)
+
+
+def _known(cell: str) -> str:
+    """t, u or v for one of its names, else the cell itself."""
+    return next((x for x, names in NAMES.items() if cell.strip("\"'").lower() in names), cell)
+
+
+def _columns(cells: list[str], where: str) -> list[str]:
+    """t, u and v in the order of a line of names."""
+    columns = [_known(cell) for cell in cells]
+    if sorted(columns) not in COLUMNS:
+        raise InputError(
+            "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
+        )
+    return columns

@@ -11,10 +11,9 @@ from ..basics.progress import Show, silent
 from ..basics.progress import progress as shown
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .digits import lost_to_digits
 from .integrators import DEFAULT, RECORDED, Integrator, Made
 from .integrators import integrators as integrators_of
-from .measure import errors_of, impacts_of, motion_of, stops_of
+from .measure import errors_of, impacts_of, lost_to_digits, motion_of
 from .problem import Problem, problem
 from .problem import problems as all_problems
 from .scorecard import Scorecard
@@ -163,7 +162,7 @@ def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
     steps."""
     known, rows = each.statistics, []
     assert known is not None
-    stops = stops_of(each.data["contacts"][0])
+    stops = each.system.contacts[0].stops
     for steps in known.steps:
         try:
             motion = runner.solve(each, steps, known.t_end).motion
@@ -172,11 +171,10 @@ def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
         impacts = impacts_of(each, motion, known.t_end)
         if impacts is None or motion.position is None:
             return ()
-        peaks = impacts.peaks[np.isfinite(impacts.peaks)]
         seen = {
             "impacts": float(impacts.count),
             "contact_fraction": float(np.mean(stops.state(motion.position, motion.velocity) != 0)),
-            "median_peak": float(np.median(peaks)) if len(peaks) else float("nan"),
+            "median_peak": impacts.median_peak,
         }
         off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
         rows.append({"steps": float(steps), **off})

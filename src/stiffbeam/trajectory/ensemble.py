@@ -11,16 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.html import html_facts
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_facts
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
-from .dataset import arrays_of, save
 from .impacts import Impacts
 from .ledger import Ledger
-from .schema import frame_of, named, values_of
+from .schema import arrays_of, frame_of, named, save, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:

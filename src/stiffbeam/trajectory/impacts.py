@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.html import html_table
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_table
 from ..basics.validation import bound
 from ..model.contact import Stops
 from .schema import IMPACT_FIELDS, frame_of
@@ -78,6 +77,12 @@ class Impacts:
     def durations(self) -> Array:
         """Durations of the contacts, from entry to exit, (count,)."""
         return self.ends - self.times
+
+    @property
+    def median_peak(self) -> float:
+        """Median of the peaks that are known, NaN for none."""
+        peaks = self.peaks[np.isfinite(self.peaks)]
+        return float(np.median(peaks)) if len(peaks) else float("nan")
 
     def take(self, rows: Any) -> Impacts:
         """The impacts of these rows: a slice, numbers, or a mask (count,)."""

@@ -13,7 +13,6 @@ from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
-from .recorder import as_it_starts
 from .schema import LEDGER_FIELDS, frame_of
 
 if TYPE_CHECKING:
@@ -185,6 +184,19 @@ def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, imp
             rate = v @ contact.row + offset_rate(contact.offset, t)
             taken -= 0.5 * np.diff(t) * reactions[:, c] * (rate[1:] + rate[:-1])
     return work, taken
+
+
+def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """u and v of a channel at the times t with the given values at t = 0: on a stop, rounding would decide the side.
+    The velocity of rigid stops stays, because an impact may have turned it."""
+    begins = t == 0.0
+    if not np.any(begins):
+        return u, v
+    row, offset = system.channels[channel]
+    u = np.where(begins, row @ system.q0 + offset_values(offset, 0.0), u)
+    if not any(contact.stops.rigid for contact in system.contacts):
+        v = np.where(begins, row @ system.v0 + offset_rate(offset, 0.0), v)
+    return u, v
 
 
 def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array, Array]:

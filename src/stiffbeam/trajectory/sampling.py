@@ -119,58 +119,27 @@ def scan(
 
 @compiled
 def scan_by_law(
-    u: Array, v: Array, node_forces: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int,
+    u: Array, v: Array, forces: Array, means: bool, count: int, law: Array, dt: float, tally: Array, i: int, c: int,
     events: Array, rows: int, first: int,
 ) -> int:  # fmt: skip
     """``scan`` for any law, with the velocities v (count,) and the forces that nodes found, see ``force_of_node``:
-    contact is where the stop presses."""
-    stop = law_of(law[i], c)
-    side = tally[i, c, SIDE]
-    row = int(tally[i, c, ROW])
-    passed = int(tally[i, c, SINCE]) - first
-    for k in range(count):
-        new = state_of_node(u[k], v[k], node_forces[k], stop)
-        if new != side:
-            if row >= 0:
-                events[row, END] = k
-            row = -1
-            if new != 0.0 and k >= passed:
-                row = rows
-                rows += 1
-                events[row, TIME], events[row, STOP], events[row, END] = k, new, -1.0
-                events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
-            side = new
-        if side != 0.0 and k >= passed:
-            size = abs(force_of_node(u[k], v[k], node_forces[k], stop))
-            tally[i, c, TOUCHING] += 1.0
-            tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
-            tally[i, c, IMPULSE] += size * dt
-            if row >= 0:
-                events[row, IMPACT_PEAK] = max(events[row, IMPACT_PEAK], size)
-                events[row, IMPACT_IMPULSE] += size * dt
-    tally[i, c, SIDE] = side
-    tally[i, c, ROW] = row
-    tally[i, c, LAST] = abs(force_of_node(u[count - 1], v[count - 1], node_forces[count - 1], stop))
-    return rows
+    contact is where the stop presses.
 
-
-@compiled
-def scan_means(
-    u: Array, means: Array, count: int, law: Array, dt: float, tally: Array, i: int, c: int, events: Array, rows: int,
-    first: int,
-) -> int:  # fmt: skip
-    """``scan`` where the reactions are ``means`` (count,) over the steps: impulses are theirs, peaks those at u.
-
-    The last reaction of a contact is that of the step in which it ends.
+    means: the forces are means over the steps. Impulses are theirs, the last one that of the step in which a contact
+    ends; peaks and contact follow from u.
     """
     stop = law_of(law[i], c)
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first
     for k in range(count):
-        new = state(u[k], stop.g1, stop.g2)
-        impulse = abs(means[k]) * dt if k >= passed else 0.0
-        tally[i, c, IMPULSE] += impulse
+        new = state(u[k], stop.g1, stop.g2) if means else state_of_node(u[k], v[k], forces[k], stop)
+        size = impulse = 0.0
+        if new != 0.0:
+            size = abs(law_force(u[k], 0.0, stop) if means else force_of_node(u[k], v[k], forces[k], stop))
+        if k >= passed:
+            impulse = (abs(forces[k]) if means else size) * dt
+            tally[i, c, IMPULSE] += impulse
         if new != side:
             if row >= 0:
                 events[row, END] = k
@@ -183,7 +152,6 @@ def scan_means(
                 events[row, IMPACT_PEAK] = events[row, IMPACT_IMPULSE] = 0.0
             side = new
         if side != 0.0 and k >= passed:
-            size = abs(law_force(u[k], 0.0, stop))
             tally[i, c, TOUCHING] += 1.0
             tally[i, c, PEAK] = max(tally[i, c, PEAK], size)
             if row >= 0:
@@ -191,6 +159,8 @@ def scan_means(
                 events[row, IMPACT_IMPULSE] += impulse
     tally[i, c, SIDE] = side
     tally[i, c, ROW] = row
+    if not means:
+        tally[i, c, LAST] = abs(force_of_node(u[count - 1], v[count - 1], forces[count - 1], stop))
     return rows
 
 
@@ -217,12 +187,14 @@ def observe(
                 path[k] = u[i, k, c]
             opened = int(tally[i, c, ROW])
             if means.size:
-                new = scan_means(path, means[i, :, c].copy(), steps, law, dt, tally, i, c, events, rows, first)
+                forces = means[i, :, c].copy()
+                new = scan_by_law(path, forces, forces, True, steps, law, dt, tally, i, c, events, rows, first)
             elif is_linear(law_of(law[i], c)):
                 new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
             else:
                 forces = node_forces[i, :, c].copy() if node_forces.size else np.full(steps, np.nan)
-                new = scan_by_law(path, v[i, :, c].copy(), forces, steps, law, dt, tally, i, c, events, rows, first)
+                speeds = v[i, :, c].copy()
+                new = scan_by_law(path, speeds, forces, False, steps, law, dt, tally, i, c, events, rows, first)
             # The end of the impact that was open before, then times and ends of the new ones.
             for change in range(2 * rows - 1, 2 * new):
                 row, column = change // 2, END if change % 2 else TIME

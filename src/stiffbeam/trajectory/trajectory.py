@@ -16,17 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
-from ..basics.html import html_facts
-from ..basics.pictures import DRAW
+from ..basics.notebook import DRAW, html_facts
 from ..basics.resources import afford
 from ..basics.text import sentence
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive
-from .dataset import arrays_of, save
-from .from_arrays import NO_REACTIONS, NO_STATES, run_fields
 from .impacts import ContactRecord, Impacts
-from .recorder import as_it_starts, sampled_impacts
-from .schema import frame_of, named, values_of
+from .ledger import Ledger, as_it_starts
+from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
+from .schema import arrays_of, frame_of, named, save, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
 
     from ..model.contact import Stops
     from ..model.system import System
-    from .ledger import Ledger
 
 # A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]

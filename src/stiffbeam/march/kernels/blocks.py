@@ -27,7 +27,6 @@ from ...trajectory.sampling import (
     TIME,
     scan,
     scan_by_law,
-    scan_means,
     switch_time,
 )
 
@@ -491,7 +490,7 @@ def run(
                         if rule == MEAN:
                             for k in range(count):
                                 v_all[k] = forces[k * m + c]
-                            new = scan_means(u, v_all, count, law, dt, tally, i, c, events, rows, at)
+                            new = scan_by_law(u, v_all, v_all, True, count, law, dt, tally, i, c, events, rows, at)
                         else:
                             for k in range(count):
                                 v_all[k] = speed(
@@ -499,7 +498,7 @@ def run(
                                 )
                                 if end_first[c] < N:
                                     f_all[k] = forces[entry + k * stride]
-                            new = scan_by_law(u, v_all, f_all, count, law, dt, tally, i, c, events, rows, at)
+                            new = scan_by_law(u, v_all, f_all, False, count, law, dt, tally, i, c, events, rows, at)
                     # The end of the impact that was open before, then times and ends of the new ones.
                     for change in range(2 * rows - 1, 2 * new):
                         row, column = change // 2, END if change % 2 else TIME

@@ -1,22 +1,26 @@
-"""Run a study: its points one by one or in parallel; finished ones are kept."""
+"""Run a study: its points one by one, on processes or on a Dask scheduler; finished ones are kept."""
 
 from __future__ import annotations
 
 import inspect
+import multiprocessing
 import os
 import pickle
+import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
-from contextlib import closing, nullcontext
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...basics.progress import Show, silent
 from ...basics.resources import cores
+from ...basics.storage import source_hash
 from ...basics.validation import InputError, integer
 from ...files.cases import Case, case_of, find_case
 from ...march.warm import COMPILING, any_law, compiled, warm_up
@@ -27,12 +31,9 @@ from ...trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfini
 from .journal import Journal
 from .study import Point, Records, Row, Study
 from .table import Table
-from .workers import processes, starting
 
-Progress = Callable[[str, int, int], None]
 LISTED = 10_000  # rows that records hold as a list; more stay in columns
 DEATHS = 3  # of processes without a point in between, until it is given up
-GO_ON = "finished points are kept, run the same command again"
 _ALONE = threading.Lock()  # a process evaluates one point at a time, whatever executor it belongs to
 
 
@@ -42,7 +43,7 @@ def run_study(
     folder: str | Path | None = None,
     jobs: int = 1,
     executor: Executor | None = None,
-    progress: Progress = lambda what, done, total: None,
+    progress: Show = silent,
     **options: Any,
 ) -> Records:
     """Evaluate every point of ``study`` on ``case``; with a System ``dt`` and ``t_end`` have to be given.
@@ -185,3 +186,137 @@ def evaluate_point(evaluate: Callable[[Case, Point], list[Row]], case: Case, poi
             rows = [{"failed": f"{type(error).__name__}: {error}"}]
     entries = {name: value for name, value in point.items() if not isinstance(value, list)}
     return [entries | row for row in rows]
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def starting(threads: int) -> Generator[None, None, None]:
+    """Context in which processes start with this number of BLAS threads, which the BLAS reads when it is loaded, and
+    without interruption.
+
+    The matrices are so small that its threads mostly wait for each other. Held while processes start and
+    no longer: the environment belongs to everything that runs in this process.
+    """
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    before = {name: os.environ.pop(name) for name in names if name in os.environ}
+    os.environ.update(dict.fromkeys(names, str(threads)))
+    try:
+        with undisturbed():
+            yield
+    finally:
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+@contextmanager
+def undisturbed() -> Generator[None, None, None]:
+    """SIGINT and SIGTERM wait for the end of the block: a process that is half begun cannot be ended without a
+    traceback. Those that begin in it do not hear them before ``begin_worker``."""
+    if sys.platform == "win32" or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: held.append(number)) for number in SIGNALS}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for number in held[:1]:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def processes(workers: int, threads: int) -> Generator[ProcessPoolExecutor, None, None]:
+    """A pool whose processes begin as they are needed, each with so many threads, and end with the block.
+
+    Spawned, since a forked jax or numba may hang. Where the block fails they are stopped as they are: what they
+    had not finished is computed again, and nobody waits for it now.
+    """
+    pools: list[ProcessPoolExecutor] = []
+    try:
+        with undisturbed():  # a pool that is half made, or half ended, leaves its semaphores behind
+            spawn = multiprocessing.get_context("spawn")
+            pools.append(ProcessPoolExecutor(workers, spawn, begin_worker, (threads,)))
+        yield pools[0]
+        with undisturbed():
+            pools[0].shutdown(cancel_futures=True)
+    except BaseException:
+        for pool in pools:
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(cancel_futures=True)
+        raise
+
+
+def begin_worker(threads: int) -> None:
+    """A worker marches ensembles on so many threads, leaves Ctrl-C to the process that started it, and ends when that
+    is gone."""
+    os.environ["STIFFBEAM_THREADS"] = str(threads)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+GO_ON = "finished points are kept, run the same command again"
+PATIENCE = 30  # seconds for the scheduler to answer and for a first worker
+
+
+@contextmanager
+def scheduler(address: str) -> Generator[Executor, None, None]:
+    """An executor on the workers at ``address``, e.g. ``tcp://host:8786``.
+
+    Start them with ``dask scheduler`` and, on every machine, ``dask worker tcp://host:8786 --nworkers N
+    --nthreads K``, N K its cores: a worker process evaluates one point at a time, an ensemble on K
+    threads. What a worker that dies had not finished goes to another. Raises InputError where there is
+    no Dask, no scheduler, no worker or another stiffbeam, and Unfinished where workers keep dying.
+    """
+    try:
+        from distributed import Client, KilledWorker, WorkerPlugin
+        from distributed.comm.core import CommClosedError
+    except ImportError:
+        raise InputError(
+            "scheduler", address, "find Dask distributed installed", "pip install 'stiffbeam[dask]'"
+        ) from None
+
+    class Share(WorkerPlugin):
+        """Every worker, also one that joins later, gives an ensemble the threads it has."""
+
+        def setup(self, worker: Any) -> None:
+            os.environ["STIFFBEAM_THREADS"] = str(worker.state.nthreads)
+
+    try:
+        client = Client(address, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        remedy = f"start one with: dask scheduler ({error})"
+        raise InputError("scheduler", address, "be the address of a running scheduler", remedy) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            remedy = f"start one with: dask worker {address} --nthreads 1"
+            raise InputError("scheduler", address, "have a worker", remedy) from None
+        hashes: Any = client.run(source_hash)
+        for worker, theirs in hashes.items():
+            if theirs != source_hash():
+                raise InputError("worker", worker, "run the same stiffbeam", "install this version there")
+        client.register_plugin(Share(), name="stiffbeam threads")
+        try:
+            yield client.get_executor(pure=False)
+        except (KilledWorker, CancelledError, CommClosedError) as error:
+            raise Unfinished(
+                f"the workers of {address} were lost ({str(error) or type(error).__name__}): {GO_ON}"
+            ) from None

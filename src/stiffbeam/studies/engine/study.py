@@ -14,12 +14,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...basics.html import html_table
+from ...basics.notebook import html_table
 from ...basics.resources import afford
 from ...basics.storage import write_whole
-from ...basics.text import plain
+from ...basics.text import cells_of, plain
 from ...basics.validation import InputError, integer, near, positive
-from ...figures import Axis, Panel, Picture, heading, render, save_figure, short, with_nan
+from ...figures.chart import Axis, Panel, Picture, render
+from ...figures.panels import heading, save_figure, short, with_nan
 from ...model.drive import stays_at_rest
 from ...references import substitute
 from ...references.registry import BEST
@@ -87,8 +88,8 @@ class Answer(str):
 
     def text(self) -> str:
         """Verdict, table and notes as lines of plain text."""
-        names = list(dict.fromkeys(name for line in self.table for name in line))
-        cells = [names, *([line.get(name, "\N{EN DASH}") for name in names] for line in self.table)] if names else []
+        heads, rows = cells_of(self.table)
+        cells = [heads, *rows] if heads else []
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
         return "\n".join(filter(None, [self.verdict, *lines, self.notes]))
@@ -202,8 +203,7 @@ class Records:
 
     def _repr_html_(self) -> str:
         answer = self.answer
-        heads = list(dict.fromkeys(key for line in answer.table for key in line))
-        rows = [[line.get(head, "–") for head in heads] for line in answer.table]
+        heads, rows = cells_of(answer.table)
         notes = [f"<p>{escape(text)}</p>" for text in (answer.verdict, answer.notes) if text]
         return "".join([notes[0], html_table(heads, rows) if rows else "", *notes[1:]])
 

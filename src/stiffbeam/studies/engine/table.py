@@ -126,7 +126,30 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-class Table(Sequence[Row]):
+class _Rows(Sequence[Row]):
+    """Dictionaries that are made when they are asked for."""
+
+    @overload
+    def __getitem__(self, i: int) -> Row: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Row]: ...
+    def __getitem__(self, i: int | slice) -> Row | list[Row]:
+        """Row i, or those of a slice as a list."""
+        if isinstance(i, slice):
+            start, stop, step = i.indices(len(self))
+            return list(islice(self, start, stop, step)) if step > 0 else list(self)[i]
+        i = i + len(self) if i < 0 else i
+        if i >= 0:
+            for row in self._from(i):
+                return row
+        raise IndexError(i)
+
+    def _from(self, i: int) -> Iterator[Row]:
+        """The rows from number i >= 0 on."""
+        return islice(self, i, None)
+
+
+class Table(_Rows):
     """Rows of many points, a Sequence of dictionaries that makes each of them when it is asked for.
 
     Examples
@@ -150,19 +173,10 @@ class Table(Sequence[Row]):
     def __iter__(self) -> Iterator[Row]:
         return chain.from_iterable(self.parts)
 
-    @overload
-    def __getitem__(self, i: int) -> Row: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[Row]: ...
-    def __getitem__(self, i: int | slice) -> Row | list[Row]:
-        """Row i, or those of a slice as a list."""
-        if isinstance(i, slice):
-            return [self[k] for k in range(*i.indices(len(self)))]
-        i = i + len(self) if i < 0 else i
-        if not 0 <= i < len(self):
-            raise IndexError(i)
+    def _from(self, i: int) -> Iterator[Row]:
         part = bisect_right(self._ends, i)
-        return next(islice(self.parts[part], i - (self._ends[part - 1] if part else 0), None))
+        before = self._ends[part - 1] if part else 0
+        return islice(chain.from_iterable(self.parts[part:]), i - before, None)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sequence) or len(other) != len(self):
@@ -175,7 +189,7 @@ class Table(Sequence[Row]):
         return f"<Table: {len(self)} rows of {len(self.parts)} points>"
 
 
-class Selection(Sequence[Row]):
+class Selection(_Rows):
     """Rows of a Sequence that a test keeps, each of them changed, made when they are asked for."""
 
     def __init__(
@@ -193,15 +207,3 @@ class Selection(Sequence[Row]):
 
     def __len__(self) -> int:
         return self._count
-
-    @overload
-    def __getitem__(self, i: int) -> Row: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[Row]: ...
-    def __getitem__(self, i: int | slice) -> Row | list[Row]:
-        """Row i, or those of a slice as a list."""
-        if isinstance(i, slice) or i < 0:
-            return list(self)[i]
-        for row in islice(self, i, None):
-            return row
-        raise IndexError(i)

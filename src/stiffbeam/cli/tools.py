@@ -1,4 +1,4 @@
-"""``stiffbeam doctor``: versions, folders, and a test of every solver."""
+"""``stiffbeam cases``: list the cases; ``stiffbeam doctor``: versions, folders, and a test of every solver."""
 
 from __future__ import annotations
 
@@ -6,16 +6,46 @@ import platform
 import re
 import time
 from importlib.metadata import PackageNotFoundError, requires, version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .application import app
-from .options import Json
-from .output import check_json, console, write_json
+from .options import Json, option
+from .output import check_json, console, say, table_of, write_json
 
 if TYPE_CHECKING:
     from ..basics.progress import Show
+
+
+@app.command()
+def cases(
+    show: Annotated[str | None, option("print one case as TOML, as a start for your own file")] = None,
+    json_file: Json = None,
+) -> None:
+    """List the paper's cases."""
+    from ..files.cases import case_text, paper_cases
+
+    check_json(json_file)
+    if show is not None:
+        say(case_text(show).rstrip())
+        return
+    listed = paper_cases().values()
+    rows: list[dict[str, Any]] = [
+        {
+            "name": c.name, "title": c.title, "cells": c.cells, "dt": c.dt, "t_end": c.t_end,
+            "runs": [f"{scheme}@{form}" for scheme, form in c.runs],
+            "published": c.published, "inferred": list(c.notes),
+        }
+        for c in listed
+    ]  # fmt: skip
+    if write_json("cases", {"cases": rows}, json_file):
+        return
+    columns = ("title", "cells", "dt", "t_end")
+    lines = [{"case": row["name"], **{x: str(row[x]) for x in columns}, "runs": "\n".join(row["runs"])} for row in rows]
+    console().print(table_of(lines))
+    say("All are non-dimensional.")
+    say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 
 @app.command()

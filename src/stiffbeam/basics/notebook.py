@@ -1,9 +1,10 @@
-"""Tables for notebooks, in HTML."""
+"""What a notebook shows of a result: tables in HTML, and pictures, which objects call by name."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
+from typing import Any
 
 
 def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
@@ -27,3 +28,6 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str
 def html_facts(title: str, facts: Iterable[tuple[str, str]]) -> str:
     """A table of names and values under a title; facts without a value are left out."""
     return html_table([], [(name, value) for name, value in facts if value], title)
+
+
+DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"
