@@ -1,6 +1,6 @@
 """Does ``advise`` name the right source of uncertainty? Random beams, each ranked by brute force with other draws.
 
-    python tests/campaigns/doubt_ranks.py --systems 20 --seed 1
+    python tests/campaigns/doubt_ranks.py --systems 20 --seed 3
 
 Every beam has a mesh, one uncertain parameter and admissible errors, all random over decades, so that scheme, mesh and
 data all come first somewhere. Brute force draws other members, builds each beam by itself and follows it by matrix
