@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -11,8 +12,10 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+import typer
 
 import stiffbeam as sb
+from stiffbeam.cli.application import app
 
 MINE = """
 [[case]]
@@ -312,6 +315,18 @@ def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
     loaded = process.stdout.rpartition("[")[2]
     assert f"'{light}'" in loaded
     assert not [name for name in HEAVY if f"'{name}'" in loaded]
+
+
+def test_no_help_has_words_in_brackets():
+    """Words in brackets are a style to the program that prints the help, which leaves them out."""
+    commands = typer.main.get_command(app)
+    context = commands.make_context("stiffbeam", ["cases"], resilient_parsing=True)
+    names = commands.list_commands(context)
+    assert {"compare", "advise", "doubt", "sweep"} <= set(names)
+    for name in names:
+        command = commands.get_command(context, name)
+        texts = [command.help or "", *(getattr(option, "help", "") or "" for option in command.params)]
+        assert not [text for text in texts if re.search(r"\[[a-z][\w.]*\]", text)], name
 
 
 def test_kernels_that_may_not_be_compiled_are_refused(tmp_path, monkeypatch):

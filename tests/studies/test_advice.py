@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,8 +102,11 @@ def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypat
     (tmp_path / "thrown.toml").write_text(thrown_case(0.5))
     case = sb.load_cases(tmp_path / "thrown.toml")["thrown"]
     want = {"tip": 0.01, "peak_force": 0.01}
-    found = sb.advise(case, want, schemes=[sb.HHT(alpha=-0.1)], members=8)
+    told = []
+    found = sb.advise(case, want, schemes=[sb.HHT(alpha=-0.1)], members=8, tell=told.append)
     assert found.recommendation is not None
+    assert told[-1].startswith(str(replace(found, doubt=None)))  # who does not wait for the rest has the advice
+    assert "its sources of uncertainty take at least " in told[-1]
     assert [x.quantity for x in found.budgets] == ["tip", "largest force"]
     assert found.budgets[1].dominant == "mesh"
     assert found.budgets[0].verdict in str(found)

@@ -32,7 +32,8 @@ def advise(
 ) -> None:
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
-    For a case with [case.uncertain] it also ranks scheme, mesh and data as sources of uncertainty of the advised run.
+    For a case with a table case.uncertain it also ranks scheme, mesh and data as sources of uncertainty of the advised
+    run. The advice itself stands on stderr before that.
 
     After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
     """
@@ -79,7 +80,7 @@ def doubt(
     uncertain: Annotated[str | None, option("path=tolerance,..., relative; default: those of the case file")] = None,
     scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
     dt: Dt = None,
-    members: Annotated[int, option("number of random systems, each solved on two meshes")] = 48,
+    members: Annotated[int, option("number of random systems, each solved on two meshes, at least 8")] = 48,
     seed: Annotated[int, option("seed of the random systems")] = 1,
     tolerance: Annotated[float, option("for the data horizon, relative to the largest |u|")] = 0.05,
     json_file: Json = None,
@@ -87,7 +88,7 @@ def doubt(
     """Contributions of rounding, scheme, mesh and data to the uncertainty of every quantity, and the largest of the
     four.
 
-    The tolerances are those of the case file, under [case.uncertain].
+    The tolerances are those of the case file, in its table case.uncertain.
     """
     from ..files.cases import find_case
     from ..schemes.labels import parse_run

@@ -62,7 +62,7 @@ def compare(
     doubt: Annotated[
         bool,
         typer.Option(
-            "--doubt", help="add the sources of uncertainty of every scheme; for a case with [case.uncertain]"
+            "--doubt", help="add the sources of uncertainty of every scheme; for a case with a table case.uncertain"
         ),
     ] = False,
     rates: Annotated[

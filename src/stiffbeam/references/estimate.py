@@ -34,10 +34,9 @@ def expected_seconds(
     how many times; a pilot has its share of them.
 
     The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide first. Only if
-    they come near ``worth`` are there pilot runs. The first pilot loads libraries and tells only whether the estimate
-    is far below ``worth``; compiling stops the clock. Set-up time is part of both others and is not multiplied by the
-    span. A multiprecision solution has no estimate (0.0), because its digits grow with the span. Neither has one that
-    is refused or fails.
+    they come near ``worth`` are there pilot runs. The first pilot over each span compiles its code and is not counted.
+    Set-up time is part of both others and is not multiplied by the span. A multiprecision solution has no estimate
+    (0.0), because its digits grow with the span. Neither has one that is refused or fails.
     """
     entry = REFERENCES[method]
     if entry.kind == MULTIPRECISION:
@@ -58,6 +57,7 @@ def expected_seconds(
         first = solutions * PARTS * pilot(1)
         if first < worth:
             return first
+        pilot(2)
         once, twice = pilot(1), pilot(2)
     except (InputError, SolverFailure):
         return 0.0  # the run itself will say

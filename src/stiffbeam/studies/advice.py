@@ -527,11 +527,15 @@ def advise(
     if chosen is not None:
         run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
         until = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
-    return Advice(
+    advice = Advice(
         wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(tried), system,
         dict(criterion.scatter), remark(system, exact),
-        _doubt(case, chosen, wanted, members, show) if case is not None and case.uncertain and chosen else None,
     )  # fmt: skip
+    if case is None or not case.uncertain or chosen is None:
+        return advice
+    seconds = 2.0 * min(FEW, max(8, members)) * exact.work.march_seconds
+    tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
+    return replace(advice, doubt=_doubt(case, chosen, wanted, members, show))
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
