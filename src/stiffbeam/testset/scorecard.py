@@ -227,6 +227,7 @@ LEGEND = (
     "rms error of the tip at the finest step or tolerance, over the largest displacement. ! this or another error does "
     "not fall with the step, or misses the tolerance. < the order is too low. – not supported"
 )
+LONG = 12  # letters of a heading that stay on one line
 PAST_TITLE = "Past the horizon: deviation of one run, in standard deviations of the exact motions"
 ODD = 0.1  # of a velocity: what it is off by where more than the step is wrong with it
 COLUMNS = (
@@ -357,7 +358,8 @@ def _table(title: str, headings: Sequence[str], rows: list[list[str]]) -> Table:
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1))
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if 0 < i < len(headings) - (headings[-1] == "outcome") else "left",
+        broken = heading.replace("(", "\n(") if len(heading) > LONG else heading  # not within a word
+        table.add_column(broken, justify="right" if 0 < i < len(headings) - (headings[-1] == "outcome") else "left",
                          no_wrap=heading == "problem", overflow="fold")  # fmt: skip
     for row in rows:
         table.add_row(*row)
