@@ -63,6 +63,7 @@ class ExactPeriod:
         self.frequency = frequencies[0]
         ratio, pi = exact_value(self.frequency)
         self.turns = round(period * float(self.frequency) / (2.0 * np.pi))
+        # All drives must repeat after one exact period; the doubles next to 0.1 and 0.3 do not.
         for frequency in frequencies[1:]:
             other, other_pi = exact_value(frequency)
             if pi != other_pi or (self.turns * other / ratio).denominator != 1:
@@ -125,10 +126,13 @@ class BallSystem(LinearFlow):
             stop, contact = 1 if side > 0 else -1, self.problem.contacts[c]
             if side == 0:
                 stops = (-1, contact.g1), (1, contact.g2)
+                # Open: the gaps to both stops.
                 quantities += [Watched(c, stop, False, -1) for stop, g in stops if g is not None]
             elif abs(side) == LET_GO:
+                # Beyond a damped stop that has let go: still deeper than the stop, with a force that would pull.
                 quantities += [Watched(c, stop, False, 1), Watched(c, stop, True, -1)]
             else:
+                # Pressed: beyond the stop, and on a damped one with a force that presses.
                 damped = self.system.contacts[c].stops.damping > 0.0
                 quantities += [Watched(c, stop, lagging, 1) for lagging in ((False, True) if damped else (False,))]
         return quantities
@@ -150,10 +154,12 @@ class SignProver:
             sizes = np.array([[float(x.abs_upper()) for x in line] for line in G.tolist()])
             sizes *= 1.0 + 1e-12  # for the float64 sums below
             w = np.ones(len(sizes))
+            # The power method lowers the rate, so that L is longer. The sum with w keeps all weights positive.
             for _ in range(WEIGHINGS):
                 w = w + sizes @ w / max(float(np.max(sizes)), 1e-300)
                 w /= np.max(w)
             rate = max(float(np.max(sizes @ w / w)), 1e-300) * (1.0 + 1e-12)
+            # A power of two, so that L and its multiples are exact.
             length = arb(2.0 ** np.floor(np.log2(THETA / rate)))
             self._scales[key] = length, G * length, w, float(length) * rate
         return self._scales[key]
@@ -178,10 +184,12 @@ class SignProver:
         start, end: Z at the two ends, tau apart. zeros: keys of the forms that are zero there, None for none.
         """
         length = self.regime(sides)[0]
+        # Lengths L from the start, and one part back from the end: a zero at either end is at x = 0.
         count = int(float(tau / length) - 0.5) if tau >= 2 * length else 0
         pieces = [(self.ahead(sides, start, k), k * length, length, 1, k == 0) for k in range(count)]
         if count == 0:
             pieces = [(start, arb(0), tau / 2, 1, True)]
+        # The part at the end has half to one and a half L; a short segment is two halves.
         remaining = tau - count * length if count else tau / 2
         pieces.append((end, tau, remaining, -1, True))
         for Z, at, width, direction, edge in pieces:
@@ -191,6 +199,7 @@ class SignProver:
                 form = self.balls.form(*quantity.form) * quantity.sign
                 p = (series * form.transpose()).entries()
                 tail = self._tail(sides, form, tails)
+                # Zero at this end: p/x has to be positive, and with it the rate there.
                 if quantity.form == zero:
                     p = p[1:]
                     p[0] += tail
@@ -215,6 +224,7 @@ class SignProver:
         _, _, w, theta = self.regime(sides)
         size = max(float(abs(x).upper()) / weight for x, weight in zip(last.entries(), w.tolist(), strict=True))
         reach = sum(float(abs(x).upper()) * weight for x, weight in zip(form.entries(), w.tolist(), strict=True))
+        # The factor and the last term exceed what this float64 arithmetic rounds off.
         bound = size * reach / (1.0 - LONGEST * theta / (TERMS + 1)) * (1.0 + 1e-9) + 1e-250
         return arb(0, bound)
 
@@ -224,6 +234,7 @@ def positive(p: list[Any]) -> tuple[Any, bool | None] | None:
 
     Else a place where this is not proved, and False where p is negative there.
     """
+    # The cheap test: the constant exceeds all other terms.
     if p[0].lower() > sum((abs(x).upper() for x in p[1:]), arb(0)):
         return None
     waiting = [(arb(0), arb(1), 0)]
@@ -232,11 +243,14 @@ def positive(p: list[Any]) -> tuple[Any, bool | None] | None:
         b = bernstein(p, a, w)
         if all(x > 0 for x in b):
             continue
+        # The first and the last coefficient are values of p, which disprove a sign.
         for value, place in ((b[0], a), (b[-1], a + w)):
             if value < 0:
                 return place, False
+        # Where both ends may be zero, smaller intervals decide nothing.
         if depth == BISECTIONS or (b[0].contains(0) and b[-1].contains(0)):
             return a + w / 2, None
+        # The left half comes next, so that the first failure is reported.
         waiting += [(a + w / 2, w / 2, depth + 1), (a, w / 2, depth + 1)]
     return None
 
@@ -249,7 +263,9 @@ def identity(size: int) -> Any:
 def frame_of(system: System, period: float) -> Array:
     """Free modes with q' over their frequencies, in float64: (N, N), exact as they are."""
     d = Drive.of(system).size
+    # Any invertible columns serve, since they count as exact numbers: float64 is enough.
     squares, shapes = scipy.linalg.eigh((system.stiffness + system.stiffness.T) / 2.0, system.mass)
+    # A rigid motion has frequency 0: one turn in the period is its unit.
     omega = np.sqrt(np.maximum(squares, (2.0 * np.pi / period) ** 2))
     return np.asarray(scipy.linalg.block_diag(shapes / omega, shapes, np.eye(d)))
 

@@ -81,8 +81,10 @@ def reference_ensemble(
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
     t_end = positive("t_end", t_end)
+    # A Reference has two output times at least, also where none are kept.
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
+    # Times the first member's reference and solution: half of it stands for one member in the executor's slices.
     begun_with = perf_counter()
     best = best_reference(members[0], t_end, progress=silent)
     method, horizon = str(best.provenance["method"]), best.horizon
@@ -105,6 +107,7 @@ def reference_ensemble(
     parts = [Runs.of([first], len(times)), *parts]
     seconds = wall_clock() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
+    # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, one, members, t_end, at)
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
@@ -131,6 +134,7 @@ class Solving:
         def solve(part: EnsembleMembers) -> Runs:
             return Runs.joined([Runs.of([one(x, t_end, self.at, known, since)], self.outputs) for x in part])
 
+        # Members that differ in their starts alone share one tracer.
         exact = self.method == "exact" and not system.rigid
         if not exact or not set(members.fields) <= {"q0", "v0"}:
             return solve

@@ -43,6 +43,7 @@ def expected_seconds(
         return 0.0
     if solutions is None:
         solutions = COPIES if entry.kind == EXACT else _judged(system, t_end)
+    # Work grows with the angle that the fastest motion turns through, and with a restart at every sample.
     samples = sum(len(part.t) for f in system.time_functions for part in parts_of(f) if isinstance(part, Sampled))
     angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
     scale = angle / FASTEST_TIME * max(1.0, system.size / CELLS) ** 2
@@ -54,13 +55,16 @@ def expected_seconds(
         return solve(system, float(times[-1]), method, times, rtol, atol, "auto", steps).work.march_seconds
 
     try:
+        # Too high where this first pilot compiles: if even so it is short, no other is needed.
         first = solutions * PARTS * pilot(1)
         if first < worth:
             return first
+        # This run compiles for the longer span.
         pilot(2)
         once, twice = pilot(1), pilot(2)
     except (InputError, SolverFailure):
         return 0.0  # the run itself will say
+    # One part more costs twice - once; the set-up is part of both and is counted once.
     return solutions * (once + (PARTS - 1) * max(0.0, twice - once))
 
 

@@ -76,7 +76,9 @@ def _reach(run: Trajectory) -> Array:
     system, state_at = run.system, getattr(run, "state_at", None)
     if system is None or state_at is None:
         return np.zeros(1 + len(run.contacts))
+    # Every so many outputs, rounded up: at most LOOKS states.
     q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
+    # The inequality of Cauchy and Schwarz in the norm of M.
     length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
     rows = np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(run.contacts)))])
     return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
@@ -91,6 +93,7 @@ def agree_until(
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
         close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
         if not np.all(close):
+            # The last output before the first difference.
             horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
     for c, d in zip(a.impacts, b.impacts, strict=True):
         least = min(tolerance, apart(max(c.count, d.count), end))
@@ -109,9 +112,11 @@ def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float, ch
     a, b = (_after(tolerance, x) for x in (a, b))
     n = min(a.count, b.count)
     bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    # Both sequences agree up to the earlier of the first two impacts that do not match.
     if np.any(bad):
         k = int(np.argmax(bad))
         return float(min(a.times[k], b.times[k]))
+    # Where one sequence is longer, its next impact is missing in the other.
     unpaired = np.concatenate([a.times[n:], b.times[n:]])
     unpaired = unpaired[unpaired < end - tolerance]
     if chatters and n:
@@ -140,6 +145,7 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
 def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
     """Perturbed copies of the exact solution, an endless sequence, each by ``size`` in its own way; t: as in
     ``Watched``."""
+    # All copies share the unperturbed modes.
     source = Source(system, span=t_end)
     for seed in count():
         with within_float64("exact", t_end):
@@ -168,15 +174,18 @@ def exact_horizon(
     from .exact.lyapunov import predicted_horizon
 
     eps = MARGIN * float(np.finfo(float).eps)
+    # Errors that no copy shows end the horizon by estimates: of phases, free modes and slow modes.
     tolerance, solution = time_tolerance(system, t_end), reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
     unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
     unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
     horizon, own, scales = unseen, watched(reference), scales_of(reference)
+    # The first copy to diverge ends it.
     others = copies(system, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         horizon = min(horizon, agree_until(own, next(others), tolerance, scales, PART))
+    # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
         horizon = min(unseen, _soon(reference, system, t_end, eps))
     return horizon, {
@@ -189,6 +198,7 @@ def _of_free_modes(system: System) -> float:
     """omega^2 t^2/12 of a free motion under a constant force is lost where omega^2 is the rounding of a zero."""
     basis = undamped_modes(system)
     shapes = basis.shapes[:, basis.omega == 0.0]
+    # Under a constant force q = f t^2/2 (1 - omega^2 t^2/12 + ...); a zero of K is known to its rounding.
     terms = np.sum(np.abs(shapes) * (np.abs(system.stiffness) @ np.abs(shapes)), axis=0)
     largest = float(np.max(rounding_of_zero(terms, system.size), initial=0.0))
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
@@ -199,6 +209,7 @@ def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
     closed = [
         (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
     ]
+    # Dashpots of closed contacts damp the system in this regime.
     C = system.damping + sum(c * np.outer(row, row) for row, _, _, c in closed)
     if not np.any(C):
         return np.inf
@@ -252,6 +263,7 @@ def with_horizon(
         against = notes.pop("against")
     else:
         show(f"{reference.provenance['method']}: a second solution for its horizon", 1, 2)
+        # The exact solution is the better judge where it exists.
         try:
             other = solve_exact(system, t_end, reference.t)
             against = "exact"
@@ -264,6 +276,7 @@ def with_horizon(
             spacing = reference.provenance.get("loads_scanned_every", 0.0)
             against += f"; loads sampled every {spacing:.2g}" if spacing else ""
         horizon = agreement(reference, other, tolerance, PART)
+    # The tolerance to state is the strictest: contacts that are hit often have a smaller one.
     tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])
     notes |= {
         "horizon": horizon,

@@ -39,6 +39,7 @@ class JaxFlow:
         self.system, self.wrt, self.t, self.quantity = system, tuple(wrt), t, quantity
         self.start = np.array([value_at(system, path) for path in self.wrt])
         self._known: tuple[bytes, tuple[Array, Array]] | None = None
+        # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
         values, slopes = self._solved(self.start, derive=True)
         if np.any(np.isnan(values)):
             horizon = float(t[np.argmax(np.isnan(values).reshape(len(t), -1).any(axis=1))])
@@ -76,6 +77,7 @@ class JaxFlow:
         system = with_values(self.system, dict(zip(self.wrt, values.tolist(), strict=True)))
         run = reference(system, float(self.t[-1]), t_eval=self.t)
         states = np.concatenate(run.states, axis=1) if self.quantity == "state" else None
+        # A copy: NaN must not enter the Reference.
         result = np.array(getattr(run, self.quantity) if states is None else states)
         result[self.t > run.horizon] = np.nan
         slopes = np.empty(0)
@@ -91,6 +93,7 @@ class JaxFlow:
         import jax
 
         shape = jax.ShapeDtypeStruct(self._shapes[0], np.float64)
+        # The solver takes one system at a time, so vmap calls it member by member.
         return jax.pure_callback(lambda x: self._solved(x, False)[0], shape, values, vmap_method="sequential")
 
     def _derived(self, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:

@@ -206,6 +206,7 @@ def prove(orbit: Orbit, bits: int | None = None) -> OrbitProof:
         plan = itinerary_of(orbit)
         if bits is None:
             used = _enough_bits(orbit, plan, exact, frame)
+        # Twice the bits after each failure, until the proof holds or more bits cannot help.
         while True:
             try:
                 with carried(used):
@@ -240,6 +241,7 @@ def itinerary_of(orbit: Orbit) -> Itinerary:
         c = int(changed[0])
         old, new = sides[i - 1][c], sides[i][c]
         if path.rigid:
+            # An impact leaves no side in the path: the nearer stop is the one that is hit.
             stops, u = contacts[c].stops, float(contacts[c].row @ path.q[i])
             u += float(Drive.of(orbit.system).offset(orbit.system, c)(path.times[i : i + 1])[0][0])
             stop = 1 if abs(u - stops.upper_bound) < abs(u - stops.lower_bound) else -1
@@ -273,6 +275,7 @@ def _attempt(orbit: Orbit, plan: Itinerary, exact: ExactPeriod, frame: Array) ->
     """Enclosures of a proved orbit at the current precision. Raises NotProved."""
     full, k = ctx.prec, len(plan.events)
     balls, period = BallSystem(orbit.system, frame), exact.ball
+    # Approximate event times, then F there in balls.
     middle = _refined(plan, balls, period)
     chain = linked(balls, plan, _flows(balls, plan, middle, period))
     times = list(middle)
@@ -280,32 +283,39 @@ def _attempt(orbit: Orbit, plan: Itinerary, exact: ExactPeriod, frame: Array) ->
         # F'(X) over a box of the size that Newton's step needs
         inverse = _float_inverse(chain, plan, balls)
         step = (inverse * arb_mat([[f] for f in chain.F])).entries()
+        # The box has room for Newton's step, and is never thinner than the precision.
         radius = (WIDER * max(abs(x).upper() for x in step) + period.upper() * arb(2) ** -full).mid()
         if not radius < period / 1000:
             raise NotProved("Newton's step on the event times is not small")
         chain = linked(balls, plan, _widened(balls, plan, chain.flows, radius))
         rest = identity(k) - inverse * slopes_of(balls, plan, chain)
         for i, line in enumerate(rest.tolist()):
+            # Krawczyk's test in each component: the image of the box lies inside it.
             reach = sum((abs(x).upper() for x in line), arb(0)) * radius
             if not abs(step[i]).upper() + reach < radius:
                 raise NotProved("Krawczyk's operator does not map the box of event times into itself")
+            # The image contains the zero as well, and is smaller than the box.
             times[i] = (middle[i] - step[i]) + arb(0, reach.upper())
+    # All events are in order, and none is at an end of the period.
     edges = [arb(0), *times, period]
     for i in range(k + 1):
         if not edges[i + 1] > edges[i]:
             remedy = "shift the phase of the loads" if i in (0, k) else ""
             raise NotProved(f"events {i} and {i + 1} of {k} are not apart", remedy)
+    # The proved orbit must be the float64 one, not another with the same events.
     distance = _distance(orbit, balls, chain)
     if not distance < NEAR:
         reason = f"the orbit with this itinerary is another one, {distance:.1e} away"
         raise NotProved(reason, "polish the orbit with periodic_orbit", hopeless=True)
     _prove_signs(orbit, plan, exact, frame, chain, times)
     D = monodromy_of(balls, plan, chain)
+    # I - D invertible in balls: no multiplier is 1, and the orbit is locally unique.
     try:
         (identity(2 * balls.n) - D).inv()
     except ZeroDivisionError:
         raise NotProved("a multiplier may be 1, so the orbit may not be alone") from None
     multipliers = spectrum(D)
+    # Stable or not only if the balls decide it.
     inside = [bool(abs(x).upper() < 1) for x in multipliers]
     outside = any(abs(x).lower() > 1 for x in multipliers)
     start = (balls.frame * chain.after[0]).entries()
@@ -331,6 +341,7 @@ def _refined(plan: Itinerary, balls: BallSystem, period: Any) -> list[Any]:
     for _ in range(NEWTON):
         chain = linked(balls, plan, _flows(balls, plan, times, period), approximate=True)
         try:
+            # Forces or states that jump couple the events; else F' is diagonal where F vanishes.
             if plan.resets:
                 slopes, F = slopes_of(balls, plan, chain).mid(), arb_mat([[f.mid()] for f in chain.F])
                 step = slopes.solve(F, algorithm="approx").mid().entries()
@@ -343,6 +354,7 @@ def _refined(plan: Itinerary, balls: BallSystem, period: Any) -> list[Any]:
         if not all(edges[i + 1] > edges[i] for i in range(len(edges) - 1)):
             raise NotProved("Newton's method brings events out of order", hopeless=True)
         before, size = size, max(abs(x).mid() for x in step)
+        # Newton's method squares its error: after a step of half the digits all are right. Slower steps are rounding.
         if not size < before / 2 or size < period * arb(2) ** (-ctx.prec // 2):
             break
     return times
@@ -366,6 +378,7 @@ def linked(balls: BallSystem, plan: Itinerary, flows: list[Any], approximate: bo
     impacts = [balls.impact(event.quantity.contact) if event.hit else None for event in plan.events]
     steps = [flow if J is None else J * flow for flow, J in zip(flows, [*impacts, None], strict=True)]
     maps = prefixes(steps)
+    # Only (q, q') is unknown: the functions of time at t = 0 are known.
     rest, clock = maps[-1].tolist()[:n2], arb_mat([[x] for x in balls.clock])
     system = identity(n2) - arb_mat([line[:n2] for line in rest])
 
@@ -377,6 +390,7 @@ def linked(balls: BallSystem, plan: Itinerary, flows: list[Any], approximate: bo
         except ZeroDivisionError:
             raise NotProved("a multiplier of the chain of segments may be 1") from None
 
+    # The periodic motion: (I - P) z = c.
     start = arb_mat(solve(arb_mat([line[n2:] for line in rest]) * clock).tolist() + clock.tolist())
     after = [start, *(Q * start for Q in maps[:-1])]
     before = [flow * Z for flow, Z in zip(flows[:-1], after, strict=False)]
@@ -402,6 +416,7 @@ def slopes_of(balls: BallSystem, plan: Itinerary, chain: Chain) -> Any:
     """F' (k, k): an event that is later adds what the rate of the state jumps by there."""
     n2, k = 2 * balls.n, len(plan.events)
     tops = [_top(flow, n2) for flow in chain.flows]
+    # Forward: each event moves the states after it by the jump of the rate there.
     moved, ahead = arb_mat(n2, k), []
     for i, event in enumerate(plan.events):
         moved = tops[i] * moved
@@ -415,6 +430,7 @@ def slopes_of(balls: BallSystem, plan: Itinerary, chain: Chain) -> Any:
         for a in range(n2):
             columns[a][i] += jump[a]
         moved = arb_mat(columns)
+    # Then the start follows, since the motion stays periodic, and moves every event once more.
     start, lines = chain.solve(tops[k] * moved), []
     for i, event in enumerate(plan.events):
         head = arb_mat([balls.form(*event.quantity.form).entries()[:n2]])
@@ -429,6 +445,7 @@ def monodromy_of(balls: BallSystem, plan: Itinerary, chain: Chain) -> Any:
     n2 = 2 * balls.n
     steps = [_top(chain.flows[0], n2)]
     for j, event in enumerate(plan.events):
+        # The rate jumps at impacts and at the entry into a damped stop; elsewhere the saltation is the identity.
         damped = not event.hit and event.old == 0 and balls.system.contacts[event.quantity.contact].stops.damping > 0
         if event.hit or damped:
             form = balls.form(*event.quantity.form)
@@ -444,6 +461,7 @@ def _prove_signs(
     orbit: Orbit, plan: Itinerary, exact: ExactPeriod, frame: Array, chain: Chain, times: Sequence[Any]
 ) -> None:
     """Raise NotProved where a gap between two events may have another sign than its segment."""
+    # Signs need fewer bits: balls rounded to them still contain the states.
     with carried(SIGN_BITS):
         balls, period = BallSystem(orbit.system, frame), exact.ball
         prover, edges = SignProver(balls), [arb(0), *times, period]
@@ -458,6 +476,7 @@ def _prove_signs(
                 sides, start, end, edges[i + 1] - edges[i], zeros, balls.watched(sides)
             ):
                 at = f"contact {quantity.contact} at t = {float(edges[i] + place):.8g}"
+                # A negative sign disproves the itinerary; an open one may be decided with more bits.
                 if sign is False:
                     raise NotProved(f"{at} is on another side than its segment", "polish the orbit", hopeless=True)
                 raise NotProved(f"{at} grazes its stop, or comes too close to tell")
@@ -478,11 +497,13 @@ def spectrum(D: Any) -> list[Any]:
     """Balls of all eigenvalues of a real matrix of balls, (size,), the largest first. Raises NotProved."""
     size = D.nrows()
     try:
+        # Approximate eigenvectors suffice: X^-1 D X has the eigenvalues of D for every invertible X.
         _, vectors = acb_mat(D.mid()).eig(right=True, algorithm="approx")
         B = (vectors.inv() * acb_mat(D) * vectors).tolist()
     except (ValueError, ZeroDivisionError):
         raise NotProved("the multipliers cannot be separated") from None
     centres, radii = [], []
+    # Gershgorin's disc of every row.
     for i, line in enumerate(B):
         centre = line[i].mid()
         radius = sum((abs(x - centre if i == j else x).upper() for j, x in enumerate(line)), arb(0)).upper()
@@ -490,6 +511,7 @@ def spectrum(D: Any) -> list[Any]:
             radius, centre = (radius + abs(centre.imag)).upper(), acb(centre.real)
         centres.append(centre)
         radii.append(radius)
+    # Discs that may overlap form a group: a connected union of m discs contains m multipliers.
     groups = [{i} for i in range(size)]
     for i in range(size):
         for j in range(i):
@@ -499,6 +521,7 @@ def spectrum(D: Any) -> list[Any]:
                     groups[member] = groups[i]
     enclosures = []
     for i in range(size):
+        # A member of a group has the hull of its discs.
         real, imag = arb(centres[i].real, radii[i]), arb(centres[i].imag, radii[i])
         if len(groups[i]) == 1:  # its mirror image is a multiplier too: one alone in a disc of its own is real
             imag = arb(0) if centres[i].imag == 0 else imag

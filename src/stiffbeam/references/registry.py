@@ -74,6 +74,7 @@ NAMED = 100  # look of the first solver that has no line
 class _References(dict[str, Method]):
     """Methods by name: those with a line, which are what it iterates over, and those of ``LIBRARIES``."""
 
+    # Solvers of a library are found by name but not listed: a loop over all methods would run each of them.
     def __contains__(self, name: object) -> bool:
         return super().__contains__(name) or (isinstance(name, str) and name in _BY_LIBRARY)
 
@@ -90,6 +91,7 @@ _BY_LIBRARY = {
     )
     for method in (replace(method, look=NAMED + k),)
 }
+# Name, module, label, look and seconds of each. A new one has the next look: pictures keep theirs.
 REFERENCES = _References(
     (method.name, method)
     for method in (
@@ -172,6 +174,7 @@ def output_times(t_eval: Array | None, t_end: float) -> Array:
     """
     if t_eval is None:
         t = np.linspace(0.0, t_end, OUTPUTS)
+        # In a span of a few of float64's smallest numbers equidistant times are no longer distinct.
         if not np.all(np.diff(t) > 0.0):
             raise InputError("t_end", t_end, "be long enough for 2001 output times in float64", "pass t_eval")
         return t
@@ -180,4 +183,5 @@ def output_times(t_eval: Array | None, t_end: float) -> Array:
     if t.ndim != 1 or len(t) < 2 or not (np.all(np.diff(t) > 0.0) and t[0] >= 0.0 and t[-1] <= t_end * (1 + 1e-12)):
         rule = f"be two or more increasing times in [0, {t_end:g}]"
         raise InputError("t_eval", t, rule, "for a comparison pass t_eval=run.t")
+    # The last time of a run may pass t_end by rounding.
     return np.minimum(t, t_end)

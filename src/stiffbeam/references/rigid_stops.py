@@ -33,6 +33,7 @@ def require_rigid(system: System, t_end: float) -> None:
             raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
     covered(system.time_functions, t_end)
     rows = np.array([contact.row for contact in system.contacts])
+    # Dependent rows make row M^-1 row^T singular: impulses and reactions would not be unique.
     least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
     if not least > 1e-12 * most:
         rule = "be independent of each other for rigid stops"
@@ -58,17 +59,22 @@ def order_decides(compliance: Array, e: Array, speeds: Array, sides: dict[int, i
     """
     at = sorted(sides)
     signs = np.array([sides[c] for c in at], float)
+    # Speeds into the stops: positive where a contact approaches.
     A, e, w = np.outer(signs, signs) * compliance[np.ix_(at, at)], e[at], signs * speeds[at]
     held = np.array([c in pressed for c in at])
+    # Without two contacts that may be hit apart, and one that approaches, there is no order.
     if np.count_nonzero(~held) < 2 or not np.any(w > 0.0):
         return False
     least = SPENT * float(np.max(np.abs(w)))
 
     def blow(w: Array, struck: Array) -> Array:
+        # Held contacts pass blows on but do not rebound: their speed before counts as zero.
         law = np.array([[np.inf, -np.inf, 0.0 if hit else np.inf] for hit in struck])
         return solve_node((1.0 + e) * np.where(held & (w > -least), 0.0, w), A, law)
 
+    # The result that the solver goes on with.
     together = blow(w, np.ones(len(at), bool))
+    # One blow at a time, until no contact approaches.
     for order in (range(len(at)), range(len(at) - 1, -1, -1)):
         now, total = w.copy(), np.zeros(len(at))
         for _ in range(MOST_BLOWS):
@@ -94,6 +100,7 @@ def on_stops(system: System) -> dict[int, int]:
         moved = shift_at_start(each)
         u = float(each.row @ system.q0) + moved
         for side, g in each.stops.sides:
+            # Within rounding of its stop a contact is on it, neither off nor beyond.
             if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
                 if side * (u - g) > LEFT * max(abs(g), abs(moved)):
                     remedy = "move the stop or the start"
@@ -107,6 +114,7 @@ def off_stop(system: System, contact: int, side: int) -> bool:
     each = system.contacts[contact]
     ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
     terms = zip(each.row.tolist(), system.q0.tolist(), strict=True)
+    # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
     return pi or shift_at_start(each) != 0.0 or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
 
 

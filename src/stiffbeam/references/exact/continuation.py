@@ -269,6 +269,7 @@ class _Follower:
         if tangent.ties or tangent.grazes:
             reason = "impacts at one time or a graze, where the flow has no derivative"
             raise SolverFailure("continuation", value, reason, "end before, or take other values")
+        # The end of the period moves with the parameter: dP/da has T' times the rate of the state there.
         rate = tangent.regimes[-1].A[: len(z)] @ np.append(end, tangent.generators.basis.values(mapping.period, 0))
         return end, D, tangent.last[: len(z), 0] + rate * longer, tangent
 
@@ -287,11 +288,13 @@ class _Follower:
             end, D, by_value, tangent = self.flow(z, value)
             defect = (end - z) / self.scale
             size = float(np.max(np.abs(defect)))
+            # G and the plane as one system, in units of the motion and of the range.
             bordered = np.zeros((N + 1, N + 1))
             bordered[:N, :N] = (D - np.eye(N)) * self.scale / self.scale[:, None]
             bordered[:N, N] = by_value * self.span / self.scale
             bordered[N] = normal
             if size < max(CLOSED, ROUNDED * float(np.linalg.norm(bordered))):
+                # Tangent of the branch: G does not change along it.
                 direction = np.linalg.solve(bordered, np.append(np.zeros(N), 1.0))
                 direction /= np.linalg.norm(direction)
                 direction = direction if direction @ ahead >= 0.0 else -direction
@@ -318,6 +321,7 @@ class _Follower:
             if (normal[N] + 2.0 * ds * bend[N]) * np.sign(normal[N]) > ALONG * abs(normal[N]):
                 normal = np.append(np.zeros(N), 1.0)  # one system for all corrections
             guess = 0.5 * ds**2 * bend
+            # Back into the plane, along the branch.
             guess -= (normal @ guess) / (normal @ start.direction) * start.direction
         z, value = (
             start.z + ds * start.direction[:N] * self.scale,
@@ -343,15 +347,18 @@ class _Follower:
             except (SolverFailure, np.linalg.LinAlgError) as error:
                 reason = error.reason if isinstance(error, SolverFailure) else "the corrector does not converge"
                 new, count = None, CORRECTIONS
+            # Lost, or turning sharply: a shorter step, along the tangent alone.
             if new is None or new.direction @ point.direction < TURN:
                 step, bend = step * LOST, None
                 if step < SHORTEST * self.first_step:
                     end = f"at {point.value:.10g} {reason}"
+                    # On rigid stops the reason may be a graze just ahead, where the flow has no derivative.
                     graze = rigid_grazing([x[0] for x in points], near, NEARLY * self.span) if near else None
                     if graze is not None:
                         bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
                         end = f"at {graze:.10g} a contact grazes its rigid stop, where the flow has no derivative"
                 continue
+            # The two halves of the orbit have changed places: between the points they were equal.
             if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
                 end = f"at {point.value:.10g} it comes back to a branch of half its period"
                 break
@@ -402,6 +409,7 @@ class _Follower:
             if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
                 point = self.located(one, other, lambda x, test=test: test(x.multipliers))
                 if point is not None and _reached(kind, point):
+                    # A multiplier of 1 is a fold only where the parameter turns back; else another branch crosses.
                     turns = one.direction[-1] * other.direction[-1] < 0.0
                     name = "branching" if kind == "fold" and not turns else kind
                     yield Bifurcation(name, point.value, point.z)
@@ -415,6 +423,7 @@ class _Follower:
         if not changes:
             return
         contacts = {event[0] for event in changes}
+        # One pair of events of one contact: the graze is where its turning gap changes sign.
         if sum(changes.values()) == 2 and len(contacts) == 1:
             contact = contacts.pop()
             for t, side in shallowest((one if before.total() > after.total() else other).tangent, contact):
@@ -423,6 +432,7 @@ class _Follower:
                     if graze is not None:
                         yield Bifurcation("grazing", graze.value, graze.z)
                     return
+        # Several changes, or none that fits: look at the halves of the step.
         if depth < SPLIT:
             try:
                 middle = self.inside(one, other, 0.5)
@@ -455,6 +465,7 @@ class _Follower:
                     point, _ = follower.point(z, flip.value, normal, normal)
                 except (SolverFailure, np.linalg.LinAlgError):
                     continue
+                # Orbits of one period solve this too: the halves must differ.
                 if np.linalg.norm(point.other_half() / self.scale) > away:
                     return follower.follow(point, away, loses=True)
         reason = "no orbit of twice the period is found beside the flip"
@@ -474,6 +485,7 @@ class _Follower:
     def located(self, one: _Point, other: _Point, test: Callable[[_Point], float]) -> _Point | None:
         """The point between two neighbours where a test function vanishes, None where it is not reached."""
         ends = {0.0: one, 1.0: other}
+        # Tolerance of the place: 1e-13 of the parameter, as a share of the way between the points.
         near = float(np.clip(1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300), 1e-14, 1e-9))
 
         def at(s: float) -> _Point:

@@ -28,6 +28,7 @@ PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked 
 STEPS = 12  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
 RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
+# As large as the perturbations of the copies of a horizon, horizon.MARGIN roundings.
 COPY = 4.0 * float(np.finfo(float).eps)
 
 
@@ -107,10 +108,12 @@ class Derivative:
         n = generators.n
         q, v = self.tangent.states(t)[:, :n], self.tangent.states(t)[:, n : 2 * n]
         dq, dv = np.split(self.state, 2, axis=1)
+        # dE = q'.M dq' + q.K dq, and the parts of parameters that change M and K.
         total = np.einsum("ti,tip->tp", v @ system.mass, dv) + np.einsum("ti,tip->tp", q @ system.stiffness, dq)
         for p, column in enumerate(generators.columns):
             kinetic, elastic = np.sum(v * (v @ column.mass), axis=1), np.sum(q * (q @ column.stiffness), axis=1)
             total[:, p] += 0.5 * (kinetic + elastic)
+        # Compliant stops: E = kappa d^2/2 at the depth d beyond the stop.
         for i, contact in enumerate(system.contacts):
             if contact.stops.rigid:
                 continue
@@ -132,6 +135,7 @@ class Derivative:
         """(segment, contact) of every opening and closing, in order."""
         path = self.tangent.path
         changed = path.sides[1:] != path.sides[:-1]
+        # Impacts that hold nothing change no side.
         for segment, contacts in path.hits.items():
             for contact in contacts:
                 changed[segment - 1, contact] |= segment > 0 and path.sides[segment - 1][contact] == 0
@@ -181,10 +185,12 @@ class Derivative:
         impacts, tangent = self.reference.contacts[i].impacts, self.tangent
         times, impulses = np.full((2, len(impacts.times), len(self.wrt)), np.nan)
         for k, (t, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
+            # Impacts and segments take their times from one number: equality is exact.
             at = [s for s in np.flatnonzero(tangent.path.times == t).tolist() if i in tangent.impulses.get(s, {})]
             if at and t < self.exists_until:
                 value, slope = tangent.impulses[at[0]][i]
                 times[k] = tangent.event_slope(at[0], i)
+                # Impulses are recorded without sign.
                 impulses[k] = np.sign(value) * slope if end == t else np.nan
         return times, np.full_like(times, np.nan), impulses
 
@@ -195,6 +201,7 @@ class Derivative:
         spans: list[tuple[int, int, int]] = []  # impact, first segment and the one after the last
         for k, (start, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
             first = self._segment_of_change(start, i)
+            # A contact that is there at t = 0 has no entry that could move.
             if start > 0.0:
                 times[k] = tangent.event_slope(first, i)
             if not np.isnan(end):
@@ -203,6 +210,7 @@ class Derivative:
                 spans.append((k, first, last))
         peaks, impulses = np.full((2, len(impacts.times), columns), np.nan)
         if spans:
+            # Events of other contacts divide an impact into several segments.
             pressed = [(k, s) for k, a, b in spans for s in range(a, b) if tangent.lengths[s] > 0.0]
             owner, segments = np.array(pressed).T
             self._forces(i, owner, segments, (times, leaving), peaks, impulses)
@@ -213,6 +221,7 @@ class Derivative:
     def _segment_of_change(self, t: float, contact: int) -> int:
         """The segment with which a contact changes at t."""
         path = self.tangent.path
+        # Several segments may begin at one time: the one in which this contact changes.
         for s in range(*np.searchsorted(path.times, [t, np.nextafter(t, np.inf)]).tolist()):
             if s == 0 or path.sides[s][contact] != path.sides[s - 1][contact]:
                 return s
@@ -233,6 +242,7 @@ class Derivative:
             force, derived = generators.pressure(i, side, tangent.intervals[segment])
             return side * force[None], [side * x[None] for x in derived]
 
+        # Impulse: Gauss quadrature of the derivative of the force, by panels.
         motion = self.reference.solution
         starts = tangent.path.times[segments]
         ends = starts + tangent.lengths[segments]
@@ -245,9 +255,11 @@ class Derivative:
         first = np.searchsorted(owner, impacts)
         last = np.searchsorted(owner, impacts, side="right") - 1
         if generators.data.c[i] > 0.0:  # the force jumps at the entry
+            # Leibniz's rule: the ends of the integral move with the events.
             at_entry = tangent.values(forms, starts[first], segments[first])
             at_exit = tangent.values(forms, ends[last], segments[last])
             impulses[impacts] += np.nan_to_num(at_exit * leaving[impacts]) - at_entry * entering[impacts]
+        # Peak: the largest of the inner maxima and of the values at the ends of segments.
         top, place = tops(tangent, forms, segments, motion.shortest_period)
         times = np.concatenate([top, starts, ends])
         place = np.concatenate([place, *[np.arange(len(segments))] * 2])
@@ -255,6 +267,7 @@ class Derivative:
         rate = tangent.values(forms, times, segments[place], 1)
         for impact, begin, end in zip(impacts.tolist(), starts[first].tolist(), ends[last].tolist(), strict=True):
             mine = np.flatnonzero(owner[place] == impact)
+            # Rounding decides between two equal peaks: no derivative.
             best = mine[np.argmax(value[mine])]
             rivals = (value[mine] > value[best] * (1.0 - RIVALS)) & (
                 np.abs(times[mine] - times[best]) > 1e-6 * (end - begin)
@@ -265,6 +278,7 @@ class Derivative:
     @cached_property
     def horizon(self) -> float:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""
+        # A copy as for the horizon of the motion: rounded otherwise, or with other segments.
         t, system, t_end = self.t, self._system, float(self.reference.provenance["t_end"])
         if self.tangent.path.rigid:
             copy: Any = ImpactTracer(system, 0.7, 4.0, 1).solve(t_end)
@@ -309,6 +323,7 @@ def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) ->
     for _ in range(STEPS):  # Newton's method in a bracket
         rate, curve = (tangent.values(forms, top, segments[place], order)[:, 0] for order in (1, 2))
         low, high = np.where(rate > 0.0, top, low), np.where(rate > 0.0, high, top)
+        # Where the curvature is not negative Newton's method would leave the maximum: bisect.
         step = -rate / np.where(curve < 0.0, curve, -np.inf)
         top = np.where(curve < 0.0, np.clip(top + step, low, high), 0.5 * (low + high))
     return top, place
@@ -322,6 +337,7 @@ def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
     if not isinstance(solution, RigidMotion):
         return Path(times, solution.sides[: len(times)], q, v, t_end)
     hits: dict[int, list[int]] = {}
+    # A contact may take two blows at one time, for example where it is then held: it is hit once.
     for segment, contact in dict.fromkeys(solution.blows):
         hits.setdefault(segment, []).append(contact)
     return Path(times, np.abs(solution.sides[: len(times)]), q, v, t_end, True, hits)
@@ -358,6 +374,7 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
             ends.append((solution.tie, "two contacts close together, and their order decides"))
         if 0 in tangent.path.hits:
             ends.append((0.0, "an impact at the start"))
+    # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
         if stops.rigid or stops.damping > 0.0:
             for side, _ in stops.sides:
@@ -373,6 +390,7 @@ def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> li
     segments = np.flatnonzero((path.sides[:, contact] == 0) & (tangent.lengths > 0.0))
     if not len(segments):
         return []
+    # Samples must resolve the free modes, the drive and every regime on the way.
     waves = tangent.generators.basis.frequencies
     fastest = max(float(undamped_modes(system).omega[-1]), float(np.max(waves, initial=0.0)))
     fastest = max(fastest, *(tangent.regimes[group[0]].fastest for group in tangent.groups.values()))
@@ -401,6 +419,7 @@ def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
     if path.rigid and abs(float(speed[0] @ Z)) <= tangent.graze * float(np.abs(speed[0]) @ np.abs(Z)):
         forms.append(speed)  # at rest there, it is hit or leaves as the speed is turned
     for form, derived in forms:
+        # Sums far below their terms are cancellation: the gap does not depend on the parameter.
         terms = np.abs(form) @ np.abs(dZ)
         for p, each in enumerate(derived):
             terms[p] += np.abs(each) @ np.abs(Z)

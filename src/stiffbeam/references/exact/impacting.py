@@ -36,9 +36,12 @@ from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import REMEDY, on_stops, order_decides, require_smooth, together_but_for_rounding
 from .rigid_motion import LOCAL, Event, RigidMotion, first_zero, stays, value
 
+# Over one radian the Taylor series of ORDER terms leave out 8e-18, less than float64's rounding (generator.py).
 RADIANS = 1.0  # of the fastest motion, in one stretch
+# Radians of the fastest motion in which a chatter must end: so short that a and a' describe all of it.
 CHATTER = 1e-6
 NEAR = 1e-9  # of the motion: the distance to a stop at which a flight ends
+# With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
 MOST_IMPACTS = 200_000
 NOTHING = 1e-100  # of the fastest impact: contacts that throw each other off by less are at rest
 MOST_AT_ONCE = 10_000
@@ -58,13 +61,17 @@ class Flights(FreeTracer):
     ) -> None:
         size, m = roundings * EPS, len(system.contacts)
         super().__init__(Source(system, known, t_end), Perturbation(size, size, seed) if size else None)
+        # Flights are possible where the compiled loop can follow the regime without contact.
         free = self.regimes.made[self.regimes.at((0,) * m, t_end)]
         self.possible = free.followed and math.isfinite(radian)
+        # Segments that are series are one more regime, without modes: Motion needs a number for them.
         n, d, zeros = system.size, free.response.shape[1], np.zeros(0)
         none = np.zeros((4, 0, n)), np.zeros((4, n, 0)), np.zeros((2, d, 0))
         self.regimes.add((LOCAL,) * m, Pairs(zeros, zeros, zeros, *none, NONE, np.zeros((0, 2))))
+        # The true stops: ``next`` moves those in the table closer for each flight.
         self.g1, self.g2 = self.regimes.table.g1.copy(), self.regimes.table.g2.copy()
         self.rows, self.radian, self.t_end = np.abs([contact.row for contact in system.contacts]), radian, t_end
+        # A side without a stop has an infinite bound, which must not count as a scale.
         self.widths = np.max(np.nan_to_num(np.abs([self.g1, self.g2]), posinf=0.0), axis=0)
 
     def next(self, t: float, q: Array, v: Array) -> tuple[Motion, float]:
@@ -89,18 +96,21 @@ class Tracer:
         self.n, self.m = n, m
         self.rows, self.forms = data.rows, dict[int, tuple[Array, Array, Array]]()
         self.e = np.array([contact.stops.restitution for contact in system.contacts], float)
+        # One factorisation of M for the responses to impulses, displacements, velocities and loads.
         solved = np.linalg.solve(system.mass, np.hstack([data.rows.T, system.stiffness, system.damping, data.loads.T]))
         self.back, stiff, damp = solved[:, :m], solved[:, m : m + n], solved[:, m + n : m + 2 * n]
         self.compliance = np.ascontiguousarray(self.rows @ self.back)
         self.terms = np.abs(solved[:, m:])  # of accelerations, of q, q' and every load
         self.rates = np.sqrt(np.abs(np.linalg.eigvals(stiff)))  # of the system without its damping
         decays = np.abs(np.linalg.eigvals(damp))
+        # The length of a series must suit oscillations, decays and drives alike.
         self.fastest = float(max(0.0, *self.rates, *decays, *self.generators.basis.frequencies))
         self.radian = 1.0 / self.fastest if self.fastest else math.inf  # of the fastest motion, a time
 
     def copy(self, v0: Array, radians: float, roundings: float, seed: int) -> Tracer:
         """A solver of the same system from velocities v0."""
         twin = copy(self)
+        # Matrices, generators and known modes are shared: copies differ in the start, the segments and the roundings.
         twin.system, twin.radians, twin.roundings, twin.seed = replace(self.system, v0=v0), radians, roundings, seed
         return twin
 
@@ -127,10 +137,12 @@ class Tracer:
         still, turns = 0, dict[int, int]()  # events at one time, and the contacts hit in them
         while self.t < t_end:
             held = tuple(sorted(self.held))
+            # Far from all stops the motion goes on in closed form; near one, and while one holds, it is a series.
             if not held and not self.fresh and self.flights.possible and self.t >= self.free_until:
                 self._fly()
             C, R = self._series(held)
             self._record()
+            # The series holds to the next sample of a record, and no longer than ``radians``.
             edge = self.drive.next_edge(self.t, t_end)
             longest = min(edge - self.t, self.radians * self.radian)
             events = self._next(C, R, held, longest)
@@ -138,28 +150,35 @@ class Tracer:
             s = longest if event is None else event[0]
             if not s > 0.0 and event is None:
                 raise SolverFailure("exact", self.t, "time does not go on in float64", REMEDY)
+            # Count the events at one time: contacts may throw each other off without end.
             now = self.t + s
             still, turns = (0, {}) if now > self.t else (still + 1, turns)
             if still > MOST_AT_ONCE:
                 raise SolverFailure("exact", now, f"{MOST_AT_ONCE} events at one time", REMEDY)
+            # To the event. A copy is perturbed too, but not between events at one time.
             self._place(C, s)
             if self.roundings and now > self.t:
                 now = self._perturb(C, R, held, s, edge)
             self.t = edge if event is None and longest == edge - self.t else now
+            # Events that rounding of the time cannot put in order are taken together.
             near = TOGETHER * EPS * now
             self._note_tie(events, s)
             lets_go = event is not None and event[3]
+            # Contacts that left just now still start from an exact zero if another one lets go at the same instant.
             self.fresh = self.fresh if lets_go and s <= near else {}
             if event is not None and lets_go:
+                # Those let go at this instant join the others: one by one they throw each other off without end.
                 released = {x: side for x, (side, zeros, _) in self.fresh.items() if zeros == RELEASED}
                 self._let_go(released | {x: side for after, x, side, ends in events if ends and after - s <= near})
             elif event is not None:
                 hits = {x: side for after, x, side, ends in events if not ends and after - s <= near}
                 turns |= hits
+                # After TURNS events at one time contacts that are slow enough come to rest in place of another impact.
                 if still < TURNS or not self._rest(turns):
                     pressed = {x for i, x in enumerate(held) if np.any(R[:, i])}
                     self._note_order({**self.held, **hits}, pressed)
                     self._impact(hits)
+        # An impact that holds nothing ends as it begins; a contact held at t_end has no end yet.
         for event in self.events:
             if math.isnan(event.end) and event.contact in self.held and event is self._last(event.contact):
                 continue  # still held
@@ -170,6 +189,7 @@ class Tracer:
         """The motion so far."""
         regimes = self.flights.regimes
         times, sides, regime = (np.array(x) for x in list(zip(*self.segments, strict=True))[:3])
+        # Series store q and q', flights the amplitudes of their modes: rows are as wide as the longer of the two.
         x, y = np.zeros((2, len(times), max(self.system.size, regimes.table.sigma.shape[1])))
         for k, (_, _, _, of_x, of_y) in enumerate(self.segments):
             x[k, : len(of_x)], y[k, : len(of_y)] = of_x, of_y
@@ -189,6 +209,7 @@ class Tracer:
             flight = self._flight(stretch)
         if flight is not None:
             self.segments.append((self.t, (0,) * self.m, int(flight.regime[0]), flight.x[0], flight.y[0]))
+            # Stop half a stretch before the event: the series decides whether a stop is hit or grazed.
             self.t, self.evaluations = self.free_until - 0.5 * stretch, self.evaluations + flight.evaluations
             q, v = flight.states_in(np.array([self.t]), np.zeros(1, np.int64))
             self.q, self.v = q[0], v[0]
@@ -200,6 +221,7 @@ class Tracer:
         except SolverFailure:  # a gap that float64 cannot follow so: its series goes on
             self.free_until = math.inf
             return None
+        # A flight that one series would also cover gains nothing.
         return flight if self.free_until - 0.5 * stretch > self.t + stretch else None
 
     def _series(self, held: tuple[int, ...]) -> tuple[Array, Array]:
@@ -218,10 +240,12 @@ class Tracer:
     def _forms(self) -> tuple[Array, Array, Array, Array]:
         """Positions of contacts and their rates now as forms (m, N) of (q, q', g), loads as forms of g, and g."""
         if self.now[0] != self.t:
+            # The functions of time are evaluated once for all calls at this time.
             basis = self.generators.basis
             interval = basis.interval(self.t)
             self.now = self.t, interval, basis.values(self.t, interval)
         _, interval, g = self.now
+        # The forms change with the interval between samples only.
         if interval not in self.forms:
             positions = self.generators.forms(interval)[0].positions[: self.m]
             rates = np.array([self.generators.rate(form, [])[0] for form in positions])
@@ -235,17 +259,21 @@ class Tracer:
         """Move the state after s by roundings of the terms it is summed from in so many ``stretches``, held contacts
         kept where they are. Return the time, moved likewise, which shifts loads and stops against the motion."""
         n, at = self.n, list(held)
+        # Sizes of the terms that the state after s sums: series in absolute values, and forces.
         sizes, loads = np.abs(C[:, : 2 * n]), self._forms()[2] @ C[0, 2 * n :]
         # Damping brings copies to rest, and equal to the bit: they diverge again by what the loads lose, each for
         # itself where they cancel.
         terms = self.terms @ np.concatenate([sizes[0], np.abs(loads)]) + np.abs(self.back[:, at]) @ np.abs(R[0])
         moved = value(sizes, s)
         lost = np.array([moved[:n] + 0.5 * s * s * terms, moved[n:] + s * terms])
+        # The roundings of so many stretches are independent: their sum grows by the square root.
         lost *= self.roundings * EPS * math.sqrt(stretches) * self.random.uniform(-1.0, 1.0, lost.shape)
         if at:
+            # Held contacts stay on their stops: remove what would move them, by forces at the contacts alone.
             lost -= np.linalg.solve(self.compliance[np.ix_(at, at)], self.rows[at] @ lost.T).T @ self.back[:, at].T
         self.q, self.v = self.q + lost[0], self.v + lost[1]
         now = (self.t + s) * (1.0 + self.roundings * EPS * self.random.uniform(-1.0, 1.0))
+        # Time must not go back, nor pass the edge at which the records change.
         return min(max(now, self.t), edge)
 
     def _record(self) -> None:
@@ -273,20 +301,25 @@ class Tracer:
         """(after, contact, side, whether a held one lets go) of what each contact does first in ``longest``, in order
         of time."""
         events: list[tuple[float, int, int, bool]] = []
+        # Held contacts: the first time at which the reaction would pull.
         for i, contact in enumerate(held):
             reaction, zeros = -self.held[contact] * R[:, i], int(contact in self.fresh)
+            # A contact held again as its reaction vanished starts from an exact zero, not from rounding.
             reaction[:zeros] = 0.0
             s = first_zero(reaction, longest, zeros)
             if s is not None:
                 events.append((s, contact, self.held[contact], True))
+        # Open contacts: a bound on the way each can go in ``longest`` rules most stops out.
         u = self._positions(C)
         ahead = u[1:] * longest ** np.arange(1.0, len(u))[:, None]
         reach = {1: np.sum(np.maximum(ahead, 0.0), axis=0), -1: np.sum(np.maximum(-ahead, 0.0), axis=0)}
         for contact in (c for c in range(self.m) if c not in self.held):
             for side, g in self.system.contacts[contact].stops.sides:
+                # A contact that has just left this stop is searched in any case: its gap is zero there.
                 if self.fresh.get(contact, (0,))[0] != side and side * (g - u[0, contact]) > reach[side][contact]:
                     continue
                 gap, zeros = self._gap(contact, side, u), 0
+                # Exact zeros and the exact speed in place of their roundings, so that short flights keep their digits.
                 if contact in self.fresh and self.fresh[contact][0] == side:
                     _, zeros, speed = self.fresh[contact]
                     gap[:zeros] = 0.0
@@ -310,13 +343,16 @@ class Tracer:
 
     def _start(self) -> None:
         """Contacts on their stops at t = 0."""
+        # By their speeds: at rest on the stop, going into it, or leaving it.
         closed = on_stops(self.system)
         speeds = {c: side * float(self._known_speeds()[c]) for c, side in closed.items()}
         resting = {c: side for c, side in closed.items() if speeds[c] == 0.0}
         going = {c: side for c, side in closed.items() if speeds[c] > 0.0}
+        # Blows at t = 0, in which bodies at rest on their stops take part.
         if going:
             self.held = dict(resting)
             self._note_order(closed, set())
+            # Rounding of the start decides which contact is hit first: the horizon ends at once.
             if together_but_for_rounding(self.system, self.compliance, closed, going):
                 self.tie = 0.0
             self._bounce({**resting, **going})
@@ -337,6 +373,7 @@ class Tracer:
         if len(closed) < 2:
             return
         speeds = self._speeds()
+        # The speed of a held contact is rounding.
         speeds[list(self.held)] = 0.0
         fast = max((closed[c] * speeds[c] for c in closed), default=0.0) > SLOW * self.speed
         if fast and order_decides(self.compliance, self.e, speeds, closed, pressed):
@@ -364,6 +401,7 @@ class Tracer:
         if len(self.events) >= MOST_IMPACTS:
             rule = f"hold at most {MOST_IMPACTS} impacts"
             raise InputError("t_end", self.t, rule, f"end before t = {self.t:.6g}, or take e < 1")
+        # Newton's law first; contacts that do not leave are held or let go; those that leave may chatter to rest.
         closed, now = {**self.held, **hits}, self.t
         self._bounce(closed)
         self._settle({c: side for c, side in closed.items() if c not in self.fresh})
@@ -381,12 +419,15 @@ class Tracer:
         """Newton's law at the contacts ``closed``: those that leave are fresh, the others are held no more and
         wait to be settled."""
         before = self._speeds()
+        # The speed of a held contact is rounding.
         before[[c for c in closed if c in self.held]] = 0.0
         self.speed = max(self.speed, float(np.max(np.abs(before))))
+        # With r = (1 + e) u'- the v = r + S P of solve_node is u'+ + e u'-, as in the law of this module.
         P = solve_node((1.0 + self.e) * before, self.compliance, self._law(closed))
         after = before + self.compliance @ P
         self._blow(P)
         for c, side in closed.items():
+            # A contact that hits has an event; a held one only answers the blows on others.
             if P[c] and c not in self.held:
                 self.events.append(Event(c, side, self.t, abs(float(P[c]))))
                 after[c] = -self.e[c] * before[c]  # exactly
@@ -411,15 +452,19 @@ class Tracer:
         """If the coming impacts end within CHATTER radians, remove the speed and hold the contact. Returns True if
         done."""
         e, speed = float(self.e[contact]), self.fresh[contact][2]
+        # No speed is lost: the impacts do not accumulate.
         if e >= 1.0:
             return False
+        # Acceleration into the stop and its rate, with the other contacts as they are.
         held = tuple(sorted(self.held))
         gap = self._gap(contact, side, self._positions(self._series(held)[0]))
         a, j = -2.0 * gap[2], -6.0 * gap[3]
+        # The chatter ends after 2 v/(a (1 - e)). A speed within its rounding would chatter for ever.
         short = CHATTER * min(self.radian, max(self.t, 1e-300))
         if a <= 0.0 or not 2.0 * speed < max(short * a * (1.0 - e), 2.0 * float(self._roundings()[contact])):
             return False
         after, v = 0.0, speed  # a sample that comes before bends the rest by less than CHATTER of it
+        # Flight by flight: s solves v - a s/2 - j s^2/6 = 0, in the form that also holds for j = 0.
         while v > 1e-18 * speed:
             s = 2.0 * v / (0.5 * a + math.sqrt(max(0.25 * a * a + 2.0 / 3.0 * v * j, 0.0)))
             v = e * (a * s + 0.5 * j * s * s - v)
@@ -435,11 +480,13 @@ class Tracer:
         fresh = self.fresh.pop(contact)
         events = self._next(C, R, together, after)
         another = bool(events) and not events[0][3] and self.t + after > self.t  # an impact that comes before the last
+        # Another contact is hit first, and this one moves others: undo, and go on impact by impact.
         if another and np.count_nonzero(self.compliance[contact]) > 1:
             self.v, self.fresh[contact] = before, fresh
             del self.held[contact], self.taken[-1], self.struck[marks[0] :], self.blows[marks[1] :]
             return False
         self.stuck.append((self.t + after, contact))
+        # Held from now on; time goes on by the duration of the impacts that are left out.
         if not another:
             self._record()
             self._place(C, after)
@@ -455,6 +502,7 @@ class Tracer:
 
     def _blow(self, P: Array) -> None:
         """Impulses P (m,) of the stops."""
+        # With u = row q + o the stop moves at -o', and its impulse does work on the system.
         energy, moved = self._kinetic(), -float(P @ self._stop_speeds())
         self.v = self.v + self.back @ P
         self.taken.append((self.t, energy - self._kinetic() + moved, moved))
@@ -476,16 +524,19 @@ class Tracer:
         everyone = {**self.held, **closed}
         if not everyone:
             return
+        # Series of all positions without reactions: the square term is half the acceleration.
         moved = self._positions(self._series(())[0])
         # Loads that all rise from zero press by their first derivative that does not vanish.
         r = next((line for line in moved[2:] if np.any(line[list(everyone)])), moved[2])
         R = solve_node(r, self.compliance, self._law(everyone))
+        # With the pressing ones held, contacts without reaction stay if their gaps do not open.
         u = self._positions(self._series(tuple(sorted(x for x in everyone if R[x])))[0])
         for contact, side in everyone.items():
             if R[contact] or stays(self._gap(contact, side, u)[2:]):
                 self.held[contact] = side
             else:
                 self.held.pop(contact, None)
+                # Gap and speed are zero: a zero of order two.
                 self.fresh[contact] = (side, 2, 0.0)
                 self._end(contact)
         at = sorted(self.held)
@@ -500,6 +551,7 @@ class Tracer:
         everyone = {**self.held, **sides}
         at = sorted(everyone)
         _, R = self._series(tuple(at))
+        # Those that press on stay on their stops: their reactions may change either way.
         firm = frozenset(everyone.keys() - sides.keys())
         slopes = solve_node(-self.compliance[:, at] @ R[1], self.compliance, self._law(everyone, firm))
         for contact, side in sides.items():
@@ -511,6 +563,7 @@ class Tracer:
                 self.fresh[contact] = (side, 1, 0.0)
             else:
                 self.held.pop(contact, None)
+                # Gap, speed and acceleration vanish with the reaction: a zero of order three.
                 self.fresh[contact] = (side, RELEASED, 0.0)
                 self._end(contact)
 

@@ -126,11 +126,14 @@ def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough
     """``lyapunov`` along an existing solution; it ends where a growth, ln, reaches ``enough``."""
     dq, dv = _vectors(system, seed)
     along = Struck(system, solution, t_end) if isinstance(solution, RigidMotion) else Pressed(system, solution)
+    # Vectors that held contacts leave nothing of drop out.
     dq, dv = _unit(system, *along.start(dq, dv))
     if not dq.shape[1]:
         raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
     times = np.asarray(solution.times)
+    # Every event is an edge, so that each flow is that of one segment.
     edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+    # The compiled loop does it all, unless it cannot follow a regime or a vector under- or overflows.
     if isinstance(along, Pressed):
         passed, logs = solution.grow(system, edges, dq, dv, enough)
         if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
@@ -138,6 +141,7 @@ def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough
     segment = np.maximum(np.searchsorted(times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
+        # Several events may come between two edges, at one time.
         for new in range(last + 1, k + 1):
             dq, dv = along.across(new, dq, dv)
         last = k
@@ -193,6 +197,7 @@ class Struck:
     def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
         """Vectors after the event at which a segment begins."""
         dq, dv = self._split(self.tangent.across(segment, self._joined(dq, dv)))
+        # Contacts held before stay so under the flow: only new ones change the vectors.
         newly_held = set(self.held[segment]) - set(self.held[segment - 1])
         return self._on_stops(segment, dq, dv) if newly_held else (dq, dv)
 
@@ -209,6 +214,7 @@ class Struck:
             return dq, dv
         rows = data.rows[held]
         back = np.linalg.solve(data.mass, rows.T)
+        # M-orthogonal projection onto displacements and velocities that leave the held contacts in place.
         kept = [x - back @ np.linalg.solve(rows @ back, rows @ x) for x in (dq, dv)]
         size = [np.linalg.norm(x, axis=0) for x in (*kept, dq, dv)]
         return np.where(size[0] > ROUNDING * size[2], kept[0], 0.0), np.where(
@@ -221,6 +227,7 @@ def _carried(
 ) -> tuple[Array, Array, Array]:
     """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
     nothing of them that float64 can hold."""
+    # Unit vectors again after every part: the logarithms add up where the vectors would underflow.
     for parts in (1, 10, 100, 1000):
         q, v, total = dq, dv, log
         for _ in range(parts):
@@ -241,6 +248,7 @@ def predicted_horizon(system: System, solution: Motion, t_end: float, tolerance:
     the initial data is there to be magnified, all of it counted as if it had been there from the start.
     """
     eps, fastest = float(np.finfo(float).eps), 2.0 * np.pi / solution.shortest_period
+    # Growth beyond tolerance/eps is not needed: there a rounding has reached the tolerance.
     grown = growth(system, solution, t_end, enough=float(np.log(tolerance / eps)))
     over = np.flatnonzero(np.log(eps * (1.0 + fastest * grown.t)) + grown.largest > np.log(tolerance))
     return float(grown.t[over[0]]) if len(over) else t_end
@@ -253,7 +261,9 @@ def _vectors(system: System, seed: int) -> tuple[Array, Array]:
     slowest = np.min(
         basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
     )  # also for a rigid motion
+    # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
     scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
+    # The direction of the motion needs q'' at t = 0, with the forces of the stops.
     force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
     compliant = [contact for contact in system.contacts if not contact.stops.rigid]
     for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):

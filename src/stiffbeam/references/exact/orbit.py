@@ -215,12 +215,14 @@ class PeriodMap:
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase of the loads")
         tangent = Tangent(self.generators, path, np.eye(len(z)))
         last = len(path.times) - 1
+        # By the flow that also gives the derivative, so that both are of one path.
         end = tangent.regimes[last].ahead(tangent.Z[last][:, None], float(tangent.lengths[last]))[: len(z), 0]
         return end, monodromy(tangent), tangent
 
     def sizes(self, tangent: Tangent) -> Array:
         """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
         n = self.system.size
+        # Velocities of a motion at rest have the scale of one turn in the period.
         q, v = np.max(np.abs(tangent.Z[:, :n])), np.max(np.abs(tangent.Z[:, n : 2 * n]))
         return np.repeat([max(q, 1e-300), max(v, q * 2.0 * np.pi / self.period, 1e-300)], n)
 
@@ -265,8 +267,10 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     with within_float64("periodic_orbit", period):
         mapping = PeriodMap(system, period)
         z = _guessed(mapping, guess)
+        # Shooting closes the orbit; the event times, without its long flow, improve it to rounding.
         z, tangent, closure = shoot(mapping, z)
         residual = closure
+        # Impacts on rigid stops change no side, and ``polished`` has no equation for them.
         if not mapping.rigid and len(tangent.path.times) > 1:
             z, residual = polished(mapping, z, tangent)
             end, _, tangent = mapping.flow(z)
@@ -291,6 +295,7 @@ def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
     """Raise SolverFailure for an orbit whose multipliers do not exist, or one of which is 1."""
     system, solution = mapping.system, mapping.solve(z)
     path = path_of_solution(system, solution, mapping.period)
+    # The orbit is known to its closure only: so near to a graze it may be one.
     tangent = Tangent(mapping.generators, path, np.eye(len(z)), max(GRAZE, NEAR_GRAZE * closure))
     time, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
     if np.isfinite(time):
@@ -309,6 +314,7 @@ def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, res
     multipliers = np.asarray(np.linalg.eigvals(D), complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
     times, contacts, sides = [], [], []
+    # Contacts that change their side, and impacts, which change none.
     for i in range(1, len(path.times)):
         changed = set(np.flatnonzero(path.sides[i] != path.sides[i - 1]).tolist()) | set(path.hits.get(i, ()))
         for c in sorted(changed):
@@ -343,12 +349,15 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
     end, D, tangent = mapping.flow(z)
     scale = mapping.sizes(tangent)
     defect = float(np.max(np.abs(end - z) / scale))
+    # Newton's method, with steps halved until the defect falls.
     for iteration in range(NEWTON):
         if defect < ROUNDING or (iteration >= HOPELESS and defect > ASTRAY):
             break
+        # A rounding that grows so much is 2e-3 of the motion: too few digits for Newton's method.
         if (growth := float(np.linalg.norm(D * scale / scale[:, None]))) > APART:
             reason = f"neighbouring motions part by {growth:.0e} in a period, more than float64 has digits"
             raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or drive it faster")
+        # Unknowns in units of the motion, since positions and velocities differ in size.
         step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
         best = None
         for halving in range(HALVINGS):
@@ -362,6 +371,7 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
                 best = new, trial, ahead, slope, other
             if new < defect:
                 break
+        # A closed orbit that does not improve is at rounding. Before that even a worse trial may lead on.
         if best is None or (best[0] >= defect and defect < CLOSED):
             break
         defect, z, end, D, tangent = best
@@ -382,21 +392,25 @@ def polished(mapping: PeriodMap, z: Array, tangent: Tangent) -> tuple[Array, flo
     forms = [_event_form(generators, path, i) for i in range(1, k + 1)]
     best, start, size = np.inf, z, mapping.sizes(tangent)
     for _ in range(POLISH):
+        # Newton's method on the event times, as long as they are in order.
         edges = np.concatenate([[0.0], times, [mapping.period]])
         if np.any(np.diff(edges) < 0.0):
             break
         flows = [regime.flow(tau) for regime, tau in zip(tangent.regimes, np.diff(edges).tolist(), strict=True)]
         g = [generators.basis.values(t, 0) for t in edges[:-1].tolist()]
+        # The start of the periodic motion with these times: (I - E_k ... E_1) z = c.
         total, shift = np.eye(2 * n), np.zeros(2 * n)
         for E, each in zip(flows, g, strict=True):
             total, shift = E[: 2 * n, : 2 * n] @ total, E[: 2 * n] @ np.concatenate([shift, each])
         moved = np.linalg.solve((np.eye(2 * n) - total) * size, shift) * size
+        # The states at the events, and how far each event is from its zero.
         states = [np.concatenate([moved, g[0]])]
         for i in range(k):
             states.append(np.concatenate([flows[i][: 2 * n] @ states[-1], g[i + 1]]))
         h = np.array([form @ Z for form, Z in zip(forms, states[1:], strict=True)])
         terms = np.array([np.abs(form) @ np.append(size, np.ones(generators.basis.size)) for form in forms])
         error = float(np.max(np.abs(h) / terms))
+        # No improvement: the times are at rounding.
         if error >= best:
             break
         best, start = error, moved
@@ -426,6 +440,7 @@ def _jacobian(
         rates[j] = form @ before
     moved = np.zeros((2 * n, k))
     J = np.zeros((k, k))
+    # The first pass carries the jumps to the end of the period, the second begins with the periodic response.
     for again in (False, True):
         if again:
             moved = np.linalg.solve(np.eye(2 * n) - total, moved)
@@ -499,6 +514,7 @@ def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
     touches = [event for event in events(tangent) if event[1] == contact]
     touched = []
     for (t, _, before, during), (later, _, _, after) in pairwise(touches):
+        # A touch between open segments, or an opening between closed ones.
         if before == after and 0 in (before, during):
             side = during or before
             touched.append((abs(_gap(tangent, contact, side, 0.5 * (t + later))[0]), 0.5 * (t + later), side))
@@ -522,6 +538,7 @@ def turn(tangent: Tangent, contact: int, side: int, t: float) -> float:
             break
         t = float(np.clip(t - rate / bend, 0.0, tangent.path.t_end))
         gap, rate, bend = _gap(tangent, contact, side, t)
+        # Newton's method would change the gap by rate^2/(2 bend), here less than rounding.
         if rate * rate <= 1e-24 * abs(bend * gap):
             break
     return gap
@@ -535,6 +552,7 @@ def rigid_grazing(values: Sequence[float], seen: Sequence[tuple[float, float]], 
         for value, a in ((x, y[which]) for x, y in zip(values[-2::-1], seen[-2::-1], strict=True)):
             if not (np.isfinite(a) and b < a):
                 continue
+            # Linear extrapolation, from points far enough apart: between close ones the difference is rounding.
             ahead = b * (values[-1] - value) / (a - b)
             if abs(ahead) < FAR * abs(values[-1] - value):
                 if abs(ahead) < near:
@@ -553,6 +571,7 @@ def distances(tangent: Tangent) -> tuple[float, float]:
             form = generators.gap(c, side, 0)[0]
             distance = -side * tangent.values(lambda _, form=form: (form[None], []), t, tangent.segment_at(t))[:, 0]
             inner = distance[1:-1]
+            # Samples show where a gap turns; Newton's method gives its value there.
             lowest = np.flatnonzero((inner < distance[:-2]) & (inner < distance[2:])) + 1
             turns += [abs(turn(tangent, c, side, float(t[i]))) for i in lowest]
     return min(impulses, default=np.inf), min(turns, default=np.inf)

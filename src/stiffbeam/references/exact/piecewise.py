@@ -59,6 +59,7 @@ def solve_exact(
         tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
         solution = tracer.solve(t_end)
+        # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
     frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
     notes = {"frequencies": frequencies}
@@ -112,6 +113,7 @@ def reference_of(
         system=system,
         evaluate=partial(path_of, system, solution),
         state_at=solution.states,
+        # Ledger and measures of parts of the motion are computed on demand.
         ledger=partial(exact_ledger, system, solution, t),
         contact_by_events=partial(contact_between, system, solution),
         solution=solution,

@@ -93,8 +93,10 @@ class RigidMotion(Motion):
         """Flows of the segments that are Taylor series, which of them every segment has, and Z (segments, N) at the
         starts."""
         basis, flows, number = self.generators.basis, dict[int, RegimeFlow](), []
+        # Row k is (q, q', g) at the start of segment k.
         Z = np.empty((len(self.times), self.generators.N))
         Z[:, : 2 * self.generators.n] = np.hstack([z[:, : self.generators.n] for z in (self.x, self.y)])
+        # Segments with equal contacts and equal intervals between samples share a flow, and are expanded together.
         places: dict[int, int] = {}
         for k, (t, sides) in enumerate(zip(self.times.tolist(), self.sides.tolist(), strict=True)):
             interval = basis.interval(t)
@@ -109,7 +111,9 @@ class RigidMotion(Motion):
         """Taylor series of the segments that times (k,) lie in: a flow, its points among the times, the series that
         each of them needs, the time since its start, and coefficients (ORDER + 1, series, N)."""
         flows, number, Z = self.flows
+        # At most a million coefficients at a time, to bound the memory.
         most = max(1, 1_000_000 // ((ORDER + 1) * self.generators.N))
+        # In order of flows, then of segments: each series is computed once for all of its times.
         order = np.lexsort((piece, number[piece]))
         new = np.diff(piece[order], prepend=-1) != 0
         series = np.cumsum(new) - 1  # in order of flows and segments
@@ -126,7 +130,9 @@ class RigidMotion(Motion):
     def _alone(self, piece: NDArray[np.int64], t: Array, row: Array, u: Array, v: Array) -> None:
         super()._alone(piece, t, row, u, v)
         n, local = self.generators.n, self.regimes.number[(LOCAL,) * self.sides.shape[1]]
+        # The closed form is for flights; segments that are series are overwritten.
         here, Z = np.flatnonzero(self.regime[piece] == local), self.flows[2]
+        # At its start a segment has its stored state, without a series.
         still = t[here] == self.times[piece[here]]
         start, here = here[still], here[~still]
         u[start], v[start] = Z[piece[start], :n] @ row.T, Z[piece[start], n : 2 * n] @ row.T
@@ -145,6 +151,7 @@ def impacts_of(solution: RigidMotion, i: int, since: float = 0.0) -> Impacts:
 def horner(C: Array, which: IntArray, tau: Array) -> Array:
     """The series ``which`` (k,) among C (terms, series, ...) at tau (k,)."""
     tau = tau.reshape(-1, *[1] * (C.ndim - 2))
+    # Few numbers: all terms at once, without a loop in Python.
     if len(which) * C[0, 0].size < FEW:
         return np.sum(C[:, which] * tau ** np.arange(len(C)).reshape(-1, *[1] * tau.ndim), axis=0)
     total = C[-1][which]
@@ -172,12 +179,15 @@ def _near(c: Array) -> float | None:
     under = c[1] ** 2 - 4.0 * c[0] * c[2]
     if under < 0.0 or not (c[1] < 0.0 or c[2] < 0.0):
         return None
+    # The form of the root without cancellation, by the sign of the rate.
     s = 2.0 * c[0] / (math.sqrt(under) - c[1]) if c[1] < 0.0 else (c[1] + math.sqrt(under)) / (-2.0 * c[2])
+    # The cubic and later terms must be below a thousandth of the constant one.
     return s if s < SMALL and s**3 * np.sum(np.abs(c[3:])) < 1e-3 * c[0] else None
 
 
 def _real_roots(c: Array) -> Array:
     """Real roots of a series in (0, 1], in order."""
+    # np.roots divides by the last coefficient, which must not be rounding.
     last = np.flatnonzero(np.abs(c) > 1e-18 * np.max(np.abs(c)))[-1]
     roots = np.roots(c[last::-1])
     return np.sort(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0 + 1e-12)])
@@ -188,18 +198,22 @@ def first_zero(gap: Array, length: float, zeros: int) -> float | None:
 
     None if not in (0, length]; 0.0 where it is negative from the start. One that is zero throughout never does.
     """
+    # Without the exact zeros at 0.
     c = gap[zeros:]
     if not np.any(c):
         return None
+    # Leading coefficients that vanish raise the order of the zero; the first other one decides the sign.
     c = c[np.argmax(c != 0.0) :]
     if c[0] <= 0.0:
         return 0.0
     scaled = c * length ** np.arange(len(c))
+    # All falling terms together do not reach zero: no roots to compute.
     if scaled[0] > -np.sum(np.minimum(scaled[1:], 0.0)):
         return None
     near = _near(scaled)
     terms = c.tolist()
     for root in _real_roots(scaled) if near is None else [near]:
+        # Newton's method improves each root; the first at which the series does not rise counts.
         s = float(min(root, 1.0)) * length
         for _ in range(3):
             height, slope = _at(terms, s)

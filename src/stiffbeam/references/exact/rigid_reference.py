@@ -25,6 +25,7 @@ from .impacting import RADIANS, Tracer
 from .piecewise import reference_of, refuse
 from .rigid_motion import RigidMotion, horner, impacts_of
 
+# A negative number reverses the change of the start; every segment uses its size.
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
 PART = 0.5  # of the tolerances of a horizon: each of two motions may be off by as much
 LOST = 1e-9  # of the energy: what the balance may be open by
@@ -60,10 +61,12 @@ def solve_rigid(
         reference = replace(reference, ledger=ledger, contact_by_events=None)
         opened = np.max(np.abs(reference.energy.loss))
         scale = np.max(np.abs(reference.energy.energy)) + np.max(np.abs(reference.energy.input))
+        # Bodies at rest on their stops move by rounding alone, which is no fault of the energy balance.
         withheld, kept = _withheld(system, solution, t_end)
         if opened > LOST * scale + withheld:
             reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
             raise SolverFailure("exact", t_end, reason, REMEDY)
+        # A contact beyond its stop shows that an event was missed.
         beyond = _beyond(system, solution, kept)
         if beyond > LOST:
             reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
@@ -99,6 +102,7 @@ def held_spans(solution: RigidMotion, t_end: float, since: float = 0.0) -> list[
     starts = np.maximum(solution.times, since)
     impulses: dict[int, Array] = {}
     for flow, points, which, tau, C in solution.expanded(held, starts[held]):
+        # Impulse of the reaction: its series, integrated term by term.
         R = C @ flow.reactions.T
         R = np.concatenate([np.zeros((1, *R.shape[1:])), R / np.arange(1.0, len(R) + 1.0)[:, None, None]])
         until = ends[held[points]] - solution.times[held[points]]
@@ -119,10 +123,12 @@ def _contact(
     struck = [(time, impulse) for time, contact, impulse in solution.struck if contact == c and time >= since]
     times, ends = np.array([e.time for e in events]), np.array([e.end for e in events])
     impulses = np.array([e.impulse for e in events])
+    # Impacts after which the contact is held also gather what it presses later.
     total, kept = float(np.sum(impulses)), ends > times
     for presses, at_end in (([(a, impulse) for a, _, impulse in held], False), (struck, True)):
         begun, amounts = np.array(presses).reshape(-1, 2).T
         so_far = np.concatenate([[0.0], np.cumsum(amounts)])
+        # A reaction that begins at the end of an impact is outside it; a blow at that time belongs to it.
         until = np.searchsorted(begun, ends[kept], "right" if at_end else "left")
         since_then = np.searchsorted(begun, times[kept])
         impulses[kept] += so_far[until] - so_far[since_then]
@@ -141,9 +147,11 @@ def _contact(
 def ledger_of(system: System, solution: RigidMotion, t: Array) -> Ledger:
     """``exact_ledger`` with what impacts take as stop_dissipation."""
     smooth = exact_ledger(system, solution, t)
+    # Impacts change the energy at once: sum what they took and what moving stops put in up to each time.
     when, *impulsive = np.array(solution.taken).reshape(-1, 3).T
     so_far = np.searchsorted(when, t, side="right")
     taken, moved = (np.concatenate([[0.0], np.cumsum(x)])[so_far] for x in impulsive)
+    # From t = 0, not from the first output: impacts before that count.
     start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     supplied = smooth.input + moved
     loss = start - smooth.energy + supplied - smooth.viscous - taken
@@ -156,8 +164,10 @@ def _horizon(tracer: Tracer, reference: Reference, kept: Array, t_end: float) ->
     """Horizon of the solution, see ``solve_rigid``. kept: from ``_withheld``; positions below it are rounding."""
     system, eps = tracer.system, float(np.finfo(float).eps)
     channels = system.tip_channel, *range(len(system.contacts))
+    # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
     rounding = np.array([kept @ np.abs(system.channels[channel][0]) for channel in channels])
     scales = np.maximum(scales_of(reference), rounding / (PART * DISPLACEMENT_TOLERANCE)).tolist()
+    # Rates are roots of eigenvalues: so far below the largest they may be the rounding of a zero.
     slowest = tracer.rates[tracer.rates > 1e-6 * np.max(tracer.rates, initial=0.0)]
     tolerance = DISPLACEMENT_TOLERANCE * (2.0 * np.pi / float(np.min(slowest)) if len(slowest) else t_end)
     fastest, horizon, own = float(np.max(np.abs(reference.states[1]))), t_end, watched(reference)
@@ -166,6 +176,7 @@ def _horizon(tracer: Tracer, reference: Reference, kept: Array, t_end: float) ->
     for seed, (radians, roundings) in enumerate(COPIES):
         off = (-1.0) ** np.arange(system.size)
         off -= back @ np.linalg.solve(rows @ back, rows @ off)  # what is written as at rest is at rest
+        # What the projection leaves of a zero by rounding is no change.
         off[np.abs(off) < 16.0 * eps] = 0.0
         start = system.v0 + roundings * eps * fastest * off
         copy = tracer.copy(start, radians, abs(roundings), seed).solve(t_end)
@@ -186,6 +197,7 @@ def _withheld(system: System, solution: RigidMotion, t_end: float) -> tuple[floa
     q, v = solution.states_in(np.append(solution.times, solution.times[-1]), segments)
     force = system.load(times) - q @ system.stiffness - v @ system.damping
     acceleration = np.linalg.solve(system.mass, force.T).T
+    # From rest a force f does the work f a t^2/2 in a stretch t.
     longest = min(t_end, RADIANS / max(solution.fastest, 1e-300))
     energy = 0.5 * float(np.max(np.sum(force * acceleration, axis=1))) * longest**2
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
