@@ -29,6 +29,7 @@ def make(name: str, **parameters: Any) -> Scheme:
         remedy = near(name, [kind.__name__ for kind in (*SCHEMES.values(), *RIGID.values())])
         raise InputError("scheme", name, "be a registered scheme", remedy)
     kind = user_class(name) if ":" in name else known[_plain(name)]
+    # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
     own = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
         if parameter not in own:
@@ -58,6 +59,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     if not isinstance(text, str) or len(text) > LONGEST_RUN:
         remedy = "e.g. HHT(alpha=-0.1)@displacement"
         raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
+    # name or module:Class, arguments, printed form, semi-discrete form.
     pattern = (
         r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
         r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
@@ -67,6 +69,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     if not match:
         raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. HHT(alpha=-0.1)@displacement")
     parameters: dict[str, Any] = {}
+    # Arguments by name only, as a label is written.
     for item in filter(None, (match["args"] or "").split(",")):
         key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
@@ -74,6 +77,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
         if key in parameters:
             raise InputError("scheme", text, f"give {key} once", "leave one of them out")
         try:
+            # Literals only: a label is text from a command line or a file; its values must not run as code.
             truth = {"true": True, "false": False}
             parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
@@ -149,6 +153,7 @@ def _module(place: str, name: str) -> Any:
 
 
 def _from_here(place: str, name: str) -> Any:
+    # At the end of the path: a file of the folder must not hide an installed module.
     sys.path.append(os.getcwd())
     try:
         return importlib.import_module(place)
@@ -169,6 +174,7 @@ def user_label(scheme: Scheme) -> str:
         remedy = "move its class to the top of a module, or use integrate and compare"
         rule = "be registered, or be found in a module, for a study"
         raise InputError("schemes", f"a {kind.__qualname__} called {label}", rule, remedy)
+    # Another process makes the scheme from its label: the label is tried here.
     name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(kind.__name__)
     named = user_class(name)
     try:
@@ -195,6 +201,7 @@ def user_source(label: str) -> str:
     module = sys.modules.get(getattr(named, "__module__", None) or label.partition(":")[0])
     try:
         source = inspect.getsource(module)  # type: ignore[arg-type]
+    # A module without a file.
     except (OSError, TypeError):
         code = getattr(named, "__code__", None)
         source = "" if code is None else f"{code.co_code!r} {code.co_consts!r} {code.co_names!r}"

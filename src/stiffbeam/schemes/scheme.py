@@ -91,6 +91,7 @@ class Scheme(ABC):
         far as half a step at the velocity it gives, see ``stage``."""
         if len(self.nodes) != 1:
             return False
+        # One step of length 1 of a free mass at rest under a unit reaction; 1e-9 is for rounding.
         free, none = Modal(np.zeros(1), np.zeros(1)), np.zeros(1)
         start = self.initial(free, [np.zeros((2, 1))] * self.history, none)
         _, ((moved, speed),) = self.step(free, 1.0, start, [none], [np.ones(1)])
@@ -274,6 +275,7 @@ def check_contract(scheme: Scheme) -> None:
         return
     if scheme.starter is not None:
         check_contract(scheme.starter)
+    # Random numbers without structure, so that no defect of a step cancels by chance; always the same ones.
     rng = np.random.default_rng(0)
     equation, dt, nodes = Modal(np.array([0.7, 1.9]), np.array([0.1, 0.3])), 0.4, len(scheme.nodes)
     history = [rng.normal(size=(2, 2)) for _ in range(scheme.history)]
@@ -291,6 +293,7 @@ def check_contract(scheme: Scheme) -> None:
             raise InputError(f"{scheme}.predict", len(predicted), f"return {nodes} positions, one per node", remedy)
         return np.asarray(z_new), np.array(stages), np.array(predicted)
 
+    # Linear: a march solves for the reaction by the response to it alone.
     x, y = ((rng.normal(size=shape), rng.normal(size=(2, nodes, 2))) for _ in range(2))
     once = step(*x)
     both = step(x[0] + 2.0 * y[0], x[1] + 2.0 * y[1])
@@ -298,10 +301,12 @@ def check_contract(scheme: Scheme) -> None:
         if not np.max(np.abs(whole - a - 2.0 * b)) <= TOLERANCE * np.max(np.abs(whole)):
             remedy = "leave out what is constant, squared or cut off"
             raise InputError(f"{scheme}.step", "a step that is not", "be linear in (state, loads, reactions)", remedy)
+    # Pure: a march computes the response of a step once and uses it in every step.
     for first, again in zip(once, step(*x), strict=True):
         if not np.array_equal(first, again):
             remedy = "keep nothing on self; what a step needs of earlier ones belongs into the state"
             raise InputError(f"{scheme}.step", "a step that remembers", "give the same for the same input", remedy)
+    # Mode by mode: what happens to the second mode must not change the first.
     other = x[0].copy(), x[1].copy()
     other[0][..., 1] += 1.0
     other[1][..., 1] += 1.0
@@ -310,6 +315,7 @@ def check_contract(scheme: Scheme) -> None:
             rule = "be made of the equation's operations, so that modes do not mix"
             remedy = "use equation.mass, stiffness, damping and solve"
             raise InputError(f"{scheme}.step", "a step that mixes unknowns by itself", rule, remedy)
+    # Causal. No tolerance: the earlier nodes repeat the same operations on the same numbers.
     for later in range(1, nodes):
         changed = x[1].copy()
         changed[:, later] += 1.0

@@ -43,6 +43,7 @@ def reference_from(
     Input, dissipation and impulses are integrated with the motion; the impulses take no part in error control, the
     others to rtol of the energy of the motion.
     """
+    # Input: tolerances, and whether the solver restarts at events.
     system, t_end, method, t_eval, rtol, atol, _, steps = request
     positive("t_end", t_end)
     rtol = positive("rtol", rtol)
@@ -55,6 +56,7 @@ def reference_from(
     if jumps and switches == KEEP:
         rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
         raise InputError("switches", switches, rule, "use the adaptive solver cvode")
+    # Smooth intervals of the loads, the equations, and the sizes from which the tolerances follow.
     t = output_times(t_eval, t_end)
     begun = clock()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
@@ -62,6 +64,7 @@ def reference_from(
     scales = scales_of(rhs.first_order, t_end)
     if steps.max_step is not None:
         afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
+    # An unknown that passes through zero has no relative error there: the absolute tolerance bounds it.
     tolerances = rtol / 100.0 * scales.unknowns
     if atol is not None:
         least = LEAST_SHARE * float(np.min(tolerances))
@@ -80,9 +83,11 @@ def reference_from(
         begun = clock()
         run = solver(rhs, share * rtol, tolerances)
         path = follow(method, rhs, pieces.pieces, t, switches, scales, run, steps.events)
+        # A later solve of the same equations uses the compiled program and must not count this time again.
         compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
         return path._replace(seconds=clock() - begun, compile_seconds=compiling)
 
+    # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
     y = result.states[:, : rhs.states]
     answers = Answers(solve, rhs, t_end, t, y)
@@ -95,6 +100,7 @@ def reference_from(
         of_stops = _taken_by_stops(rhs, result.states, positions)
         return _ledger(system, t, states[0], states[1], given, taken, of_stops)
 
+    # Record of how the solution was computed.
     bounds = [piece.max_step for piece in pieces.pieces if np.isfinite(piece.max_step)]
     provenance: dict[str, Any] = {
         "method": method,
@@ -147,6 +153,7 @@ class Answers:
     def at(self, times: Array) -> Array:
         """The states (k, size) at ``times`` (k,), in any order, in [0, t_end]."""
         due = np.unique(times)
+        # Only states at output times are stored: other times need a second solve, with outputs at them.
         if not np.all(np.isin(due, self.t)):
             self.t = due if len(due) > 1 else np.unique([0.0, *due, self.t_end])
             self.y = self.solve(self.t).states[:, : self.rhs.states]
@@ -168,6 +175,7 @@ def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
     if not rhs.damped:
         return np.zeros(len(z))
     start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
+    # The integral is dissipated plus stored energy. What a stop stored at t = 0 it never absorbed.
     taken = z[:, -1].copy()
     for i, c in enumerate(rhs.first_order.contacts):
         if c.contact.stops.dissipative:
@@ -182,6 +190,7 @@ def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: A
     start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     loss = start - sum(energies) + given - taken - of_stops
     touching = in_contact(system, t, q, v)
+    # A loss between two outputs cannot be divided: contact at either of them counts as contact.
     closed = np.concatenate([[False], touching[1:] | touching[:-1]])
     contact = np.cumsum(np.where(closed, np.diff(loss, prepend=0.0), 0.0))
     return Ledger(
@@ -214,10 +223,12 @@ def contact_record(
     """
     stops = rhs.first_order.contacts[i].contact.stops
     force = stops.force(position, velocity)
+    # Without events only the outputs show contact: its times are interpolated between them.
     if contacts is None:
         spans = contact_spans(t, position, velocity, stops)
         first, _, begins, exits, sides, _ = spans.T
         closed_time = float(np.sum(np.where(np.isnan(exits), t[-1], exits) - begins))
+        # A span that is open at the first output counts only if that output is at t = 0: else its entry is not known.
         counted = (first > 0.0) | (t[0] == 0.0)
         return ContactRecord(
             stops, position, velocity, force,
@@ -226,6 +237,7 @@ def contact_record(
             peak_force=float(np.max(np.abs(force))),
             impulse=float("nan"),
         )  # fmt: skip
+    # With events: one row for every entry, up to the exit after it or to the end of the solution.
     impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse
     closed_time, largest, total = 0.0, 0.0, 0.0
     for k, (contact, side) in enumerate(rhs.sides):
@@ -239,10 +251,13 @@ def contact_record(
                 own = float(np.nanmax([own, at_entry, at_exit]))
             ended = n < len(exits)
             closed_time += left - entry
+            # A contact that lasts from the start or to the end may be pressed hardest there, without a peak between.
             largest = np.nanmax([largest, own, at_entry, at_exit])
+            # The integral of -F, after the states, the input and the viscous loss.
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             total += impulse
             nan = np.nan
+            # Peak and impulse of a contact that is closed at the end are still open.
             impacts.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
     impacts.sort(key=lambda impact: impact[0])
     columns = np.array(impacts).reshape(-1, len(COLUMNS)).T

@@ -65,6 +65,8 @@ class Stepper:
         self.t_old: float = t0
         self._rhs, self._rtol, self._atol, self._max_step = rhs, rtol, atol, max_step
         self._old = self.y
+        # The first length is only a guess, which error control corrects. A stated one leads to an event or an output:
+        # the caller needs that one step.
         self._next = 1e-3 * rtol**0.2 * min(t_bound - t0, max_step) if first_step is None else first_step
         self._steps = 1 if first_step is not None else FIRST_STEPS
         self._made: list[tuple[float, Array]] = []
@@ -91,6 +93,7 @@ class Stepper:
     def _fill(self) -> bool:
         """Make up to ``_steps`` steps ahead; return False where there are none."""
         with float64_on_the_processor():
+            # One call of the compiled march makes many steps, since each call from Python has its cost.
             ts, ys, made, tried, self._next = self._program(
                 self._numbers, self.t, self.y, self._next, self.t_bound, self._rtol, self._atol, self._max_step,
                 self._steps,
@@ -99,6 +102,7 @@ class Stepper:
             times, states = np.asarray(ts)[:made].tolist(), np.asarray(ys)[:made]
         self._made = list(zip(times, states, strict=True))
         self._steps = min(CAPACITY, 2 * self._steps)
+        # A rejected step takes as many stages as an accepted one.
         self.counters["steps"] += tried
         self.counters["stages"] += tried * self._stages
         return made > 0
@@ -112,18 +116,21 @@ def _program(name: str, kind: Kind, numbers: Any, rhs: RightHandSide) -> tuple[C
     """The compiled march of a solver for systems of one shape, and its stages a step."""
     import diffrax
 
+    # The numbers of the system are arguments of the program: systems of one shape share it.
     key = (name, kind, rhs.size, *(np.shape(x) for x in numbers))
     if key not in _PROGRAMS:
         import jax
 
         scalar, integer = jax.ShapeDtypeStruct((), np.float64), jax.ShapeDtypeStruct((), np.int64)
         vector = jax.ShapeDtypeStruct((rhs.size,), np.float64)
+        # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
         begun = time.process_time()
         with stopped_clock(), float64_on_the_processor():
             shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), numbers)
             arguments = (shapes, scalar, vector, scalar, scalar, scalar, vector, scalar, integer)
             _PROGRAMS[key] = jax.jit(partial(_march, name, kind)).lower(*arguments).compile()
         rhs.compile_seconds += time.process_time() - begun
+    # If the first stage of a step is the last one of the step before (FSAL), a step has one stage less.
     tableau: Any = getattr(diffrax, name).tableau
     return _PROGRAMS[key], len(tableau.b_sol) - int(tableau.fsal)
 
@@ -154,18 +161,21 @@ def _march(
     _, control = controller.init(term, t, end, z, dt, numbers, solver.func, order)
 
     def going_on(carry: Any) -> Any:
+        # The march ends also where steps become too short. ``step`` reports a march without any step as a failure.
         now, _, length, _, _, made, _, _, _ = carry
         return (made < count) & (now < end) & (length > LEAST_STEP * jnp.abs(now)) & jnp.isfinite(length)
 
     def one(carry: Any) -> Any:
         now, state, length, memory, control, made, tried, times, states = carry
         length = jnp.minimum(length, max_step)
+        # A step that ends a little before ``end`` is stretched to it: the rest would be a billionth of it.
         last = now + (1.0 + 1e-9) * length >= end
         until = jnp.where(last, end, now + length)
         new, error, _, new_memory, _ = solver.step(term, now, until, state, numbers, memory, False)
         keep, _, ahead, _, control, _ = controller.adapt_step_size(
             now, until, state, new, numbers, error, order, control
         )
+        # A state with infinities is rejected, whatever its error estimate.
         keep = keep & jnp.all(jnp.isfinite(new))
         proposed = ahead - jnp.where(keep, until, now)
         # A step cut short by the end does not tell that the next has to be as short.
@@ -180,6 +190,7 @@ def _march(
 
     memory = solver.init(term, t, end, z, numbers)
     zero = jnp.zeros((), jnp.int64)
+    # Arrays of fixed size, as a compiled loop needs them; ``count`` is at most CAPACITY.
     buffers = jnp.zeros(CAPACITY), jnp.zeros((CAPACITY, len(z)))
     _, _, length, _, _, made, tried, times, states = lax.while_loop(
         going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
@@ -196,6 +207,7 @@ def _chord() -> Any:
         once: Any = False
 
         def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
+            # The second iteration measures the convergence. Under linear equations it only confirms the first.
             ended, result = super().terminate(fn, y, args, options, state, tags)
             return ended | (self.once & (state.step > 0)), result
 

@@ -151,6 +151,7 @@ def _solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
     scales = 2.0 ** np.round(np.log2(atol / (SHARE * rtol)))  # powers of two: no number is rounded
     laws = [law_of(rhs.equations.law, c) for c in range(len(rhs.equations.law))]
     numbers = _numbers(rhs, scales)
+    # A number that is zero gets no symbol, except in DENSE: the compiled program stays short.
     kept = [np.ones(x.shape, bool) if f in DENSE else x != 0.0 for f, x in zip(Numbers._fields, numbers, strict=True)]
     shape = Shape(
         tuple((x.shape, mask.tobytes()) for x, mask in zip(numbers, kept, strict=True)), tuple(rhs.sides),
@@ -159,10 +160,12 @@ def _solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
     )  # fmt: skip
 
     def run(phase: Phase) -> Outcome:
+        # A side beyond its event at the start switches before any step.
         ended_by = _overdue(rhs, laws, phase)
         if ended_by:
             return Outcome(phase.start, phase.z, [], ended_by, False, {})
         closed = phase.watch.closed
+        # Only a fractional force in contact needs w: without contact it is zero.
         pressed = tuple(k for k in np.flatnonzero(closed).tolist() if fractional(laws[rhs.sides[k][0]]))
         program = _program(shape._replace(pressed=pressed), rhs)
         now = _of_phase(rhs, numbers, phase)
@@ -181,6 +184,7 @@ def _numbers(rhs: RightHandSide, scales: Array) -> Numbers:
     e, n, y = rhs.equations, rhs.states, rhs.first_order
     m, x = len(e.law), scales[:n]
     damping = y.to_v.T @ y.system.damping @ y.to_v if y.system.damped else np.zeros((n, n))
+    # In the scaled unknowns a column has the factor of its unknown, a row is divided by that of its rate.
     matrix, loads, pushes = np.zeros((rhs.size, n)), np.zeros((len(e.loads), rhs.size)), np.zeros((m, rhs.size))
     matrix[:n] = y.matrix * x / x[:, None]
     loads[:, :n], pushes[:, :n] = e.loads / x, e.pushes / x
@@ -198,10 +202,12 @@ def _numbers(rhs: RightHandSide, scales: Array) -> Numbers:
 def _of_phase(rhs: RightHandSide, numbers: Numbers, phase: Phase) -> Numbers:
     """The numbers with those of a phase."""
     edges, records, edge = rhs.equations.edges, numbers.records, 0.0
+    # By the middle of the phase: its ends may be samples, where two polynomials meet.
     if records.size:
         k = int(np.searchsorted(edges, 0.5 * (phase.start + phase.end), side="right")) - 1
         k = min(max(k, 0), len(edges) - 2)
         edge, records = edges[k], rhs.equations.records[k].reshape(records.shape)
+    # The unit of time is a power of two, as the scales are: no number is rounded by it.
     clock = np.array([phase.start, 2.0 ** np.ceil(np.log2(phase.end))])
     return numbers._replace(
         lengths=rhs.lengths, pressing=np.array(phase.watch.closed, float), clock=clock, edge=np.array([edge]),
@@ -236,9 +242,11 @@ def _first_step(rhs: RightHandSide, phase: Phase, pressed: Sequence[int], roots:
         if w == 0.0:
             c, _ = rhs.sides[k]
             law, L, speed = law_of(rhs.equations.law, c), rhs.lengths[c], _depth(rhs, k, phase.start, phase.z)[1]
+            # Depth at which the elastic force has taken the kinetic energy of the mass 1/mobility.
             mobility = float(rhs.equations.velocity_rows[c] @ rhs.equations.pushes[c])
             depth = depth_holding(0.5 * speed**2 / mobility / (1.0 + law.lam * speed), law)
             b = Fraction(law.p).limit_denominator(LARGEST).denominator
+            # At constant speed dw/ds = speed/(b L).
             return float((depth / L) ** (1.0 / b) * b * L / speed / 16.0)
     return math.inf
 
@@ -252,6 +260,7 @@ def _overdue(rhs: RightHandSide, laws: Sequence[Law], phase: Phase) -> list[Root
         force = float(pressure(max(depth, 0.0), speed, law))
         if closed:
             open_again = depth <= 0.0 and speed <= 0.0 and (depth < 0.0 or speed < 0.0)
+            # A damped stop lets go while still inside. Its force is negative here, and falls at a release.
             if damps(law) and depth > 0.0 and force < 0.0:  # going on, not coming back
                 row = watch.size - watch.count + k
                 open_again = watch.values(phase.start, phase.z)[row] + rhs.levels[row] <= 0.0
@@ -282,8 +291,10 @@ def _march(
         reason = "two stops with fractional exponents close at the same time"
         raise SolverFailure("heyoka", phase.start, reason, "use the adaptive solver cvode-adams")
     bound = _first_step(rhs, phase, program.pressed, roots)
+    # Start values. In a contact with a fractional power the time since the start and w are unknowns too.
     integrator.time = 0.0 if in_contact else phase.start
     integrator.state[:] = [*(phase.z / scales), *([0.0, *roots] if in_contact else [])]
+    # heyoka ignores an event for a while after it. In a new phase the same event may have another meaning.
     if integrator.with_events:
         integrator.reset_cooldowns()
     for peaks in program.peaks:
@@ -305,17 +316,20 @@ def _march(
             s = first if late(first) >= 0.0 else last if late(last) <= 0.0 else brentq(late, first, last, xtol=1e-300)
         return scales * integrator.update_d_output(s)[:size]
 
+    # Step by step, to an event or to the end of the phase.
     now, z, states, steps, ended_by = phase.start, phase.z, [], 0, []
     while now < phase.end and not ended_by:
         left = phase.end - now
         longest = min(phase.max_step, math.inf if in_contact else left, bound if steps == 0 else math.inf)
         first = float(integrator.time)
+        # An event i that stops the integrator has the outcome -i - 1.
         outcome, length = integrator.step(max_delta_t=longest, write_tc=True)
         steps += 1
         new, event = time_at(float(integrator.time), integrator.state), -int(outcome) - 1
         if not np.all(np.isfinite(integrator.state)) or (length == 0.0 and not 0 <= event < MOST_EVENTS):
             reason = "the series has no radius of convergence"
             raise SolverFailure("heyoka", now, reason, "use the adaptive solver cvode-adams")
+        # The s at the end is not known before: a step goes beyond it, and its series is evaluated at the end.
         if in_contact and new >= phase.end:
             new, event, z = phase.end, -1, at(phase.end, first)
         else:
@@ -327,10 +341,12 @@ def _march(
         states += [at(t, first) for t in due[due <= new].tolist()]
         if 0 <= event < MOST_EVENTS:
             k = event if event < watch.count else program.releasing[event - watch.count]
+            # A force that would press outside the stop closes nothing.
             if watch.closed[k] or event < watch.count or _depth(rhs, k, new, z)[0] > 0.0:
                 ended_by = [Root(k, -1 if watch.closed[k] else 1, new, z)]
         now = new
     for k, peaks in enumerate(program.peaks):
+        # A peak after the end of the phase lies in the part of the step that is dropped.
         times = [(time_at(s, x), scales * x[:size]) for s, x in peaks.zeros] if watch.closed[k] else []
         watch.peaks += [Root(watch.size - watch.count + k, -1, t, x) for t, x in times if t <= now]
     # A term of the series takes about an evaluation of the right-hand side.
@@ -339,6 +355,7 @@ def _march(
 
 def _program(shape: Shape, rhs: RightHandSide) -> Program:
     """The program of a shape in this thread, compiled if it is the first such."""
+    # A solve writes to its integrator: two threads must not share one.
     key = (threading.get_ident(), shape)
     if key not in _PROGRAMS:
         while len(_PROGRAMS) >= MOST_PROGRAMS:
@@ -414,6 +431,7 @@ def _compiled(shape: Shape) -> Program:
                 z_rate[-1] -= a.energies[1] * a.pressing[k] * float(side) * forces[c] * speeds[k]
 
     # Events: gaps, forces of stops that damp, and the peaks.
+    # With these signs every event is a rise: of the depth of an open side, of minus the depth of a closed one.
     signs = [1.0 - 2.0 * pressing for pressing in a.pressing]
     units = [a.lengths[c] for c, _ in shape.sides]
     gaps = [-w[k] - NOT_ZERO if k in w else signs[k] * depths[k] - NOT_ZERO * units[k] for k in range(len(signs))]
@@ -436,11 +454,13 @@ def _compiled(shape: Shape) -> Program:
         equations.append((since, pace / a.clock[1]))
     for k in w:
         c, _ = shape.sides[k]
+        # s is common to all pressed sides: dw/ds has the factors w^(b-1) of the other sides.
         others = hy.prod([hy.expression(1.0), *(f for j, f in powers.items() if j != k)])
         equations.append((w[k], others * speeds[k] / (float(shape.exponents[c].denominator) * a.lengths[c])))
     now = {"t": a.clock[0] + a.clock[1] * since if w else hy.time}
     rising, falling = hy.event_direction.positive, hy.event_direction.negative
     peaks = [Peaks() for _ in turning]
+    # compact_mode keeps the compilation of large systems short; high_accuracy sums the series with compensation.
     integrator = hy.taylor_adaptive(
         [(variable, hy.subs(rate, now)) for variable, rate in equations],
         state=[0.0] * len(equations),

@@ -62,13 +62,16 @@ class Pieces(NamedTuple):
 def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
     """Cut [0, t_end] for the loads and contact offsets of ``system``."""
     covered(system.time_functions, t_end)
+    # Parts of all functions of time, each once: harmonics, records, and bare callables, which only samples describe.
     functions = {id(part): part for function in system.time_functions for part in parts_of(function)}
     harmonics = [f.frequency for f in functions.values() if isinstance(f, Harmonic) and f.amplitude]
     bare = [f for f in functions.values() if not in_closed_form(f)]
     records = [f for f in functions.values() if isinstance(f, Sampled)]  # polynomials between their samples
     cubic = any(f.kind == "cubic" for f in records)
+    # A harmonic load bounds the step too: error control sees a load at the steps only.
     longest = math.inf if steps.max_step is None else positive("max_step", steps.max_step)
     longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in harmonics)])
+    # Known cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
     cuts = [(t, t) for t in times_of("breakpoints", steps.breakpoints)]
     cuts += [(t, t) for t in np.unique(np.concatenate([np.zeros(0), *(f.t for f in records)])).tolist()]
     count = _points(system, t_end) if bare else 0
@@ -76,14 +79,17 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
         stated = breakpoints_of(f)
         cuts += [(t, t) for t in (() if stated is None else stated)]
     cuts = _joined(cuts, t_end)
+    # Unknown cuts: kinks and jumps of every bare callable between the known cuts.
     rough_bound = math.inf
     for f in bare:
         scan = _Scan(f, t_end, count, steps.other)
         kinks = [scan.rough(start, end) for start, end in _between(cuts, t_end)]
+        # No restarts for a function that is rough everywhere: steps of at most one window, eight spacings of the scan.
         if None in kinks or sum(map(len, kinks)) > MOST_CUTS:  # type: ignore[arg-type]
             rough_bound = 8.0 * t_end / count
         else:
             cuts = _joined(cuts + [b for some in kinks for b in some or ()], t_end)
+    # Longest step in every interval, by the leaves of the callables, the harmonics and the records.
     edges: list[Piece] = []
     for first, last in _between(cuts, t_end):
         smooth = bare if rough_bound == math.inf else []
@@ -117,6 +123,7 @@ def _joined(cuts: list[tuple[float, float]], t_end: float) -> list[tuple[float, 
     for low, high in sorted(cuts):
         if high < 0.0 or low > t_end:
             continue
+        # Cuts that are a few roundings apart would leave an interval of rounding length between them.
         if joined and low <= joined[-1][1] + least:
             joined[-1] = (joined[-1][0], max(joined[-1][1], high))
         else:
@@ -131,6 +138,7 @@ def _least(t_end: float) -> float:
 
 def _between(cuts: list[tuple[float, float]], t_end: float) -> list[tuple[float, float]]:
     """The open intervals between the cuts, as the first and the last time in each."""
+    # The functions may jump at a cut: an interval ends one double before it.
     starts = [0.0] + [math.nextafter(high, math.inf) for _, high in cuts]
     ends = [math.nextafter(low, -math.inf) for low, _ in cuts] + [t_end]
     return [(a, b) for a, b in zip(starts, ends, strict=True) if b - a > _least(t_end)]
@@ -144,14 +152,17 @@ def _bounds(leaf_edges: list[Array], start: float, end: float) -> list[tuple[flo
     """
     if not leaf_edges:
         return [(start, end, math.inf)]
+    # Smallest leaf of any function in every elementary interval.
     edges = np.unique(np.concatenate([np.array([start, end]), *leaf_edges]))
     middle = 0.5 * (edges[1:] + edges[:-1])
     size = np.full(len(middle), math.inf)
     for leaves in leaf_edges:
         k = np.clip(np.searchsorted(leaves, middle) - 1, 0, len(leaves) - 2)
         size = np.minimum(size, np.diff(leaves)[k])
+    # Leaves of one class, of lengths within a factor of 16, share a part: every further part is one more restart.
     classes = np.floor(np.log2(size) / 4.0)
     breaks = np.flatnonzero(np.diff(classes)) + 1
+    # One part with the shortest bound instead of more than 200 restarts.
     if len(breaks) > 200:
         breaks = breaks[:0]
     parts = []
@@ -174,16 +185,19 @@ class _Scan:
     )
 
     def __init__(self, f: LoadFunction, t_end: float, count: int, other: bool) -> None:
+        # A second opinion scans 3 2^k windows: its samples lie at other times and can hit a load that the first missed.
         self.f, self.t_end, self.count, self.odd = f, t_end, count, 3 if other else 1
         values = evaluate(f, np.linspace(0.0, t_end, 4097))
         self.low, self.high = float(np.min(values)), float(np.max(values))
 
     def rough(self, start: float, end: float) -> list[tuple[float, float]] | None:
         """Narrow brackets of the times in [start, end] where f or f' jumps; None where f is rough all over."""
+        # First look: runs of windows in which f is not a polynomial of degree 4.
         t, errors = self._errors(start, end, self._size(start, end))
         bad = np.flatnonzero(errors[0] > self.allowed)
         if len(bad) > len(errors[0]) // 4:
             return None
+        # Closer looks, each at the worst windows of the last, until the rounding of time ends them.
         brackets: list[tuple[float, float]] = []
         todo = [(float(t[8 * run[0]]), float(t[8 * run[-1] + 8])) for run in _runs(bad)]
         while todo:
@@ -195,14 +209,17 @@ class _Scan:
                 continue
             t, errors = self._errors(a, b, ZOOM)
             largest = np.array([np.max(e) for e in errors[::-1]])  # from the whole of [a, b] to its smallest windows
+            # seen: number of levels from the coarsest to the finest whose error exceeds the rounding of the samples.
             seen = len(largest) - int(np.argmax(largest[::-1] > 0.03 * self.rounding))
             if not np.any(largest > 0.03 * self.rounding):
                 brackets.append((a, b))  # a jump as narrow as rounding lets it be seen
+            # A kink, or too few levels to judge. A faster fall of the error shows a smooth f: the run is then dropped.
             elif seen < 2 or largest[seen - 2] < SMOOTH_RATIO * largest[seen - 1]:
                 fine = errors[len(errors) - seen]
                 windows = np.flatnonzero(fine > 0.1 * np.max(fine))
                 width = 8 * ZOOM >> (seen - 1)
                 todo += [(float(t[width * run[0]]), float(t[width * (run[-1] + 1)])) for run in _runs(windows)]
+                # The look did not narrow the bracket; looked at again, it would not end.
                 if todo[-1][1] - todo[-1][0] > 0.9 * (b - a):
                     brackets.append(todo.pop())
         return brackets
@@ -215,12 +232,14 @@ class _Scan:
             a, b, size, depth = todo.pop()
             t, smooth = self._smooth(a, b, size)
             leaf_edges, covered = [], np.zeros(size, bool)
+            # From the longest windows to the shortest: a window is a leaf if no longer one covers it.
             for level in range(len(smooth) - 1, -1, -1):
                 width = 2**level
                 new = np.flatnonzero(smooth[level] & ~covered[::width])
                 leaf_edges += [t[8 * width * new], t[8 * width * (new + 1)]]
                 for k in new:
                     covered[k * width : (k + 1) * width] = True
+            # The finest windows that are not smooth are leaves as well, and are divided up to four times.
             bad = np.flatnonzero(~covered)
             leaf_edges += [t[8 * bad], t[8 * bad + 8]]
             if depth < 4:
@@ -263,6 +282,7 @@ class _Scan:
             last = 4 * stride * (2 * windows - 2) + 1
             nodes = np.stack([values[k * stride : k * stride + last : 4 * stride] for k in range(9)])
             error = np.max(np.abs(self.WEIGHTS @ nodes[::2] - nodes[1::2]), axis=0)
+            # Every window takes the errors of the two that straddle its edges.
             own, between = error[::2].copy(), error[1::2]
             np.maximum(own[:-1], between, out=own[:-1])
             np.maximum(own[1:], between, out=own[1:])

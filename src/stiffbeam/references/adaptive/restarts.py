@@ -47,6 +47,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     the same scales. A system in which nothing can move has scales 1.
     """
     system = first_order.system
+    # Energy of the start, of the loads and of the moving stops.
     compliance = _inverse(system.stiffness + 2.0 / t_end**2 * system.mass)
     t = np.linspace(0.0, t_end, SAMPLES)
     energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
@@ -68,6 +69,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     if not energy > 0.0:
         ones = np.ones(len(system.contacts))
         return Scales(np.ones(len(first_order.y0)), ones, ones, 1.0)
+    # Largest values at that energy.
     # (q, q') in terms of y, turned round: y = back (q, q').
     back = np.linalg.pinv(np.concatenate([first_order.to_q, first_order.to_v]))
     n = system.size
@@ -76,10 +78,12 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     spread += np.sum((back[:, n:] @ mobility) * back[:, n:], axis=1)
     lengths = np.array([np.sqrt(2.0 * energy * float(c.row @ compliance @ c.row)) for c in system.contacts])
     speeds = np.array([np.sqrt(2.0 * energy * float(c.row @ mobility @ c.row)) for c in system.contacts])
+    # A square is a sum of products here, which rounding may leave slightly negative.
     unknowns = np.sqrt(2.0 * energy * np.maximum(spread, 0.0))
     for contact, length in zip(first_order.contacts, lengths, strict=True):  # (3.12) carries v_M beside w
         alone = (contact.row != 0.0) & (unknowns <= 1e-12 * length)
         unknowns[alone] = length / np.abs(contact.row[alone])
+    # A tolerance must be positive, also for an unknown that cannot move.
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
@@ -160,6 +164,8 @@ class Watch:
         more = self.size // max(1, self.count) - 1  # rows of rates
         if not self.fixed:
             return [0] * self.count + [-1] * (more * self.count)
+        # A rate falls through zero at the peak of a closed side. The rate of an open side does so where it is closest
+        # to its stop, or deepest after a missed entry. A rising rate of a closed side can show a missed exit.
         return [-1 if c else 1 for c in self.closed] + more * [0 if c else -1 for c in self.closed]
 
     def __call__(self, t: float, z: Array, out: Array) -> None:
@@ -181,6 +187,7 @@ class Watch:
                     return True
                 self.switches.append(root)
             else:
+                # Gap past its level at a zero of the rate: the step holds both crossings.
                 gap = self.values(root.time, root.z)[k]
                 if self.fixed and (gap > 0.0) != self.closed[k]:
                     return True
@@ -194,6 +201,7 @@ class Watch:
 
     def rate(self, t: float, z: Array, which: int, short: float) -> float:
         """The rate of root ``which``, a gap; of a damped stop by a difference over ``short`` along the motion."""
+        # The event function of a damped stop is the lesser of gap and force; no root function is its rate.
         if not self.rhs.first_order.contacts[self.rhs.sides[which][0]].contact.stops.dissipative:
             return float(self.values(t, z)[self.count + which])
         slope = self.rhs.rate(t, z)
@@ -260,6 +268,7 @@ def follow(
     events: bool = True,
 ) -> Path:
     """Integrate from 0 to the end of the last piece, with output at the times t."""
+    # Setup: event functions with their rounding, and the sides closed at the start.
     events = events or switches == RESTART
     sides = rhs.sides if events else []
     fixed = switches == RESTART and bool(sides)
@@ -267,6 +276,7 @@ def follow(
     extents = [_extent(rhs, scales, i) for i, _ in sides] + [float(scales.speeds[i]) for i, _ in sides]
     if rhs.damped:  # the rates of the forces, each in units of its own
         extents += [0.0] * len(sides)
+    # A gap is a difference of numbers as large as the extents: below some roundings of these its sign means nothing.
     rounding = 16.0 * np.finfo(float).eps * np.array(extents)
     z = rhs.z0.copy()
     rhs.window = (pieces[0].first, pieces[0].last)
@@ -277,17 +287,20 @@ def follow(
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
     forecast = Forecast(pieces[-1].end)
     counters: dict[str, int] = {}
+    # In every smooth interval, phases from event to event.
     still = 0
     for piece in pieces:
         now = piece.start
         rhs.window = (piece.first, piece.last)
         while now < piece.end:
+            # Each contact keeps its side for the phase: its force is smooth past the event, an ordinary root.
             if fixed:
                 rhs.regime[:] = 0
                 for k in np.flatnonzero(closed):
                     rhs.regime[sides[k][0]] = sides[k][1]
             else:
                 rhs.regime[:] = THROUGH
+            # Integrate. A phase that passed over both crossings of a gap is repeated to the time between them.
             end, landing = piece.end, None
             tries = 0
             contacts.pass_kink(now, z)
@@ -302,6 +315,7 @@ def follow(
                 if not outcome.missed or outcome.t <= now or tries == STUCK:
                     break
                 landing, end = outcome.ended_by[0].which % watch.count, outcome.t
+            # Go on from there. Phases without progress in time would never end.
             counters["starts"] = counters.get("starts", 0) + 1
             still = still + 1 if outcome.t <= now else 0
             if still > STUCK:
@@ -311,6 +325,7 @@ def follow(
             now, z = outcome.t, outcome.z
             states += outcome.states
             contacts.note(watch)
+            # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
             gaps = watch.values(now, z)[: watch.count]
             switched = [r.which for r in outcome.ended_by if r.which < watch.count]
             if fixed and landing is not None and not switched and (gaps[landing] > 0.0) != closed[landing]:
@@ -354,5 +369,6 @@ def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
     for (i, side), gap, rate in zip(rhs.sides, gaps, rates, strict=True):
         contact = rhs.first_order.contacts[i].contact
         push = side * float((rhs.first_order.to_v.T @ contact.row) @ z_rate[: rhs.states])
+        # On the stop the first derivative that is not zero decides: gap, rate, acceleration.
         closed.append(bool(gap > 0.0 or (gap == 0.0 and (rate > 0.0 or (rate == 0.0 and push > 0.0)))))
     return closed

@@ -64,6 +64,7 @@ def stepping(
             return library(rhs.value, t, z, end, rtol=rtol, atol=atol, max_step=max_step, **options)
 
         def run(phase: Phase) -> Outcome:
+            # Radau's dense output is of order 3: steps no longer than the spacing of the outputs keep these accurate.
             longest = phase.max_step
             if getattr(library, "__name__", "") == "Radau" and len(phase.times) > 1:
                 longest = min(longest, float(np.max(np.diff(phase.times))))
@@ -73,6 +74,7 @@ def stepping(
             watch, before = phase.watch, phase.watch.values(phase.start, phase.z).copy()
             directions = np.array(watch.directions)
             ended_by: list[Root] = []
+            # Step by step: a step, its roots, and the outputs up to its end or to the event.
             while stepper.status == "running" and not ended_by:
                 left, message = stepper.y, stepper.step()
                 refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
@@ -81,15 +83,18 @@ def stepping(
                         method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
                     )
                 after = watch.values(stepper.t, stepper.y).copy()
+                # Zero counts as negative: a root at the joint of two steps is found once.
                 changed = np.flatnonzero(((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0))
                 before, stop = after, stepper.t
                 for root in _located(stepper, watch, changed) if len(changed) else ():
                     if watch.ends([root]):
                         t, z = (root.time, root.z)
+                        # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
                         if not watch.missed([root]):
                             t, z = _polished(start, stepper, left, watch, root, counters)
                         ended_by, stop = [root._replace(time=t, z=z)], t
                         break
+                # Outputs of the step, by dense output or by a short step to each.
                 due = phase.times[len(states) :]
                 due = due[due <= stop]
                 if len(due) and steps_to_outputs:
@@ -149,6 +154,7 @@ def _polished(
     """The time and state of a gap's root by steps of the solver from ``left``, where the step it lies in starts."""
     t, z = root.time, root.z
     for _ in range(POLISH):
+        # The root lies at the start of the step, whose state is known.
         if not t > stepper.t_old:
             return stepper.t_old, left
         new_z = _stepped(start, stepper, left, t, counters)
@@ -158,6 +164,7 @@ def _polished(
         gap = float(watch.values(t, z)[root.which])
         rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
         new = t - gap / rate if rate else t
+        # Newton's method has converged to rounding, or left the step: the last time and state stand.
         if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
             break
         t = new
@@ -170,6 +177,7 @@ def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str
         return left
     if t == stepper.t:
         return stepper.y
+    # The whole way is proposed as one step; error control may still divide it.
     short = start(stepper.t_old, left, t, np.inf, t - stepper.t_old)
     while short.status == "running":
         short.step()

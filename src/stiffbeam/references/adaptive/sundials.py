@@ -121,12 +121,14 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
     states, ended_by = [], []
     t, z, result = phase.start, phase.z, None
     least = 8.0 * np.finfo(float).eps * phase.end  # SUNDIALS refuses a first output closer than that
+    # Targets are the outputs, and the end of the phase where it is no output.
     for target in [*phase.times, *([phase.end] if not len(phase.times) or phase.times[-1] < phase.end else [])]:
         if target - phase.start <= least:
             states.append(z)
             t = float(target)
             continue
         while not ended_by:
+            # Without the stop time a step could go beyond the smooth interval and interpolate back.
             result = solver.step(float(target), tstop=phase.end)
             if not result.success:
                 message, remedy = str(result.message), "loosen rtol and atol or take the exact solution"
@@ -135,6 +137,7 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
             refuse_endless(method, t, int(result.nfev), phase.forecast)
             if result.status != 2:  # not a root: the output time, or the end
                 break
+            # Roots: only some end a phase; after the others the solver goes on to the same target.
             flags = np.asarray(result.i_events)[-1]
             roots = [Root(int(k), int(flags[k]), t, z) for k in np.flatnonzero(flags)]
             if phase.watch.ends(roots):
@@ -145,6 +148,7 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
     counters: dict[str, int] = {}
     if result is not None:
         counters = {"rhs": int(result.nfev), "jacobians": int(result.njev), **getattr(result, "statistics", {})}
+    # The end of the phase is an output only if it was asked for.
     return Outcome(
         t if ended_by else phase.end, z, states[: len(phase.times)], ended_by, phase.watch.missed(ended_by), counters
     )
@@ -264,6 +268,7 @@ class _Library:
 def _libraries() -> dict[str, _Library] | None:
     """The libraries of CVODE and IDA, None if they are not as expected."""
     try:
+        # Any difference means the slower way through scikit-sundae, never an error.
         libraries = {family: _Library(import_module(f"sksundae._cy_{family.lower()}")) for family in ("CVode", "IDA")}
         return libraries if all(_as_expected(library) for library in libraries.values()) else None
     except (ImportError, AttributeError, OSError, RuntimeError):
@@ -307,6 +312,7 @@ class _Memory:
         self.context = POINTER()
         library("SUNContext_Create", INTEGER(0), ctypes.byref(self.context))
         self._free.append(lambda: library("SUNContext_Free", ctypes.byref(self.context)))
+        # Failures come back as statuses; the handlers would also write them to the terminal.
         library("SUNContext_ClearErrHandlers", self.context)
 
     def vector(self, numbers: Array) -> Any:
@@ -374,6 +380,7 @@ class CompiledSolver:
         rhs.callbacks = "compiled"
         self._memory = memory = _Memory(self._call)
         size = rhs.size
+        # SUNDIALS computes in these NumPy arrays: its vectors only point to them.
         self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
         self._vectors = [memory.vector(x) for x in ((self._y,) if family == "CVode" else (self._y, self._rate))]
         bands = rhs.bandwidths
@@ -388,9 +395,11 @@ class CompiledSolver:
             first, stride = stored, stored + lower
             matrix = memory.matrix("SUNBandMatrix", size, upper, lower)
             linear = memory.linear_solver("SUNLinSol_Band", self._vectors[0], matrix)
+        # The callbacks find the equations through these numbers. The count of event functions is set for each phase.
         self._user = np.array([rhs.block.ctypes.data, len(rhs.block), size, 0, first, stride], np.int64)
         assert len(self._user) == USER
         self._linear, self._matrix, self._adams = linear, matrix, adams
+        # The solver is created at the first phase.
         self._solver = POINTER()
         self._tolerances = (DOUBLE(rtol), memory.vector(self._atol))
         self._flags = np.zeros(max(1, rhs.roots), np.int32)
@@ -398,11 +407,13 @@ class CompiledSolver:
     def init_step(self, phase: Phase) -> CompiledSolver:
         """The solver itself, started at the beginning of ``phase`` with its event functions and step bound."""
         call, family, start = self._call, self.family, DOUBLE(phase.start)
+        # Start values; IDA also needs rates that satisfy the equations.
         self._y[:] = phase.z
         if family == "IDA":
             self._rate[:] = self.rhs.rate(phase.start, phase.z)
         self._watched = phase.watch.size if phase.watch.count else 0
         self._user[3] = self._watched
+        # Later phases start the same solver anew and keep its memory and settings.
         if self._solver:
             call(f"{family}ReInit", self._solver, start, *self._vectors)
         else:
@@ -417,6 +428,7 @@ class CompiledSolver:
             call(f"{family}SetLinearSolver", self._solver, self._linear, self._matrix)
             call(f"{family}SetJacFn", self._solver, POINTER(jacobian.address))
             call(f"{family}SetMaxNumSteps", self._solver, LONG(min(STEPS_A_CALL, MAX_STEPS)))
+        # Settings that differ from phase to phase.
         longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
         call(f"{family}SetMaxStep", self._solver, DOUBLE(longest))
         events = cvode_events if family == "CVode" else ida_events
@@ -432,6 +444,7 @@ class CompiledSolver:
         call, family = self._call, self.family
         call(f"{family}SetStopTime", self._solver, DOUBLE(tstop))
         reached, status = DOUBLE(), TOO_MUCH_WORK
+        # Integrate, in calls of limited work.
         name, at = ("CVode", 1) if family == "CVode" else ("IDASolve", 0)  # where they return the time
         arguments = [self._solver, DOUBLE(target), *self._vectors, INTEGER(NORMAL)]
         arguments.insert(2 + at, ctypes.byref(reached))
@@ -439,6 +452,7 @@ class CompiledSolver:
             status = call(name, *arguments, fails=False)
             if status != TOO_MUCH_WORK:
                 break
+        # Roots and counts of the call.
         events: list[IntArray] = []
         if status == ROOT_RETURN:
             call(f"{family}GetRootInfo", self._solver, POINTER(self._flags.ctypes.data))

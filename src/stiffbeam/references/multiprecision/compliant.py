@@ -57,6 +57,8 @@ class PreciseRegime:
     def __init__(self, flow: LinearFlow, closed: tuple[int, ...], rounded: Regime, known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
         self.rounded = rounded
+        # A stop adds the same stiffness and damping on either side; only the constant term of G differs. The split of
+        # one side is therefore where the refinement of the other begins.
         contacts = tuple(map(abs, closed))
         if contacts in known:
             self.split = known[contacts].again(self.G)
@@ -135,11 +137,13 @@ def follow(
     told: events that float64 does not see, in order. known: see ``PreciseRegime``.
     """
     room, drive = ctx.prec, Drive.of(system)
+    # The flow in many digits, beside it the regimes of float64 that find the events.
     flow, gaps = LinearFlow(system, full), Gaps(system, drive)
     float64 = Regimes(Source(system, span=t_end))
     float64.source.damped = True  # exponentials in every regime
     regimes: dict[tuple[int, ...], PreciseRegime] = {}
     t, z = arb(0), flow.start()
+    # Side of every contact at the start.
     chi = [
         side_of(contact.stops, *(float((form * z)[0, 0]) for form in forms))
         for contact, *forms in zip(system.contacts, flow.forms, flow.rates, strict=False)
@@ -149,6 +153,7 @@ def follow(
     forecast, untold = Forecast(t_end), list(told)
     fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
     while True:
+        # The regime of these contacts, refined where it is first met.
         key = tuple(chi)
         if key not in regimes:
             with carried(room):
@@ -159,12 +164,14 @@ def follow(
             values = regimes[key].rounded.eigenvalues
             fastest = max(fastest, float(np.max(np.abs(values))))
             turning = max(turning, float(np.max(np.abs(values.imag))))
+        # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         regime, begun = regimes[key], float(t)
         ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
         times.append(begun)
         sides.append(list(chi))
         coefficients.append(regime.coefficients(z, begun))
         pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
+        # Next event before the next sample: by float64, or one that float64 passes over if that comes first.
         edge = drive.next_edge(begun, t_end)
         start, contact, side, used = gaps.next_switch(
             regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, begun, edge
@@ -172,22 +179,27 @@ def follow(
         evaluations += used
         if untold and untold[0].t < (begun + start if contact >= 0 else edge):
             start, contact, side = untold[0].t - begun, untold[0].contact, untold[0].side
+            # In contact the event that was passed over is an exit.
             side = 0 if chi[contact] else side
             del untold[0]
         if contact >= 0 and begun + start < edge:
+            # Refine the event to all digits, and go on from there in the new regime.
             forecast.check(begun, len(times) * (full / 32.0 + 20.0) * system.size)
             gap = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
             tau, shift, ahead = _locate(partial(_at, pieces[-1], gap), start, fastest, 2.0 * np.pi / turning, begun)
             when = (t + tau + shift).mid()
+            # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
             if not drive.records or t <= when < edge:
                 t, chi[contact], resting = when, side, contact
                 z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 continue
             if when < t:
                 raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
+        # No event before the sample: the same regime goes on with the next polynomials of the records.
         if edge >= t_end:
             break
         t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
+    # The motion as float64 stores it: times, sides and coefficients of every segment.
     numbers = [float64.number[tuple(pressed(line).tolist())] for line in sides]
     x, y = np.zeros((2, len(times), float64.table.sigma.shape[1]))
     for i, (r, c) in enumerate(zip(numbers, coefficients, strict=True)):
@@ -201,6 +213,7 @@ def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:
     """Columns V (N, N) and blocks of a float64 regime and of the drives behind it: the constant, sine and cosine of
     every frequency, and the derivatives of every record."""
     n, V = flow.n, np.eye(flow.N)
+    # Eigenvalues that meet form a chain, which is one block; each of the others is a block of its own.
     chains = [chain.modes.tolist() for chain in regime.chains if len(chain.T) > 1]
     alone = set(range(len(regime.eigenvalues))) - {k for modes in chains for k in modes}
     columns: list[Array] = []
@@ -209,11 +222,13 @@ def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:
         values = regime.eigenvalues[group]
         both, first = np.concatenate([regime.W, regime.W_rate])[:, group].T, len(columns)
         columns += [x.real for x in both]
+        # Real and imaginary part of an eigenvector are two real columns of its pair.
         if paired := bool(np.all(values.imag > 0.0)):
             columns += [-x.imag for x in both]
             values = np.append(values, values.conj())
         modes.append(Block(list(range(first, len(columns))), values.tolist(), paired and len(group) == 1))
     V[: 2 * n, : 2 * n] = np.transpose(columns)
+    # Drives: the constant, sine and cosine of every frequency, the derivatives of every record.
     drives = [Block([2 * n], [0.0], False)]
     for k, frequency in enumerate(flow.drive.frequencies):
         places = [2 * n + 1 + 2 * k, 2 * n + 2 + 2 * k]
@@ -253,16 +268,19 @@ def _locate(
     the ``shortest`` period away: two crossings so close to each other that float64 cannot tell them apart.
     """
     near = 0.02 * shortest
+    # At rest on its stop and pressed: at the start gap and rate are zero to half the digits.
     if start < near:
         (gap, speed, y), soon = gap_at(arb(0)), arb(0.5 * near)
         if max(abs(gap), abs(speed) * soon) < arb(2) ** (-ctx.prec // 2) * abs(gap_at(soon)[0]):
             return arb(0), arb(0), y
+    # Newton's method with few digits first: a step doubles the correct ones, so more would be computed in vain.
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
     while accurate < full // 2:
         accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
         with carried(min(full, accurate + 70)):
             gap, speed, _ = gap_at(tau)
             tau = (tau - gap / speed).mid()
+    # At full precision: the last step is returned as ``shift``, so that the gap need not be evaluated after it.
     for _ in range(64):
         gap, speed, y = gap_at(tau)
         shift = (-gap / speed).mid()
@@ -315,17 +333,20 @@ def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float,
     """
     if np.sum(looks(solution, t_end)[0]) > MOST_LOOKS:
         return None
+    # Turns close to zero by float64, then the least gap of each in many digits.
     turns = [turn for i in range(len(system.contacts)) for turn in _turns(system, solution, i, t_end)]
     contacts = exact_problem(system, Drive.of(system)).contacts if turns else []
     for turn in sorted(turn for turn in turns if turn.t > since):
         t, stop, least = turn.t, contacts[turn.contact].stop(turn.side), arb(0)
         for _ in range(3):  # to the double next to the turn
             (u,), (v,) = (x[:, turn.contact] for x in sample(np.array([t]), lambda x: x))
+            # Least value of the parabola through gap, rate and curvature at t.
             least = turn.sign * (u - stop - v * v / (2 * arb(turn.sign * turn.curve)))
             t = min(max(0.0, t - turn.sign * float(v) / turn.curve), t_end)
         depth = -float(least)
         if depth <= TOUCH * turn.size:
             continue
+        # The parabola crosses zero that long before its turn.
         early = math.sqrt(2.0 * depth / turn.curve)
         if early <= APART * t:
             remedy = f"end before t = {t:.6g}"
@@ -358,6 +379,7 @@ def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iter
     def path(t: Array) -> tuple[Array, Array]:
         return path_of(system, solution, t, contact)
 
+    # Looks in blocks, which bounds the size of the arrays.
     for first in range(0, int(before[-1]), AT_ONCE):
         look = np.arange(first, min(first + AT_ONCE, before[-1]))
         piece = np.searchsorted(before, look, "right") - 1
@@ -368,19 +390,23 @@ def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iter
         size = float(np.max(np.abs(u)))
         moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
         for which, stop in stops.sides:
+            # A free contact is looked at for entries, one in an undamped stop or beyond one that has let go for exits.
             looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
             sign = np.where(side == 0, -which, np.where(looked_at, which, 0))
             near = CLOSE * (size + abs(stop))
             gap, rate, gap_after, rate_after = (sign * x for x in (u[:-1] - stop, v[:-1], u[1:] - stop, v[1:]))
+            # Tangents from both ends over twice the distance: a generous estimate of the least gap between two looks.
             lowest = np.minimum(gap + 2.0 * h * rate, gap_after - 2.0 * h * rate_after)
             (k,) = np.nonzero((rate < 0.0) & (rate_after >= 0.0) & (lowest <= near) & moves)
             if not len(k):
                 continue
+            # Bisect for the turn, where the rate changes its sign.
             low, high = t[k], t[k + 1]
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
                 falls = sign[k] * path(middle)[1] < 0.0
                 low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+            # Curvature by a difference of rates around the turn.
             left, right = np.maximum(high - 0.01 * h[k], 0.0), np.minimum(high + 0.01 * h[k], t_end)
             curve = sign[k] * (path(right)[1] - path(left)[1]) / (right - left)
             close = (np.abs(path(high)[0] - stop) <= near) & (curve > 0.0)

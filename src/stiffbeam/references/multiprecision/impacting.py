@@ -94,6 +94,7 @@ class March:
         self.soon = math.inf  # the length of a flight and a half
         self.scale = [0.0] * self.m  # of u', in the stretch before
         self.motion = Motion(self.flow, held=[0.0] * self.m, pressed=[0.0] * self.m)
+        # Rate of the fastest motion, by which times are called short: frequencies, damping and drives.
         rates = [np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.stiffness)))))]
         rates += [np.max(np.abs(np.linalg.eigvals(np.linalg.solve(system.mass, system.damping))))]
         self.fastest = max(*map(float, rates), *self.flow.drive.frequencies, 0.0)
@@ -110,21 +111,25 @@ class March:
         forecast, still = Forecast(self.t_end), 0
         while self.t < self.t_end:
             forecast.check(float(self.t), len(self.motion.stretches) * self.flow.N * (self.bits / 32.0 + 4.0))
+            # One series: over as long a time as its regime, the expected flight and the next sample allow.
             regime = self.flow.regime(tuple(sorted(self.held)))
             edge = self.flow.next_edge(self.t, self.t_end)
             rest = edge - self.t
             most = min(self.flow.longest(regime, math.inf), self.soon)
             length = arb(most) if most < rest else rest
             series = self.flow.series(regime, self.z, length)
+            # Go on to the first event in it, or to its end.
             x, hits = self._next(regime, series)
             whole = x is None
             self.soon = math.inf
             self._keep(regime, series, arb(1) if x is None else x)
             at_edge = whole and bool(length == rest)
+            # Contacts that throw each other off have events without end at one time.
             still = still + 1 if x is not None and x == 0 else 0
             if still > MOST_AT_ONCE:
                 reason = f"{MOST_AT_ONCE} events at one time: contacts that throw each other off"
                 raise SolverFailure("multiprecision", float(self.t), reason, "use compliant stops, or integrate")
+            # At a sample the loads change, and perhaps which contacts press. At an event contacts close or let go.
             if at_edge:
                 self.t = edge
                 self.z = self.flow.at_edge(self.z, edge) if edge < self.t_end else self.z
@@ -141,6 +146,7 @@ class March:
             self.motion.stretches.append(Stretch(self.t, self.z, regime, length))
         for i, c in enumerate(regime.held):
             self.motion.held[c] += float(length)
+            # Impulse of the reaction, its series integrated term by term.
             R = series.of(regime.reactions[i])
             impulse = abs(sum((r * x ** (k + 1) / (k + 1) for k, r in enumerate(R)), arb(0)) * series.length).mid()
             self._press(c, impulse)
@@ -159,12 +165,14 @@ class March:
         """The series of side (g - u), which is open where it is positive."""
         gap = [-side * x for x in series.of(self.flow.forms[contact])]
         gap[0] += side * g
+        # The gap is a difference of two positions: the rounding of the stop's position counts too.
         gap[0] = arb(gap[0].mid(), gap[0].rad() + abs(g).mid() * arb(2) ** -self.bits)
         return gap
 
     def _next(self, regime: Regime, series: Series) -> tuple[Any, dict[int, int]]:
         """The first event in the series and the contacts that close at it; None and none where there is none."""
         events: list[tuple[Any, int, int]] = []
+        # A held contact lets go where its reaction would pull; a free one closes where its gap is zero.
         for i, c in enumerate(regime.held):
             x = first_zero([-self.held[c] * r for r in series.of(regime.reactions[i])], self.bits)
             events += [] if x is None else [(x, c, 0)]
@@ -183,6 +191,7 @@ class March:
     def _speed(self, contact: int) -> Any:
         """u', a ball."""
         rate = self.flow.rates[contact]
+        # A speed may be small by cancellation: the largest u' of the segment before also sets its rounding.
         size = sum((abs(x * y) for x, y in zip(rate.entries(), self.z.entries(), strict=True)), arb(0)).mid()
         return arb((rate * self.z)[0, 0].mid(), (size + self.scale[contact]) * arb(2) ** -self.bits)
 
@@ -193,6 +202,7 @@ class March:
         for c, side, g in self.stops:
             series = self.flow.series(self.flow.regime(()), self.z, arb(0))
             gap = self._gap(c, side, g, series)[0]
+            # Float64 rounds a start on a stop to one beside it. A start so little beyond the stop is moved back.
             little = ON_THE_STOP * max(abs(g), abs(self._offset(self.flow.forms[c])))
             if not gap.contains(0) and abs(gap.mid()) <= little:
                 rounded.add(c)
@@ -200,13 +210,16 @@ class March:
                 if not -gap.mid() <= little + gap.rad():
                     u = float((self.flow.forms[c] * self.z)[0, 0])
                     raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+                # Back onto the stop in the direction M^-1 row^T of an impulse.
                 push = [line[c] * (side * gap.mid() / self.flow.compliance[c, c]) for line in self.flow.back.tolist()]
                 n = self.flow.n
                 moved = [push[n + i] if i < n else arb(0) for i in range(self.flow.N)]
                 self.z = (self.z + arb_mat([[x] for x in moved])).mid()
                 closed[c] = side
+        # Contacts that move into their stops hit them now; those without a speed are held or let go.
         speeds = {c: side * self._speed(c) for c, side in closed.items()}
         going = {c: closed[c] for c, speed in speeds.items() if speed > 0}
+        # Rounding of such a start decides which of two coupled contacts is hit first: then there is no horizon.
         near = {c for c, side, _ in self.stops if c in rounded and (c in going or side * self._speed(c) > 0)}
         if any(c != x and not self.flow.compliance[c, x].contains(0) for c in rounded for x in going.keys() | near):
             self.motion.tie = 0.0
@@ -214,6 +227,7 @@ class March:
             self._meet(going, resting={c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
         else:
             self._settle({c: closed[c] for c, speed in speeds.items() if speed.contains(0)})
+        # A contact that is held from the start is an impact at t = 0, without an impulse of its own.
         for c in self.held:
             if self._last(c) is None:
                 self.motion.impacts.append(Impact(c, self.held[c], self.t, arb(0)))
@@ -223,13 +237,16 @@ class March:
         if len(self.motion.impacts) > MOST_IMPACTS:
             rule = f"hold at most {MOST_IMPACTS} impacts"
             raise InputError("t_end", self.t_end, rule, f"end before t = {float(self.t):.6g}, or take e < 1")
+        # All contacts that can take an impulse: those held, those at rest here, and those that close.
         closed = {**self.held, **(resting or {}), **hits}
         before = {c: self._speed(c) if c in hits else arb(0) for c in closed}
         hits = {c: side for c, side in hits.items() if side * before[c] > 0}  # the others touch without a speed
         if len(closed) > 1 and hits:
             self._note_order(closed, before)
+        # Impulses of all at once.
         P, jump = newton(self.flow, self.e, closed, before) if hits else ({}, dict.fromkeys(closed, arb(0)))
         self._push(P)
+        # A contact that was hit leaves if e > 0; with e = 0 it has no speed and may stay. Others leave by moving off.
         at_rest = {}
         for c, side in closed.items():
             if c in P and c in hits:
@@ -242,12 +259,14 @@ class March:
             if not leaves:
                 at_rest[c] = side
         self._settle(at_rest)
+        # Contacts that bounce: their next impacts may follow so fast that they are summed.
         for c, side in hits.items():
             if c not in self.held:
                 self._complete(c, side)
 
     def _note_order(self, closed: dict[int, int], before: dict[int, Any]) -> None:
         """Contacts on their stops now, before a blow of which the order would decide what follows."""
+        # Contacts that were pressed in the segment before: a reaction that is zero is none.
         last = self.motion.stretches[-1] if self.motion.stretches else None
         pressed: set[int] = set()
         if last is not None:
@@ -264,6 +283,7 @@ class March:
 
     def _list(self, c: int, side: int, impulse: Any) -> None:
         last = self._last(c)
+        # The rest of a chatter that is over within UNLISTED counts with the impact before it.
         if c in self.unlisted and last is not None:
             last.impulse += impulse
         else:
@@ -277,6 +297,7 @@ class March:
         push = arb_mat([[P[c].mid() if c in P else arb(0)] for c in range(self.m)])
         rates = {c: (self._speed(c).mid(), self._offset(self.flow.rates[c])) for c in P}
         self.z = (self.z + self.flow.back * push).mid()
+        # An impulse does the work P (U- + U+)/2, and the motion of its stop P times the rate of the offset.
         taken = moved = arb(0)
         for c, (speed, own) in rates.items():
             taken -= P[c] * (speed + self._speed(c).mid()) / 2
@@ -302,11 +323,14 @@ class March:
                     if side * sign > 0:
                         yield c
                 else:
+                    # At rest on the stop the first two terms, gap and speed, are zero but for rounding.
                     _, sign = leading(series.of(self.flow.forms[c])[2:])
                     if side * sign > 0:
                         yield c
 
+        # Start with all held, and change what violates its condition.
         held = least_index(set(at_rest), violated) if at_rest else set()
+        # An impact lasts until its contact is let go; one whose contact is held from the same time on goes on.
         for c in [*self.held]:
             last = self._last(c)
             if c not in held and last is not None and last.end is None:
@@ -323,6 +347,7 @@ class March:
         e = self.e[c]
         if not e < 1:
             return
+        # Acceleration a towards the stop and its rate without the speed; the drag by which the speed changes a.
         held = tuple(sorted(self.held))
         regime, together = self.flow.regime(held), tuple(sorted({*held, c}))
         speed = -side * self._speed(c).mid()
@@ -334,17 +359,22 @@ class March:
         a = (side * (second * still)[0, 0]).mid()
         jerk = (-side * (second * regime.G * still)[0, 0]).mid()
         drag = (-(second * push)[0, 0] / (side * speed)).mid()  # u'' changes by -c u'
+        # Nothing drives the contact back to its stop.
         if not a > 0:
             return
         k = jerk - drag * a
         T = (2 * speed / (a * (1 - e))).mid()
+        # A flight lasts about 2 v/a: the next series covers it and half as much again.
         self.soon = min(self.soon, 3.0 * float(speed / a))
+        # Only impacts that are all over soon count with this one, and may be summed.
         if not T * self.fastest < UNLISTED or not UNLISTED * self.t > T:
             return
         self.unlisted.add(c)
+        # The terms that the series leaves out must be below the digits: else the next impact is followed as well.
         fast = max(float(abs(k) / a), abs(float(drag)), self.fastest)
         if not T * fast < arb(2) ** (-self.bits // 3):
             return
+        # Remove the speed, and hold the contact for as long as the impacts would last.
         self.unlisted.discard(c)
         self._push(P)
         last = self._last(c)
@@ -376,6 +406,7 @@ def newton(
     """P of the contacts that take part, and U+ - U- of all ``closed`` (contact: side), U- = ``before``, as balls."""
     wanted = {c: -(1 + e[c]) * before[c] for c in closed}
 
+    # P must not pull, and a contact without P must not keep more speed into its stop than Newton's law allows.
     def violated(taking: set[int]) -> Iterable[int]:
         P, jump = solve(flow, taking, wanted, closed)
         for c, side in closed.items():
@@ -390,6 +421,7 @@ def newton(
 def solve(flow: LinearFlow, taking: set[int], wanted: dict[int, Any], closed: Iterable[int]) -> tuple[Any, Any]:
     """Impulses that change the velocities of ``taking`` as ``wanted``, and the changes of all ``closed``, as balls."""
     at = tuple(sorted(taking))
+    # An impulse may be zero but for rounding, which all the speeds together determine.
     noise = (sum((abs(x) for x in wanted.values()), arb(0)) * arb(2) ** -flow.bits).mid()
     P = dict.fromkeys(closed, arb(0))
     if at:

@@ -104,11 +104,13 @@ class LinearFlow:
 
     def __init__(self, system: System, bits: int, frame: Any = None) -> None:
         self.system, self.bits, self.drive = system, bits, Drive.of(system)
+        # Series sets radii anew from ``bits``, so that they are dropped here. A proof, which has a frame, needs them.
         self._kept = kept = arb_mat.mid if frame is None else (lambda x: x)
         self.problem = problem = exact_problem(system, self.drive)
         n, d, records = system.size, self.drive.size, len(self.drive.records)
         self.n, self.N = n, 2 * n + d + DERIVATIVES * records
         m = len(problem.contacts)
+        # Contacts: what an impulse on each does to z, and to the others.
         rows = arb_mat(m, n, [x for contact in problem.contacts for x in contact.row])
         inverse = problem.mass.inv()
         back = inverse * rows.transpose()
@@ -117,6 +119,7 @@ class LinearFlow:
         self.forms = [
             self._form(row, offset, recorded) for row, offset, recorded in channels(system, problem, self.drive)
         ]
+        # G: the equation of motion with its loads, then the equations of the functions of time.
         pulls = (inverse * problem.stiffness).tolist(), (inverse * problem.damping).tolist()
         loads = (inverse * problem.basis.transpose()).tolist()
         of_records = (inverse * arb_mat(problem.records).transpose()).tolist() if records else [[]] * n
@@ -129,8 +132,10 @@ class LinearFlow:
                 G[n + i][2 * n + d + DERIVATIVES * r] = x
         for k, frequency in enumerate(self.drive.frequencies):
             at, w = 2 * n + 1 + 2 * k, arb(number(frequency))
+            # (sin w t)' = w cos w t, (cos w t)' = -w sin w t.
             G[at][at + 1], G[at + 1][at] = w, -w
         for at in range(2 * n + d, self.N):
+            # The rate of a derivative is the next one; the last is constant up to the next sample.
             if (at - 2 * n - d) % DERIVATIVES < DERIVATIVES - 1:
                 G[at][at + 1] = arb(1)
         self.G = kept(arb_mat(G))
@@ -149,6 +154,7 @@ class LinearFlow:
         """z (N, 1) at t = 0."""
         values = [*self.problem.q0, *self.problem.v0, arb(1)]
         for _ in self.drive.frequencies:
+            # sin 0 and cos 0.
             values += [arb(0), arb(1)]
         z = arb_mat([[x] for x in [*values, *[arb(0)] * (self.N - len(values))]])
         return self.at_edge(z, arb(0))
@@ -159,6 +165,7 @@ class LinearFlow:
         for r, record in enumerate(self.drive.records):
             c = taylor(record, t)
             for k in range(DERIVATIVES):
+                # A Taylor coefficient times k! is the derivative.
                 values[at + DERIVATIVES * r + k] = c[k] * math.factorial(k) if k < len(c) else arb(0)
         return arb_mat([[x] for x in values]).mid()
 
@@ -167,6 +174,7 @@ class LinearFlow:
         if held not in self._regimes:
             G, reactions = self.G, arb_mat(0, self.N)
             if held:
+                # Reactions that keep u'' = 0 for every held contact.
                 bent = arb_mat([(rate * G).entries() for rate in (self.rates[c] for c in held)])
                 reactions = (self.among(held).inv() * bent * -1).mid()
                 G = (G + arb_mat([[line[c] for c in held] for line in self.back.tolist()]) * reactions).mid()
@@ -210,6 +218,7 @@ class LinearFlow:
     def series(self, regime: Regime, z: Any, length: Any) -> Series:
         """z over ``length``, at most RADIANS of the regime, with so many terms that what is left out is below ``bits``:
         (fastest length)^K/K! is, and for polynomials there are LEAST."""
+        # bits: log2 of the last term relative to the motion. Terms are added until it is 20 bits below ``self.bits``.
         count, turn = LEAST, max(regime.fastest * float(length), 1e-300)
         bits = LEAST * math.log2(turn) - math.lgamma(LEAST + 1) / math.log(2.0)
         while bits > -self.bits - 20:
@@ -269,9 +278,12 @@ def first_zero(p: list[Any], bits: int) -> Any | None:
     zeros, sign = leading(p)
     if sign <= 0:
         return arb(0) if sign else None
+    # Zeros at x = 0 are divided out.
     p = p[zeros:]
+    # Cheap test: the constant outweighs all negative coefficients, so there is no zero.
     if p[0].lower() > sum(((-x).abs_upper() for x in p[1:] if not x > 0), arb(0)):
         return None
+    # From the left, window by window: no zero, one zero, or a narrower window.
     a, w = arb(0), arb(1)
     while a < 1:
         last = not a + w < 1
@@ -305,6 +317,7 @@ def _weights(count: int, precision: int) -> Any:  # the precision they are kept 
 def _one_change(b: list[Any]) -> bool:
     """Return True if the signs change from + to - once, whatever the undecided ones are."""
     known = [i for i, x in enumerate(b) if not x.contains(0)]
+    # One coefficient of unknown sign is harmless between the two of different sign: it adds no change.
     changes = [(i, j) for i, j in pairwise(known) if (b[i] > 0) != (b[j] > 0)]
     unknown = len(b) - len(known)
     return len(changes) == 1 and unknown <= 1 and changes[0][1] - changes[0][0] == 1 + unknown
@@ -354,6 +367,7 @@ class Split:
 
     def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int, bits: int = 0) -> None:
         self.G, self.V, self.N, self.blocks, self.drives = G, V, G.nrows(), blocks, drives
+        # Refine. Blocks that cannot be separated are joined, and the refinement starts anew from the V it was given.
         target = ctx.prec
         try:
             while apart := self._refine(target, max(START_BITS, 2 * bits)):
@@ -363,6 +377,7 @@ class Split:
             ctx.prec = self.bits = target
         identity = arb_mat([[arb(int(i == j)) for j in range(self.N)] for i in range(self.N)])
         self.L = self.V.solve(identity, algorithm="approx").mid()
+        # A pair moves by one complex exponential, any other block by that of its matrix.
         self._pairs = [(*block.places, self._diagonal[block.places[0]]) for block in self.blocks if block.pair]
         self._rest = [(block.places, self._diagonal[block.places[0]]) for block in self.blocks if not block.pair]
 
@@ -392,6 +407,7 @@ class Split:
         size = arb(1)
         for turn in range(MAX_TURNS):
             ctx.prec = min(target, precision)
+            # T in the present coordinates, and the correction E that makes it block by block.
             T = self.V.solve(self.G * self.V, algorithm="approx").mid().tolist()
             self._diagonal = dict(self._parts(T))
             E = [[arb(0)] * len(T) for _ in T]
@@ -405,6 +421,7 @@ class Split:
                         size = abs(x) if abs(x) > size else size
                     elif not abs(x) / size <= largest:
                         largest, worst = abs(x) / size, (min(i, j), max(i, j))
+            # Newton's method converges from small corrections only: larger ones mean blocks too close to separate.
             if turn == MAX_TURNS - 1 or not largest < TOO_FAR:
                 return worst
             self.V = (self.V + self.V * arb_mat(E)).mid()
@@ -429,6 +446,7 @@ class Split:
     def _steps(self, T: list[list[Any]]) -> Iterator[tuple[int, int, list[tuple[int, int]], list[Any]]]:
         """E of blocks i, j by its places, where it is not 0 for certain."""
         for i, one in enumerate(self.blocks):
+            # The functions of time depend on themselves alone: nothing of the motion enters their rows.
             if min(one.places) >= self.drives:
                 continue
             mine = self._diagonal[one.places[0]]
@@ -441,6 +459,7 @@ class Split:
                     x = acb(T[a][a] - T[b][b], T[b][a] + T[a][b]) / acb(0, -4 * rate.imag)
                     yield i, j, places, [x.real.mid(), x.imag.mid(), x.imag.mid(), -x.real.mid()]
                 elif one.pair and other.pair:
+                    # A column of E_ij is one complex number: two columns, two linear equations.
                     (a, b), (c, d), rate = one.places, other.places, self._diagonal[other.places[0]]
                     apart, omega = rate.real - mine, rate.imag
                     scale = 1 / (apart * apart + omega * omega)
@@ -457,6 +476,7 @@ class Split:
         try:
             entries = arb_mat(matrix).solve(arb_mat([[T[a][b]] for a, b in places]))
         except ZeroDivisionError:
+            # An infinite entry makes ``_refine`` join the two blocks.
             return [arb("inf")] * len(places)
         return entries.mid().entries()
 
@@ -466,6 +486,7 @@ def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
     blocks, alone = list(modes), []
     nothing = NOTHING * max(abs(x) for block in (*modes, *drives) for x in block.values)
     for drive in drives:
+        # In resonance: the drive and the modes with its eigenvalue share a block.
         near = [block for block in blocks if _meet(block, drive, nothing)]
         blocks = [block for block in blocks if block not in near]
         if near:

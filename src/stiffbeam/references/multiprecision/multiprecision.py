@@ -61,6 +61,7 @@ def solve(request: Request) -> Reference:
         return solve_rigid(request)
     refuse(system, t_end)
     begun = clock()
+    # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
     known: Known = {}
@@ -77,7 +78,9 @@ def solve(request: Request) -> Reference:
         run = _sampled(run, *sample(run.t))
         if previous is not None:
             horizon = _agreement(previous, run)
+            # A fixed number of digits is confirmed once: the horizon tells how far it is good.
             if horizon >= t_end or digits != "auto":
+                # Sums of float64 cancel between the events: evaluate there in many digits as well.
                 if run.provenance["between"] > CANCELLED:
                     run = reference_of(system, unrounded, t_end, t_eval, begun, "multiprecision", notes)
                     run = _sampled(run, *sample(run.t))
@@ -90,6 +93,7 @@ def solve(request: Request) -> Reference:
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
         previous = run
+        # The guard grows too: other outputs then reveal cancellation that it did not cover.
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
@@ -108,6 +112,7 @@ def carry(
         ctx.prec = full + guard
         told: list[Switch] = []
         known = {} if known is None else known
+        # A contact that float64 passed over changes all that follows: solve again with it.
         for _ in range(MOST):
             solution = follow(system, t_end, full, guard, told, known)
             another = passed_over(system, solution[0], solution[1], t_end, told[-1].t if told else 0.0)
@@ -158,6 +163,7 @@ def _estimate(system: System, t_end: float) -> int:
 
 def _agreement(a: Reference, b: Reference) -> float:
     """The time to which two precisions agree in every event and in the displacement."""
+    # First event that differs, or that only one run has.
     x, y = a.solution, b.solution
     n = min(len(x.times), len(y.times))
     apart = np.any(x.sides[:n] != y.sides[:n], axis=1)
@@ -167,6 +173,7 @@ def _agreement(a: Reference, b: Reference) -> float:
         end = float(min(x.times[np.argmax(apart)], y.times[np.argmax(apart)]))
     elif len(x.times) != len(y.times):
         end = float((x if len(x.times) > n else y).times[n])
+    # First output up to there at which the displacements differ.
     scale = float(np.max(np.abs(b.tip)))
     wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end))
     return min(end, float(b.t[max(0, wrong[0] - 1)])) if len(wrong) else end

@@ -105,6 +105,7 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         )
         for vector, function in system.loads:
             loads.add([number(x) for x in vector], function)
+    # Stops at the exact values of their numbers.
     contacts = []
     for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
         g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
@@ -151,6 +152,7 @@ def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[li
 def _hat(share: Any, M: int) -> list[Any]:
     """The weights of the nodes beside x = share L, node 0 left out."""
     place = share * M
+    # The tip lies at the end of the last cell.
     cell = min(int(arb(place).floor().unique_fmpz() or 0), M - 1)
     theta = place - cell
     hats = [fmpq(0)] * (M + 1)
@@ -178,6 +180,7 @@ class _Loads:
             else:
                 assert isinstance(part, Harmonic)
                 k = 1 + 2 * self.frequencies.index(exact_value(part.frequency))
+                # a sin(w t + phase) = a cos(phase) sin w t + a sin(phase) cos w t.
                 s, c = arb(number(part.phase)).sin_cos()
                 size = arb(number(part.amplitude))
                 for _ in range(order):  # a sin(w t + phase) -> a w cos(w t + phase)
@@ -193,10 +196,12 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
     bending, viscosity = number(problem.stiffness), number(problem.viscosity)
     length, m = number(problem.length), number(problem.mass_per_length)
     paper = system.form == "displacement"
+    # Matrices: stencils of whole numbers times (M/length)^3, and the weights of the nodes.
     weights = _scaled(length, _weights(M, paper))
     stencil, over = (bending_stencil(M), 1) if paper else (curvature_stencil(M), 24)
     strain = [[int(x) * (M / length) ** 3 / over for x in line] for line in stencil]
     damping, stiffness = (_scaled(k, strain) for k in (viscosity, bending))
+    # (2.5) at the tip: (1 - (x/L)^2) phi has a curvature there, which v must balance.
     clamp = [fmpq(0)] * (M - 2) + [-2 * M / length**3, 2 * M / length**3]
     mass, drag = _scaled(m, weights), number(problem.mass_damping)
     mass[-1][-1] += number(problem.tip_mass)
@@ -208,6 +213,7 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
 
     if not paper:
         clamp = weighted([fmpq(0)] * (M - 2) + [fmpq(-2 * M**2) / length**4, fmpq(7 * M**2) / length**4])
+    # Position and velocity of the base at t = 0, for the initial data.
     phi = problem.base
     phi0 = rate0 = arb(0)
     for factor, part in parts(phi):
@@ -221,6 +227,7 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
         elif isinstance(part, Constant):
             value = arb(number(part.level))
         phi0, rate0 = phi0 + number(factor) * value, rate0 + number(factor) * rate
+    # Loads of the base: its inertia, its bending with viscosity at the tip, and its mass damping.
     if phi is not None:
         loads.add(weighted(lift), phi, -m, order=2)  # -m weights lift phi''
         loads.add([bending * p for p in clamp], phi)
@@ -228,6 +235,7 @@ def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any
             loads.add([viscosity * p for p in clamp], phi, order=1)
         if problem.mass_damping > 0:
             loads.add(weighted(lift), phi, -drag * m, order=1)
+    # Loads of the problem, and the initial data in v = u - phi (1 - (x/L)^2).
     x = [length * fmpq(i, M) for i in range(1, M + 1)]
     for load in problem.loads:
         if isinstance(load, PointLoad):

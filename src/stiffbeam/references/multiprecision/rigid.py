@@ -50,6 +50,7 @@ def solve_rigid(request: Request) -> Reference:
     require_rigid(system, t_end)
     require_smooth(system)
     t = output_times(request.t_eval, t_end)
+    # Solve with more and more digits until two runs agree.
     begun, wanted, tries = clock(), FIRST if digits == "auto" else int(digits), TRIES
     previous: tuple[Solved, Reference] | None = None
     while True:
@@ -69,6 +70,7 @@ def solve_rigid(request: Request) -> Reference:
         if previous is not None:
             before, its_run = previous
             horizon = min(_agreement(before, solved, t_end), _outputs(its_run, run))
+            # A fixed number of digits is confirmed once. The horizon ends before the first tie.
             if horizon >= t_end or digits != "auto":
                 horizon = min(horizon, float(np.max(t[t < solved.motion.tie], initial=0.0)))
                 notes = {
@@ -78,6 +80,7 @@ def solve_rigid(request: Request) -> Reference:
                     "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same impacts",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
+            # Digits in proportion to the time, but at most ten times as many.
             wanted = max(wanted, math.ceil(wanted * t_end / max(horizon, 0.1 * t_end)))
         previous, wanted = (solved, run), math.ceil(1.25 * wanted) + 15
 
@@ -105,6 +108,7 @@ class Solved:
         values_at = np.empty((len(t), len(forms)))
         piece = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
         with carried(self.bits + SPARE):
+            # One series for all times in a segment.
             rows = arb_mat([form.entries() for form in forms]).transpose()
             weights = np.abs(np.array(rows.tolist(), float))
             for k in np.unique(piece).tolist():
@@ -156,6 +160,7 @@ class Solved:
         contacts = []
         for c, contact in enumerate(system.contacts):
             impacts = self.impacts(c)
+            # The peak is 0 only where nothing touched: a blow has no finite force.
             peak = math.nan if impacts.count or motion.held[c] else 0.0
             seen = self.observed(t, c)
             share = motion.held[c] / t_end
@@ -188,11 +193,13 @@ class Solved:
 
     def ledger(self, system: System, t: Array) -> Ledger:
         """Input and viscous loss by quadrature in every stretch, what impacts take from their impulses."""
+        # Quadrature from output to output and from segment to segment, in each of which the densities are smooth.
         edges = np.unique(np.concatenate([t, self.times[(self.times > t[0]) & (self.times < t[-1])]]))
         points, weights = GAUSS
         half = 0.5 * np.diff(edges)
         nodes = ((edges[:-1] + half)[:, None] + half[:, None] * points).ravel()
         _, v = self.states(nodes)
+        # Power of the loads and of the moving stops, and viscous loss.
         power, R = np.zeros(len(nodes)), self.reactions(nodes)
         for p, f in system.loads:
             power += evaluate(f, nodes) * (v @ p)
@@ -204,6 +211,7 @@ class Solved:
             for density in (power, drag)
         )
         at = np.searchsorted(edges, t)
+        # What the blows up to each output have taken, and what the motion of the stops has put in at them.
         when, *impulsive = np.array(self.motion.taken).reshape(-1, 3).T
         so_far = np.searchsorted(when, t, side="right")
         taken, moved = (np.concatenate([[0.0], np.cumsum(x)])[so_far] for x in impulsive)
