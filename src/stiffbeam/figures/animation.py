@@ -114,10 +114,12 @@ class _Film:
         for i, contact in enumerate(run.contacts):
             impacts = contact.impacts
             for begin, over, side, peak in zip(impacts.times, impacts.ends, impacts.stops, impacts.peaks, strict=True):
+                # Every frame that overlaps the contact, so that one shorter than a frame shows too.
                 here = (t >= begin) & (before < (over if np.isfinite(over) else t[-1]))
                 size = np.sqrt(peak / strongest) if np.isfinite(peak) and strongest else 1.0
                 upper = int(side > 0)
                 self.flashes[here, i, upper] = np.maximum(self.flashes[here, i, upper], size)
+        # A flash fades in the frames after its impact.
         for k in range(1, len(t)):
             self.flashes[k] = np.maximum(self.flashes[k], FADE * self.flashes[k - 1])
 

@@ -261,6 +261,7 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
     figure = new_figure(picture.height)
     width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
     figure.suptitle("\n".join(textwrap.wrap(title, width, break_on_hyphens=False)), fontsize=11)
+    # So many columns that each line of panels divides them evenly.
     columns = lcm(*map(len, picture.lines))
     grid = figure.add_gridspec(len(picture.lines), columns, height_ratios=picture.heights, width_ratios=picture.widths)
     letters = iter(ascii_letters)
@@ -281,6 +282,7 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
             if picture.shared_x and i + 1 < len(picture.lines):
                 axis.tick_params(labelbottom=False)
                 axis.set_xlabel("")
+            # In narrow panels more ticks would overlap.
             crowded = 3 if len(line) > 3 else 6 if any(x.equal for x in line) else 0
             if crowded and axis.get_xscale() == "linear":
                 axis.locator_params(axis="x", nbins=crowded)

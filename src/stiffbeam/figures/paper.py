@@ -104,6 +104,7 @@ def paper_figure(
     lines = (len(plan) + 1) // 2
     figure = new_figure(3.7 * lines + 0.6, width=10.5 if len(plan) > 1 else 5.6)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
+    # An odd number of panels leaves one place empty.
     for axis in axes[len(plan) :]:
         axis.remove()
     for axis, letter, (name, i) in zip(axes, ascii_lowercase, plan, strict=False):

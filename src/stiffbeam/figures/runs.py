@@ -97,6 +97,7 @@ def _curves(
 ) -> Iterator[tuple[int | None, Trajectory, Array, tuple[Array, Array]]]:
     """(index, run, t, (u, u')) of the reference, whose index is None, and of the runs, at the tip or a contact, from
     ``start`` to ``end``."""
+    # An exact solution has values between its outputs too.
     if main.solution is not None:
         fine = np.linspace(start, end, 6000)
         yield None, main, fine, main.at(fine, contact)
@@ -179,6 +180,7 @@ def first_contact(reference: Trajectory, system: System, window: float, contact:
     if not len(times):
         return start, end
     impacts = reference.contacts[contact].impacts
+    # The group ends with the last exit from the stop that is hit first.
     exits = (times + np.nan_to_num(impacts.durations))[(impacts.stops == impacts.stops[0]) & (times <= end)]
     last = float(np.max(exits, initial=first))
     return start, min(end, last + 0.3 * (last - first) + 0.1 * length)
@@ -195,6 +197,7 @@ def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, co
         u, _ = reference.at(np.linspace(start, end, 800), contact)
     else:
         u = record.position[(reference.t >= start) & (reference.t <= end)]
+    # The largest depth of the contact point in the stop, and its largest distance from it after a tenth of the span.
     outside = float(np.max(side * (u - stop)))
     drop = float(np.max(side * (stop - u[len(u) // 10 :])))
     reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12 * float(np.max(np.abs(u))))
@@ -229,6 +232,7 @@ def _draw_spectra(
             omega, amplitude = amplitude_spectrum(t, u, drive, v)
             axis.plot(units.cycles(omega)[0], amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
     axis.set_xlabel(drive_axis(axis, units, drive))
+    # The logarithmic axis shows four decades below the largest visible amplitude.
     curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
     visible = [y[x <= axis.get_xlim()[1]] for x, y in curves]
     top = max((float(np.max(y)) for y in visible), default=0.0)

@@ -106,12 +106,15 @@ class Stepper:
         """Stepper of a scheme on a system. rule: for this kind of stops, by default that of the system."""
         system = coordinates.system
         rule = rule_of(system.contacts, contact) if rule is None else rule
+        # Kept by content only where that defines the arrays and takes little time to read.
         if system.size > MOST or not is_known(scheme) or not coordinates.shared:
             return cls._built(coordinates, scheme, dt, contact, engine, rule)
         kind = type(scheme).step, type(scheme).predict, pickle.dumps(scheme), type(coordinates)
+        # The content of a system is read once, as long as the system lives.
         linear_part = _LINEAR_PARTS.get(system) or _LINEAR_PARTS.setdefault(system, _linear_part(system))
         key = *kind, dt, contact, engine, rule, *linear_part
         stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, contact, engine, rule))
+        # Arrays of an equal linear part. Stops and initial data are those of this system.
         if stepper.system is system:
             return stepper
         return replace(stepper, coordinates=coordinates, scheme=scheme)
@@ -122,8 +125,10 @@ class Stepper:
     ) -> Stepper:
         """``of``, computed."""
         starter = scheme.starter
+        # The starter hands over whole states, so that none of its components is left out.
         one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
         block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
+        # A force that depends on velocity is unique only where these hold.
         for made in (one, block):
             if made is not None and len(made.block.rates):
                 require_giving_way(made.one.scheme, *made.compliances)
@@ -213,6 +218,7 @@ class March:
         else:
             self._systems = list(self.members)
             q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
+        # Equal loads and offsets: the response to the drive is computed once for all members.
         own = functions(system)
         self._alike = all(functions(each) == own for each in self._systems)
         self._launch = launch = self.stepper.launch(self._systems, q0, v0, self.since, self._alike)
@@ -221,12 +227,14 @@ class March:
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
+        # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
         if launch.jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.one.scheme, made.compliances[0])
         self.node_forces = np.full((M, kept if launch.jumps else 0, len(system.contacts)), np.nan)
         if kept:
             self.positions[:, 0], self.velocities[:, 0] = u, v
+        # Room for 64 impacts a member; ``_segment`` lengthens the list when it is full.
         self._rows, self.events = len(launch.events), np.concatenate([launch.events, np.empty((64 * M, EVENT))])
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
@@ -234,6 +242,7 @@ class March:
         stepper, scheme, equation = self.stepper, self.stepper.scheme, self.stepper.coordinates.equation
         history = [self._launch.start]
         self.state = self.state._replace(z=copied(self._launch.z))
+        # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
         if stepper.starter is not None:
             one = stepper.starter
             forcing = self.forcing(one)
@@ -243,11 +252,14 @@ class March:
                 yield self.done
         if self.done < self.steps:
             block = stepper.block
+            # The scheme's state follows from that history.
             if self.done:
                 z = scheme.initial(equation, history, self._force())
                 self.state = self.state._replace(z=block.pack(z))
             forcing = self.forcing(block)
+            # The more members, the fewer steps a call, down to a sixteenth: progress is reported between calls.
             most = STEPS_PER_CALL // min(16, len(self.members))
+            # States, or sampled loads, of a whole segment are held in memory.
             if replayed is not None or not block.harmonic:
                 most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
             most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
@@ -272,10 +284,12 @@ class March:
         forces = aligned((rows, len(block.block.push)))
         kept = Kept(self.positions, self.velocities, self.node_forces, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
+        # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
         while not self.stepper.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
             cursor, *(() if march_rule == LINEAR else (None, 1)),
         ):  # fmt: skip
+            # Doubling keeps the number of copies small.
             longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
         self._rows = int(cursor[2])
@@ -291,6 +305,7 @@ class March:
 
     def seen(self, member: int) -> Trajectory:
         """The run of a member, at the end."""
+        # Events are in the order of the members, see ``_finish``.
         first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
         own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
@@ -302,6 +317,7 @@ class March:
                 record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, node_forces)
             )
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
+        # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
@@ -325,8 +341,10 @@ class March:
         if len(unsolved_in):
             raise unsolved(self.stepper.scheme, -int(self.state.diverged[unsolved_in[0]]) * dt)
         diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
+        # A force may overflow although no position does: ``seen`` dates it.
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
             diverged[i] = self.seen(int(i)).diverged
+        # The contact at t = 0 is no impact. It counts as open at the start if it has pressed at all.
         first = self.events[:, TIME] == AT_START
         begun, events = self.events[first], self.events[~first]
         pressed = begun[begun[:, IMPACT_IMPULSE] != 0.0][:, [MEMBER, CONTACT]].astype(int)
@@ -349,9 +367,11 @@ class March:
     def _finish(self) -> None:
         """Sort the impacts, leave open contacts open, and include the forces at start and end."""
         tally, events = self.state.tally, self.events
+        # An impact that is still open has no peak, impulse or end.
         open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
         events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         events = events[: self._rows]
+        # By member, then contact; the kernel wrote the rows of one contact in order of time.
         self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
         last, means = (self.state.position, self.state.velocity), self.stepper.contact == "conserving"
         self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means)

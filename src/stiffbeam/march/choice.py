@@ -71,6 +71,7 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
     """
     for name, x in (("position", S), ("velocity", S_rate)):
         own = np.diagonal(x, axis1=-2, axis2=-1)
+        # A negative entry within the rounding of the largest one counts as zero.
         if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
             rule = f"move the {name} of a node along with the force there, for stops whose force depends on velocity"
             raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
@@ -82,6 +83,7 @@ def require_averages(scheme: Scheme, S: Array, S_way: Array) -> None:
     Else a force averaged around the node may have several values. S, S_way: (..., m, m), see ``stage``.
     """
     here, way = (np.diagonal(x, axis1=-2, axis2=-1) for x in (S, S_way))
+    # The trapezoidal rule has equality: a force moves the end of its step by dt/2 times the velocity it gives there.
     if np.any(here < (1.0 - 1e-9) * way):
         rule = "move a node by a force as far as half a step at the velocity it gives, for the averaged contact"
         raise InputError("scheme", str(scheme), rule, "use trapezoidal, hht or bdf2, or the implicit contact")
@@ -126,11 +128,14 @@ def pays(coordinates: Coordinates, scheme: Scheme, steps: int) -> bool:
         return True
     D, N, S = _carried(coordinates, scheme), coordinates.rows.shape[1], len(scheme.nodes)
     length = max(1, nodes_per_block(coordinates, scheme) // (S * max(1, len(coordinates.columns))))
+    # Set-up: a product of D x D matrices for each doubling, and the probing of one step.
     levels = 2.0 + np.log2(length)
     work = float(D) ** 2 / length + float(D) * S * max(1, len(coordinates.columns))
     blocks = CALLS + MATRIX * (levels * float(D) ** 3 + 6.0 * S * D * float(N) ** 2)
+    # Steps: a block reads its matrices once, from cache where D x D numbers fit into it.
     blocks += steps * work * (CACHED if float(D) ** 2 < CACHE else STREAMED)
     entries = coordinates.equation.entries if isinstance(coordinates.equation, Matrices) else 3.0 * float(N) ** 2
+    # Single steps: one call and the entries of the factorised matrices for every node.
     direct = steps * S * (CALL + 1.5 * CACHED * entries)
     return levels * float(D) ** 2 <= MOST and blocks < direct
 
@@ -142,6 +147,7 @@ def _carried(coordinates: Coordinates, scheme: Scheme) -> int:
 
 def is_rigid(system: System, scheme: Scheme) -> bool:
     """Return True for a run on rigid stops. Raises InputError for options that such a run cannot have."""
+    # A scheme with an impact law needs rigid stops; compliant and rigid stops take different marches.
     rigid = [contact.stops.rigid for contact in system.contacts]
     if isinstance(scheme, RigidScheme) and not all(rigid):
         stops = system.contacts[rigid.index(False)].stops

@@ -46,6 +46,7 @@ def direct_pieces(
     view = Together.of(system)
     history, done = [view.start(view.system.q0, view.system.v0)], 0
     starter = scheme.starter
+    # A multistep scheme begins with its starter, whose states are its history, newest first.
     if starter is not None:
         count = min(steps, scheme.history - 1)
         for piece, z in _direct_blocks(view, starter, dt, history, 0, count, contact, 1):
@@ -68,6 +69,7 @@ def _direct_blocks(
     offsets = [offset for _, offset in system.channels]
     t0 = np.asarray(first * dt)
     if first:
+        # After the starter the contacts follow from the computed state.
         shift, rate = (np.array([of(o, t0) for o in offsets]) for of in (offset_values, offset_rate))
         at_start, moving = view.rows @ history[0][0] + shift, view.rows @ equation.velocity(history[0]) + rate
     else:  # as given: on a stop, rounding would tell the side
@@ -93,9 +95,11 @@ def _direct_blocks(
             reactions[s] = view.columns[c]
             response_z[s, c], stages = scheme.step(equation, dt, zero, none, reactions)
             ends_at_node = ends_at_node and ends_there(stages[-1][0], response_z[s, c][0])
+            # Predicted positions do not depend on the forces of their step: their responses stay zero.
             if contact != "extrapolated":
                 response[s, c] = np.array([y[0] for y in stages]) @ view.rows[:m].T
                 rates[s, c] = way * np.array([equation.velocity(y) for y in stages]) @ view.rows[:m].T
+    # A force that depends on velocity is unique only where these hold.
     if rule in RATED:
         compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)]
         require_giving_way(scheme, *compliances)
@@ -103,10 +107,12 @@ def _direct_blocks(
             require_averages(scheme, *compliances)
         if any(stop.jumps for stop in stops):
             require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
+    # Positions at the node before: the mean rule takes the force between both ends of the step.
     before = at_start[:m].copy()
 
     for start in range(first, first + steps, length):
         begun = clock()
+        # Loads and moving stops at the nodes of all these steps at once.
         count = min(length, first + steps - start)
         times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
         loads = view.load(system, times)
@@ -116,6 +122,7 @@ def _direct_blocks(
         )
         path, node_forces = np.empty((count, *z.shape)), np.zeros((count, m))
         for k in range(count):
+            # The step without contact forces, then the forces node by node, each with its response.
             predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
             z, stages = scheme.step(equation, dt, z, list(loads[k]), none)
             if m:
@@ -129,6 +136,7 @@ def _direct_blocks(
                         own = (arguments[s], response[s, :, s].T, rates[s, :, s].T)
                         r, S_r, S_v = (np.ascontiguousarray(x) for x in own)
                         f = solve_stage(r, speeds[s].copy(), S_r, S_v, before, rule, law)
+                        # An overflow makes r NaN too, and is reported by the caller.
                         if np.any(np.isnan(f)) and not np.any(np.isnan(r)):
                             raise unsolved(scheme, float(times[k, s]))
                     elif m == 1:
@@ -136,6 +144,7 @@ def _direct_blocks(
                     else:
                         f = solve_several(arguments[s], response[s, :, s].T, stops)
                     node_forces[k] = f
+                    # A force moves its node and all later ones, and the state at the end.
                     if np.any(f):
                         arguments = arguments + np.tensordot(f, response[s], 1)
                         if rule in RATED:
@@ -144,6 +153,7 @@ def _direct_blocks(
                 before = arguments[-1].copy()
             path[k] = z
         seconds = clock() - begun
+        # Positions and velocities of all channels at the ends of the steps.
         y = path[:, :order]
         ends = (start + 1 + np.arange(count)) * dt
         positions = np.stack(
@@ -159,6 +169,7 @@ def _direct_blocks(
                 velocities,
                 lambda y=y: view.states(np.moveaxis(y, 1, 0)),
                 seconds,
+                # Means over the steps, or forces at the last node where that is the end of the step.
                 node_forces if rule == MEAN else None,
                 node_forces if rule == BY_LAW and ends_at_node else None,
             ),

@@ -91,10 +91,12 @@ def integrate_ensemble(
     if plan.engine == "numba":
         wait()
     report = None if progress is None else lambda done: progress(done * plan.steps)
+    # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)
     march = partial(_march, plan, every, passed, apart)
     member_seconds = plan.steps * plan.step_seconds
     if executor is None:
+        # A slice holds at least as much work as a thread takes to start.
         least = min(int(SLICE_SECONDS / member_seconds), MEMBERS_PER_SLICE)
         parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report, least))
     else:

@@ -72,6 +72,7 @@ class Plan:
         engine: str,
     ) -> Plan:
         """Raises InputError for bad arguments."""
+        # Every argument by itself, then in combination.
         if not isinstance(system, (System, FirstOrderSystem)):
             remedy = "make it with semidiscretise or from_matrices"
             raise InputError("system", type(system).__name__, "be a System", remedy)
@@ -79,11 +80,13 @@ class Plan:
         require_scheme(scheme)
         dt, t_end = positive("dt", dt), positive("t_end", t_end)
         steps = step_count(dt, t_end)
+        # X1
         if not 1e-150 <= dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         integer("every", every, 1)
         one_of("contact", contact, CONTACTS)
         scheme = scheme_for(scheme, contact)
+        # An engine of earlier versions: the message names what replaces it.
         if isinstance(engine, str) and engine == "jax":
             raise InputError("engine", engine, "be numba or direct", "leave engine out: ensembles run on all cores")
         one_of("engine", engine, (*RUNS, DIRECT), f"be {', '.join(RUNS)} or {DIRECT}")
@@ -97,10 +100,13 @@ class Plan:
             )
         parent = system if isinstance(system, System) else system.system
         covered(parent.time_functions, t_end)
+        # None where the damping couples the modes, and for a FirstOrderSystem: all unknowns then step together.
         basis = modes(system) if isinstance(system, System) else None
+        # For the check of the time step, and for the message of a run that overflows.
         omega_max = float(basis.omega[-1]) if basis else _omega_max(parent)
         scheme.check(omega_max, dt)
         check_contract(scheme)
+        # Rigid stops take another march. For compliant ones the contact laws must fit the treatment of contact.
         rigid = is_rigid(parent, scheme)
         if rigid:
             require_rigid(parent, scheme, contact)
@@ -116,6 +122,7 @@ class Plan:
                 raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
         coordinates = Together.of(system) if basis is None else InModes(parent, basis)
+        # Single steps where the user asks for them, or where blocks with their set-up take longer.
         if engine == DIRECT or not pays(coordinates, scheme, steps):
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, DIRECT, None)
         stepper = Stepper.of(coordinates, scheme, dt, contact, engine)
@@ -126,6 +133,7 @@ class Plan:
         contacts = len(self.system.contacts)
         kept = 0 if every is None else self.steps // every + 1
         remedy = "give a larger `every`" if every is not None else "take fewer members"
+        # For every output: position and velocity of each channel, the force of each contact, the time.
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
         seconds = self.step_seconds * self.steps * (1 if self.stepper is None else members)
@@ -140,6 +148,7 @@ class Plan:
         """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
         assert self.stepper is not None
         rule = rule_of(contacts, self.contact)
+        # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
         if rule not in self._steppers:
             own = self.stepper
             made = own if rule == own.rule else Stepper.of(
@@ -149,6 +158,7 @@ class Plan:
         return self._steppers[rule]
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # The 1 stands for ``every``, which is checked and not stored.
         return Plan.of, (self.given, self.scheme, self.dt, self.t_end, self.contact, 1, self.engine)
 
     def provenance(self, every: int | None) -> dict[str, Any]:
@@ -186,9 +196,11 @@ class Plan:
         if self.stepper is None:
             return Runs.of([seen_directly(self, member, every, None, since) for member in members])
         contacts = members.all_contacts()
+        # By identity: members that share their contacts need one look-up.
         steppers = {key: self.stepper_for(each) for key, each in {id(each): each for each in contacts}.items()}
         kinds = [steppers[id(each)] for each in contacts]
         parts, places = [], []
+        # Members of one rule march together; ``places`` restores the order of the members.
         for stepper in dict.fromkeys(kinds):
             places_of_kind = [i for i, kind in enumerate(kinds) if kind is stepper]
             march = stepper.start(members.subset(places_of_kind), self.steps, every, since)
@@ -224,6 +236,7 @@ class Plan:
                 means.append(piece.means if piece.means is not None else np.zeros((0, 0)))
                 yield piece
 
+        # ``_states`` yields once a piece and passes on states only: the list holds the means of that piece.
         for t, q, v, _ in _states(system, noted(), self.dt):
             yield t, q, v, means.pop()
 
@@ -238,6 +251,7 @@ def seen_directly(
     """The direct march piece by piece, in bounded memory."""
     parent = system if isinstance(system, System) else system.system
     (u0,), (v0,) = initial_channels([parent], parent.q0[None], parent.v0[None])
+    # Without outputs the interval is longer than the run, so that only the start has a row.
     thin = every or plan.steps + 1
     positions, velocities = np.empty((2, plan.steps // thin + 1, len(u0)))
     positions[0], velocities[0] = u0, v0
@@ -248,16 +262,19 @@ def seen_directly(
     seconds, diverged = 0.0, np.nan
     for piece in plan.pieces(system):
         seconds += piece.seconds
+        # The first step beyond the bound ends the run.
         bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
         if np.any(bad):
             diverged = (piece.first + 1 + int(np.argmax(bad))) * plan.dt
             break
         done = piece.first + len(piece.positions)
+        # Outputs of this piece: the multiples of ``thin`` among its steps first + 1 to done.
         here = np.arange(piece.first // thin + 1, done // thin + 1)
         positions[here] = piece.positions[here * thin - piece.first - 1]
         velocities[here] = piece.velocities[here * thin - piece.first - 1]
         if piece.node_forces is not None:
             node_forces[here] = piece.node_forces[here * thin - piece.first - 1]
+        # Impacts and peaks are taken from every step, output or not.
         for i, sampler in enumerate(samplers):
             own = (None if x is None else x[:, i] for x in (piece.means, piece.node_forces))
             sampler.feed(piece.positions[:, i], piece.velocities[:, i], *own)
@@ -271,6 +288,7 @@ def seen_directly(
         else record(s.stops, positions[:, i], velocities[:, i], s.tally, s.events, plan.steps, node_forces[:, i])
         for i, s in enumerate(samplers)
     )  # fmt: skip
+    # A force may overflow although every position stays below the bound.
     diverged = overflow(contacts, plan.t_end) if np.isnan(diverged) else diverged
     return Trajectory(
         t=np.arange(0.0, len(positions) * thin, thin) * plan.dt,
@@ -297,6 +315,7 @@ def _states(system: System, pieces: Iterator[Piece], dt: float) -> Iterator[tupl
     for piece in pieces:
         q, v = piece.states()
         new = q, v, np.repeat(none, len(q), axis=0) if piece.node_forces is None else piece.node_forces
+        # Pieces share end points: each begins with the last state of the one before.
         q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
         yield (piece.first + np.arange(len(q))) * dt, q, v, node_forces
         last = q[-1:], v[-1:], node_forces[-1:]
@@ -366,6 +385,7 @@ def integrate(
     begun = clock()
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
+    # A process beside this one may be compiling the same kernels: wait for it.
     if plan.engine == "numba":
         wait()
     if plan.stepper is not None:
@@ -380,6 +400,7 @@ def integrate(
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), run.diverged, hint)
+    # States and energy are computed on demand, in a second march.
     return replace(
         run,
         work=replace(run.work, seconds=clock() - begun),

@@ -58,6 +58,7 @@ class Coordinates:
 
     def units(self, components: int) -> Array:
         """Unit states (components, batch, N), of all parts at once."""
+        # Parts that do not couple are probed side by side: one unit state acts on the same component of all.
         if self.parts > 1:
             eye = np.eye(components)
             return np.repeat(eye[..., None], self.parts, axis=2)
@@ -176,6 +177,7 @@ class Readers:
         at_ends = S * m
         end_rates, node_rates = at_ends + C, at_ends + 2 * C
         size = node_rates + (S * m if rated else 0)
+        # Positions at the nodes, positions at the end, velocities there, velocities at the nodes.
         which, ends, of_nodes = np.repeat(np.arange(S), m), np.arange(C), np.tile(np.arange(m), S)
         return cls(
             nodes,
@@ -212,10 +214,12 @@ class OneStep:
         equation = self.coordinates.equation
         new, at_nodes = self.scheme.step(equation, self.dt, z, list(loads), list(reactions))
         new = np.asarray(new)
+        # The contact forces are functions of these positions: of the stages, or of the predicted ones.
         arguments = self.scheme.predict(equation, self.dt, z) if self.extrapolated else [y[0] for y in at_nodes]
         fields = [*arguments, new[0], equation.velocity(new[: equation.order])]
         if self.readers.rated:
             fields += [equation.velocity(y) for y in at_nodes]
+        # A carried component holds its share of those that are not carried.
         carried = self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
         at_last = ends_there if self.readers.rated else np.array_equal  # of the others the bits are left as they are
         return carried, np.array(fields), at_last(at_nodes[-1][0], new[0])
@@ -235,6 +239,7 @@ class OneStep:
         """Response of the readings to unit states (fields, batch, N) of every part, (n, g, k)."""
         if self.coordinates.parts == 1:
             return self.read(fields)[None]
+        # No part couples with another: row times field is the response of each part, without a sum over them.
         rows = self.coordinates.rows[self.readers.channel]
         return np.ascontiguousarray((fields[self.readers.field] * rows[:, None]).transpose(2, 0, 1))
 
@@ -283,10 +288,12 @@ def probe(
     keep, mix = independent(scheme, equation.order, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))
     readers = Readers.of(tuple(scheme.nodes), m, C, rated)
     step = OneStep(scheme, coordinates, dt, extrapolated, readers, keep, mix)
+    # One batch: unit states without forces, then a unit force of every kind at every node.
     units = coordinates.units(len(keep))
     states = units.shape[1]
     z, acting = np.zeros((a, states + P * S, N)), np.zeros((2, S, states + P * S, N))
     z[keep, :states] = units
+    # acting[0] are loads, acting[1] reactions; force p at node s is column p S + s, as in StepMap.
     for s in range(S):
         acting[1, s, states + s : states + m * S : S] = forces[:m]
         acting[0, s, states + m * S + s :: S] = forces[m:]
@@ -297,6 +304,7 @@ def probe(
         push=np.ascontiguousarray(new[..., states:]),
         reading=step.shares(fields[:, :states]),
         at_once=step.read(fields[:, states:]),
+        # Extrapolated positions are predictions of the nodes, not the positions at the end of the step.
         ends_at_last_node=at_last and not extrapolated,
     )
 
@@ -309,10 +317,12 @@ def independent(scheme: Scheme, order: int, dt: float, extrapolated: bool = Fals
     and v + dt (1 - gamma) a only.) Seen on three damped motions with periods of about dt, every component in units
     of what it does to the position. Returns (keep, mix), mix of shape (kept, a).
     """
+    # Type and label define a scheme of this package. A user's may change under the same label.
     if not is_known(scheme):
         return _seen(scheme, order, dt, extrapolated)
     given = type(scheme), str(scheme), order, dt, extrapolated
     if given not in _INDEPENDENT:
+        # A bound on the memory: each time step of a sweep adds an entry.
         if len(_INDEPENDENT) >= REMEMBERED:
             _INDEPENDENT.clear()
         _INDEPENDENT[given] = _seen(scheme, order, dt, extrapolated)
@@ -330,6 +340,7 @@ def _seen(scheme: Scheme, order: int, dt: float, extrapolated: bool) -> tuple[ND
         turn = np.array([[0.0, 1.0, 0.3], [-0.7, -0.2, 0.0], [0.0, 0.6, -0.9]])
         equation = FirstOrder(turn / dt)
     n = len(rates)
+    # A unit of every component, on all motions at once, without forces.
     a = components(scheme, equation, n)
     z = np.zeros((a, a, n))
     z[np.arange(a), np.arange(a)] = 1.0
@@ -346,11 +357,14 @@ def _seen(scheme: Scheme, order: int, dt: float, extrapolated: bool) -> tuple[ND
     rounding = np.max(np.abs(does - again), axis=(0, 3))[..., None]
     does = np.where(np.abs(does) <= 16.0 * rounding, 0.0, does)
     effects = does.transpose(0, 2, 1).reshape(-1, a)
+    # Every component in units of what it does to the position; one that moves no position keeps its unit.
     units = np.max(np.abs(does[0]), axis=1)
     units = np.where(units > 0.0, units, 1.0)
     effects = effects / units
+    # Every effect counts alike, whatever its size; rows that are all rounding are left out.
     size = np.max(np.abs(effects), axis=1)
     effects = effects[size > 0.0] / size[size > 0.0, None]
+    # A component that those kept so far can stand in for is dropped, and they hold its share.
     keep: list[int] = []
     mix = np.eye(a)
     for e in range(a):

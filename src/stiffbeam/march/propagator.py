@@ -41,6 +41,7 @@ class Entries:
     def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
         """Entries over so many steps."""
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
+        # Where the last node is the end of the step, the positions of the contacts there are entries of nodes already.
         at_ends = C - m if ends_at_last_node else C
         count = steps * S * m
         N = padded(count, least=0)
@@ -49,6 +50,7 @@ class Entries:
         padding = np.full(N - count, -1)
         of_rates = reading[:, readers.node_rates].ravel()
         place = [reading[:, readers.at_nodes].ravel(), padding, ends.ravel(), of_rates]
+        # For every channel the entry at the end of the first step, and the distance to that of the next.
         first, stride = N + np.arange(C), np.full(C, at_ends)
         if ends_at_last_node:
             first[:m], stride[:m] = (S - 1) * m + np.arange(m), S * m
@@ -59,6 +61,7 @@ class Entries:
     def of_readings(self, x: Array, width: int) -> Array:
         """(..., K, g) -> (..., width), zero where no reading stands."""
         *batch, K, g = x.shape
+        # One zero more than readings: the place -1 of the padding leads to it.
         flat = np.zeros((*batch, K * g + 1), x.dtype)
         flat[..., :-1] = x.reshape(*batch, K * g)
         rows = np.zeros((*batch, width), x.dtype)
@@ -80,6 +83,7 @@ class Powers:
         rotation = _Rotation(one) if turn and isinstance(one.coordinates, InModes) else None
         if rotation is not None:
             self.levels[0] = rotation.put(self.levels[0], 1)
+        # Squaring gives A^1, A^2, A^4, ..: log2 K products, where step by step K are needed.
         while 2 ** len(self.levels) <= steps:
             squared = self.levels[-1] @ self.levels[-1]
             if rotation is not None:
@@ -89,6 +93,7 @@ class Powers:
     @cached_property
     def last(self) -> Array:
         """A^steps."""
+        # The powers that the binary digits of K name; powers of one matrix commute.
         sum_of_levels = None
         for i, level in enumerate(self.levels):
             if self.steps >> i & 1:
@@ -101,6 +106,7 @@ class Powers:
         n, g, k = reading.shape
         made, done = np.empty((n, self.steps, g, k)), 1
         made[:, 0] = reading
+        # Doubling: the readings so far, behind A^done, give as many later ones.
         for level in self.levels:
             more = min(done, self.steps - done)
             if more > 0:
@@ -113,6 +119,7 @@ class Powers:
         n, k, p = push.shape
         made, done = np.empty((n, k, self.steps, p)), 1
         made[:, :, 0] = push
+        # Doubling, as in ``readings``.
         for level in self.levels:
             more = min(done, self.steps - done)
             if more > 0:
@@ -127,10 +134,13 @@ class _Rotation:
     def __init__(self, one: StepMap) -> None:
         assert isinstance(one.coordinates, InModes)
         basis, A = one.coordinates.basis, one.transition[:, :2, :2]
+        # A rigid-body mode has no angle and is never turned; the 1 avoids a division by zero.
         self.w = np.where(basis.omega > 0.0, basis.omega, 1.0)
+        # Sine and cosine, each as the mean of the two entries that are equal in a rotation.
         self.angle = np.arctan2(0.5 * (self.w * A[:, 0, 1] - A[:, 1, 0] / self.w), 0.5 * (A[:, 0, 0] + A[:, 1, 1]))
         size = np.array([[np.ones_like(self.w), 1.0 / self.w], [self.w, np.ones_like(self.w)]]).transpose(2, 0, 1)
         turns = (basis.omega > 0.0) & (basis.damping == 0.0)
+        # Only where A is this rotation: numerical dissipation or damping must stay in the powers.
         self.turns = turns & np.all(np.abs(A - self._by(1)) < 1e-9 * size, axis=(1, 2))
 
     def _by(self, steps: int) -> Array:
@@ -183,6 +193,7 @@ class Propagator:
     def pack(self, z: Array) -> Array:
         """The scheme's states (a, members, N) -> (members, D + ...), see Block."""
         mixed = np.einsum("ce,emj->cmj", self.one.mix, z)
+        # The state once more behind itself but for its last component, so that a shift by e n needs no wrapping.
         again = self.used - self.coordinates.parts
         packed = aligned((mixed.shape[1], self.block.reading.shape[1] + again))
         packed[:, : self.used] = mixed.swapaxes(0, 1).reshape(len(packed), -1)
@@ -235,6 +246,7 @@ class Propagator:
             times = np.where(begun > last - 0.5 * self.one.dt, last, begun + readers.when * self.one.dt)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
+                # A moving stop adds its offset to positions and the rate of its offset to velocities.
                 for rates, value in ((False, evaluate), (True, offset_rate)):
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
                     moved[..., here] += value(function, times[..., here])
@@ -253,6 +265,7 @@ class Propagator:
         one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
         N, (R, D) = coordinates.rows.shape[1], self.block.reading.shape
         pairs = list(zip(drives, systems, strict=True))
+        # Constant, sines and cosines of the loads and offsets of every member.
         bases = [(drive.split(coordinates.loads(x), N)[0], drive.offsets(x)[0]) for drive, x in pairs]
         constants = {bool(np.any(load[0]) or np.any(shift[0])) for load, shift in bases}
         if V > 1 and (coordinates.parts == 1 or len(constants) > 1 or len({drive.size for drive in drives}) > 1):
@@ -263,9 +276,11 @@ class Propagator:
         constant, most = constants == {True}, frequencies.shape[1]
         if not constant and most > 1:  # a load of nothing does nothing
             frequencies, loads, shifts = frequencies[:, 1:], loads[:, 1:], shifts[:, 1:]
+        # One step from rest: at every node the load has the phase of the drive there.
         F = frequencies.shape[1]
         turn = np.exp(1j * frequencies * one.dt * np.array(one.scheme.nodes)[:, None, None])  # (S, V, F)
         acting = loads * turn[..., None]
+        # Real and imaginary part are two loads, since ``from_rest`` is real.
         state, read = one.from_rest(
             np.ascontiguousarray(acting)
             .view(float)
@@ -277,6 +292,7 @@ class Propagator:
         phase = np.exp(1j * one.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
         path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
         path[..., 0, :] = _complex(state.reshape(n, k, V, F, 2).transpose(2, 0, 1, 3, 4))
+        # Doubling by the rule of the docstring: ``done`` further steps after 1, 2, .. steps.
         done = 1
         for level in self.powers.levels:
             more = min(done, K - done)
@@ -284,16 +300,19 @@ class Propagator:
                 later = path[..., done - 1 : done, :] * phase[:, None, None, 1 : more + 1]
                 path[..., done : done + more, :] = _product(level, path[..., :more, :]) + later
                 done += more
+        # Readings: of the force in the step itself, then of the state that earlier steps have left.
         read = _complex(read.reshape(-1, V, F, 2)).swapaxes(0, 1)  # (V, g, F)
         read = read[:, None] * phase[:, :K, None]
         if K > 1:
             states = np.ascontiguousarray(path[..., :-1, :]).reshape(V, n * k, K - 1, F)
             read[:, 1:] += _product(one.reading.transpose(1, 0, 2).reshape(-1, n * k), states).swapaxes(1, 2)
+        # Moving stops: o in positions, i w o in velocities.
         if np.any(shifts):
             moved = shifts[:, :, readers.channel].swapaxes(1, 2)[:, None] * phase[:, :K, None]  # (V, K, g, F)
             moved = moved * np.exp(1j * one.dt * readers.when[:, None] * frequencies[:, None])[:, None]
             moved[:, :, readers.is_rate] *= 1j * frequencies[:, None, None]
             read += moved
+        # Rows on entries and new state, as those of ``push``; then real ones for 1, sin w t and cos w t.
         rows = np.zeros((V, F, R + D), complex)
         rows[..., :R] = self.entries.of_readings(read.transpose(0, 3, 1, 2), R)
         rows[..., R : R + n * k] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
@@ -305,6 +324,7 @@ class Propagator:
 
 def _amplitudes(basis: Array) -> Array:
     """P (V, F, ...) of the functions g @ basis = Re sum P e^(i w t), basis (V, d, ...)."""
+    # s sin w t + c cos w t = Re (c - i s) e^(i w t).
     return np.concatenate([basis[:, :1], basis[:, 2::2] - 1j * basis[:, 1::2]], axis=1)
 
 
@@ -326,6 +346,7 @@ def _complex(pairs: Array) -> Array:
 
 def _product(matrix: Array, x: Array) -> Array:
     """A real matrix (.., e, k) on complex x (V, .., k, steps, F), of one shape for every V."""
+    # Complex numbers as pairs of real ones: half the multiplications of a complex product.
     real = np.ascontiguousarray(x).view(float)
     made = matrix @ real.reshape(*real.shape[:-2], -1)
     return made.reshape(*made.shape[:-1], *real.shape[-2:]).view(complex)
@@ -337,6 +358,7 @@ def _side_by_side(each: Sequence[Forcing]) -> Forcing:
     missing = [most - x.frequencies.shape[1] for x in each]
     return Forcing(
         max(x.constant for x in each),
+        # The added frequencies have rows of zeros, so that any value will do.
         np.concatenate(
             [np.pad(x.frequencies, ((0, 0), (0, k)), constant_values=1.0) for x, k in zip(each, missing, strict=True)]
         ),
@@ -360,6 +382,7 @@ def build(
     entries.
     ``reduced``: leave out the components of the state that only add to others, see ``probe.independent``.
     """
+    # Loads and offsets that are no formula are sampled; the others are left to ``forcing``.
     system, drive = coordinates.system, Drive.of(coordinates.system)
     samples = drive.split(coordinates.loads(system), coordinates.rows.shape[1])[1]
     offset_samples = drive.offsets(system)[1]
@@ -378,14 +401,17 @@ def build(
     of_force[0] = one.at_once
     of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(used, P * S)
     step = np.arange(K)
+    # delay < 0: the force comes after the reading, which takes the zeros in row K.
     delay = step - step[:, None]
     seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
+    # A force in step j acts through the K - 1 - j steps that follow it in the block.
     left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, used)  # by step of the force
     pushed = np.zeros((P, S, K, R + D))
     pushed[..., :R] = entries.of_readings(seen, R)
     pushed[..., R : R + used] = left
     speeds = seen[..., one.readers.end_rates]
 
+    # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
     reading, transition = aligned((R, D)), aligned((k, D))
     reading[:, :used] = entries.of_readings(flat.transpose(2, 0, 1), R).swapaxes(0, 1)
     component = np.arange(k)
@@ -394,10 +420,12 @@ def build(
     velocity = np.zeros((K, C, D))
     velocity[..., :used] = flat[:, one.readers.end_rates]
 
+    # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
     nodes, N = K * S * m, entries.nodes
     push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
     push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
     velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
+    # Compliance: of every row the entries of the contacts at its node.
     node = np.arange(nodes)
     block = Block(
         reading=reading,
@@ -412,6 +440,7 @@ def build(
         rule=rule,
         way=0.5 * dt if rule == AVERAGED else 1.0,
     )
+    # The samples come load by load, then step by step.
     kind_by_kind = (0, 2, 1)
     return Propagator(
         one=one,

@@ -44,7 +44,9 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
     harmonics[0] = 0.0  # the constant drives by itself, in every step
     T_rows = carried + len(acting)
     memory = np.empty((2, 2 * width))
+    # An even number of rows: the kernel adds them in pairs.
     made = np.zeros((T_rows + T_rows % 2, K, width))
+    # One motion for every unit: of a carried component, then of a function of the drive.
     for t in range(T_rows):
         start, driven, own = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
         if t < carried:
@@ -81,7 +83,9 @@ def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArr
         return out.reshape(*rows.shape[:-1], a * P)
 
     N = one.coordinates.rows.shape[1]
+    # Blocks carry the components in ``keep`` only, single steps all of them.
     place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
+    # ``take_step`` adds the rows of the transition in pairs: an odd number gets a row of zeros.
     step = Step(
         transition=laid_out(np.pad(one.block.transition, ((0, a % 2), (0, 0)))),
         push=laid_out(np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]])),
@@ -109,6 +113,7 @@ def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Se
 def node_forces_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
     """The forces (steps, contacts) that nodes found at the ends of the steps; NaN where the last node is not there."""
     block = segment.block.block
+    # No node lies at the end of a step: the force there follows from the state.
     if contacts and block.end_first[0] >= len(block.push):
         return np.full((segment.steps, contacts), np.nan)
     last = len(block.compliance) // segment.block.steps
@@ -137,11 +142,14 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
 
     In modal coordinates the same sums as ``step_ledger``, which takes them in the system's own.
     """
+    # Unknowns that step together have no modal energies.
     if not isinstance(stepper.coordinates, InModes):
         return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
     basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
+    # The kernel takes at least one load; a zero one stands for none.
     loaded = system.loads or [(np.zeros(system.size), Constant(0.0))]
     moving = any(contact.offset is not None for contact in contacts)
+    # Ten numbers each, KINETIC to SPREAD; the first output is the start.
     kept, balance = np.zeros((steps // every + 1, 10)), np.zeros(10)
     start = np.array(system.energies(0.0, system.q0, system.v0))
     kept[0, :3] = balance[:3] = start
@@ -163,12 +171,14 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
         K = segment.block.steps
+        # Whole blocks without contact are passed at once, in long runs whose loads are all in the drive.
         passed = K > 1 and steps > SHORT and not loads[1]
         apart = max(1, STEPS // K) if passed else len(segment.starts)
         step, place, starts = step_of(segment, one, apart)
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
+        # The first row is the end of the segment before.
         node_forces = np.concatenate([last, node_forces_at_ends(segment, step, len(contacts))])
         last = node_forces[-1:]
         energies = Energies(
@@ -178,6 +188,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             offsets=o,
             offset_rates=o_rate,
         )
+        # The map of a whole block is the same in all segments.
         if passed and free is None:
             free = free_block(step, place, n, P, apart * K, drive.transition(dt))
         known = free if passed and free is not None else no_block()

@@ -31,6 +31,7 @@ def rigid_pieces(system: System, scheme: Scheme, dt: float, count: int) -> Itera
     basis, done, history = modes(system), 0, []
     view = Together.of(system) if basis is None else InModes(system, basis)
     y = view.start(system.q0, system.v0)
+    # A multistep scheme begins with its starter, whose states are its history, newest first.
     if scheme.starter is not None:
         history = [y]
         for piece, z in _march(view, system, scheme.starter, dt, y, [y], 0, min(count, scheme.history - 1)):
@@ -49,12 +50,14 @@ def _march(
     own = isinstance(scheme, RigidScheme)
     kinds = scheme.conditions if own else (POSITION,) * S
     loads = np.array([vector for vector, _ in view.loads(system)]).reshape(-1, n)
+    # All that the kernel needs of the scheme, from its step with unit states and forces.
     linear, pulses, shifts_by_load = _probed(view, scheme, dt, loads, kinds)
     weights = _weights(scheme, dt)
     force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ loads
     if own:
         z = scheme.start(view.equation, dt, y, force)
     else:
+        # The initial force includes the reactions of contacts that begin at rest on their stops.
         force = force + _first_reactions(view, y, force) if first == 0 else force
         z = scheme.initial(view.equation, history, force)
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
@@ -63,6 +66,7 @@ def _march(
         begun = clock()
         length = min(STEPS_PER_PIECE, first + count - start)
         at = (start + np.arange(length)) * dt
+        # Loads at the nodes, and what they and moving stops add to the arguments of the nodes.
         nodes = at[:, None] + np.array(scheme.nodes) * dt
         values = np.array([evaluate(f, nodes) for _, f in system.loads]).reshape(len(system.loads), length, S)
         values = np.moveaxis(values, 0, 1).reshape(length, -1)
@@ -76,6 +80,7 @@ def _march(
         positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
         positions = positions + np.array([offset_values(o, ends) for o in offsets]).reshape(channels, length).T
         velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
+        # Each node counts by the momentum that its reaction brings in the end.
         means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
         yield Piece(start, positions, velocities, partial(view.states, both), seconds, means), states[-1]
 
@@ -96,10 +101,12 @@ def _probed(
         """Results of a batch: states (batch, a, n), what nodes read (S, batch, m, n), predicted (batch, n)."""
         new, at_nodes = scheme.step(equation, dt, z, list(loads), list(reactions))
         x = np.stack(at_nodes)  # (S, 2, batch, n)
+        # Conditions on velocities and the restituted position read x_new + e x_old.
         old = np.array([kind != POSITION for kind in kinds])[:, None, None, None]
         read = x[:, 0, :, None] + np.where(old, e[:, None] * x[:, 1, :, None], 0.0)
         return np.moveaxis(new, 0, 1), read, scheme.predict(equation, dt, z)[-1]
 
+    # Unit states: of all modes at once where these do not couple, else of every unknown by itself.
     modal = isinstance(equation, Modal)
     batch = a if modal else a * n
     z = np.zeros((a, batch, n))
@@ -116,6 +123,7 @@ def _probed(
     else:
         blocks, matrix = np.zeros((0, 0, n)), np.ascontiguousarray(new.reshape(batch, -1).T)
         reading, predicting = np.einsum("sbcj,cj->scb", read, rows), np.einsum("bj,cj->cb", ahead, rows)
+    # Unit forces at every node: the loads first, then the reactions.
     every = np.concatenate([pulls, rows])
     acting = np.zeros((2, S, len(every) * S, n))  # loads, reactions
     for i, vector in enumerate(every):
@@ -129,6 +137,7 @@ def _probed(
         _require_giving_way(scheme, compliance)
         if not isinstance(scheme, RigidScheme):
             _require_lasting_contact(scheme)
+    # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
     scale = np.array([1.0 + e if kind == RESTITUTED else np.ones(m) for kind in kinds])
     ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
     still = np.array([[0.0 if np.isfinite(g) else g for g in own] for own in ends]).reshape(m, 2)
@@ -149,6 +158,7 @@ def _probed(
 
 
 def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
+    # The complementarity problem of a node has exactly one solution if its compliance is positive definite.
     for s in range(len(compliance)):
         least, most = np.linalg.eigvalsh(compliance[s, s])[[0, -1]]
         if not least > 1e-12 * most or not most > 0.0:
@@ -163,11 +173,13 @@ def _require_lasting_contact(scheme: Scheme) -> None:
     Held, q = 0 at every node: z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
     the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
     """
+    # One batch: unit states of a free mass, then unit forces at the nodes.
     S, a = len(scheme.nodes), len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1)))
     z, acting = np.zeros((a, a + S, 1)), np.zeros((S, a + S, 1))
     z[np.arange(a), np.arange(a)] = acting[np.arange(S), a + np.arange(S)] = 1.0
     new, at_nodes = scheme.step(FREE, 1.0, z, list(np.zeros_like(acting)), list(acting))
     state, read = np.asarray(new)[..., 0], np.array([y[0] for y in at_nodes])[..., 0]
+    # Reactions G^-1 R z keep q = 0 at every node.
     held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
     if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
         rule = "have reactions that do not grow while a contact lasts, for rigid stops"
@@ -180,6 +192,7 @@ def _weights(scheme: Scheme, dt: float) -> Array:
     acting = np.zeros((S, S, 1))
     acting[np.arange(S), np.arange(S)] = 1.0
     z = np.zeros((len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1))), S, 1))
+    # Forces act in the first step only; a scheme may spread their momentum over later ones.
     for _ in range(FREE_STEPS):
         z, _ = scheme.step(FREE, dt, z, list(np.zeros((S, S, 1))), list(acting))
         acting = np.zeros_like(acting)
@@ -204,6 +217,7 @@ def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Arr
 def _first_reactions(view: Coordinates, y: Array, force: Array) -> Array:
     """The reactions at t = 0 of contacts at rest on their stops, on the unknowns."""
     rows, contacts = view.columns, view.system.contacts
+    # In accelerations: a contact at rest on its stop must not accelerate into it, any other is free.
     law = np.full((len(rows), 3), np.inf)
     r = np.empty(len(rows))
     acceleration = view.equation.acceleration(y, force)
@@ -213,6 +227,7 @@ def _first_reactions(view: Coordinates, y: Array, force: Array) -> Array:
         rest = abs(rate) == 0.0
         law[c, 1] = 0.0 if rest and u <= contact.stops.lower_bound else -np.inf
         law[c, 2] = 0.0 if rest and u >= contact.stops.upper_bound else np.inf
+        # The position against a moving stop accelerates with it.
         pull = 0.0 if contact.offset is None else float(contact.offset.acceleration(0.0))  # type: ignore[union-attr]
         r[c] = rows[c] @ acceleration + pull
     if not len(rows):

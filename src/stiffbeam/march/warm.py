@@ -47,6 +47,7 @@ def warm_up(by_law: bool = False) -> None:
     if by_law in _warm:
         return
     wait()
+    # Arrays without members: the call compiles or loads the kernel and computes nothing.
     z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
@@ -72,6 +73,7 @@ def compile_beside(rehearsal: str, by_law: bool = False) -> None:
     if _beside is not None or compiled():
         return
     code = f"from stiffbeam.march.warm import warm_up\ntry:\n    {rehearsal}\nfinally:\n    warm_up({by_law})"
+    # The child imports the same sources and writes to the same cache.
     paths = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
     silent = subprocess.DEVNULL

@@ -116,6 +116,7 @@ def amplification(
     roots = _kernel_roots(scheme, x, xi) if source == "kernel" else _closed_roots(scheme, x, xi)
     # A real pair may leave the axis by the square root of rounding.
     complex_ones = np.abs(np.imag(roots)) > 1e-7 * np.abs(roots)
+    # A real root counts only where no root is complex.
     principal = roots[np.arange(len(x)), np.argmax(np.where(complex_ones, np.abs(roots), -1.0), axis=1)]
     with np.errstate(divide="ignore", invalid="ignore"):
         phase = np.where(np.any(complex_ones, axis=1), np.abs(np.angle(principal)), np.nan)
@@ -129,6 +130,7 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
     """Eigenvalues (len(x), a) of the one-step propagator on independent oscillators with dt = 1."""
     omega = 2.0 * np.pi * x
     n = len(x)
+    # n oscillators that do not couple: all dt/T are probed at once.
     one, nothing = np.eye(n), np.zeros(n)
     system = System(
         mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
@@ -144,6 +146,7 @@ def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:
         raise InputError("scheme", str(scheme), "state its characteristic polynomial", "use source='kernel'")
     coefficients = np.array(polynomials)
     degree = coefficients.shape[1] - 1
+    # The eigenvalues of the companion matrix are the roots of the polynomial.
     companion = np.zeros((len(x), degree, degree), coefficients.dtype)
     companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
     companion[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
@@ -196,14 +199,17 @@ def free_mode_errors(run: Trajectory) -> ModeErrors:
     slopes, errors = np.full((2, n), np.nan), np.full((2, n), np.nan)
     scale = float(np.max(np.abs(z[0])))
     for j in range(n):
+        # A mode that is hardly excited is rounding, and so is what is left of it when it has died.
         ratio = z[:, j] / z[0, j] if abs(z[0, j]) > FLOOR * scale else np.zeros(0)
         alive = int(np.argmin(np.abs(ratio) > FLOOR)) if np.any(~(np.abs(ratio) > FLOOR)) else len(ratio)
         first = int(np.ceil(START * alive))
         t = run.t[first:alive]
+        # Over less than half a period, a turn of e^{-2 i w t}, the part of z that a scheme adds would count as slope.
         if len(t) < 20 or not omega_d[j] * (t[-1] - t[0]) >= np.pi:
             continue
         ratio = ratio[first:alive]
         phase = np.unwrap(np.angle(ratio * np.exp(-1j * omega_d[j] * t)))
+        # A phase that turns by about half a circle a step cannot be unwrapped.
         if np.max(np.abs(np.diff(phase))) > 0.9 * np.pi:
             continue
         lines = np.log(np.abs(ratio)) + decay[j] * t, phase  # ln(z_run/z_ref)

@@ -66,6 +66,7 @@ def phase_lag(
     tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m:
         return PhaseLag(nan, nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
+    # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
     inside, weights = t[counted], step_lengths(t)[counted]
     target = reference(inside)
@@ -77,6 +78,7 @@ def phase_lag(
     def J(tau: float) -> float:
         return float(np.sum(weights * (run(inside + tau) - target) ** 2))
 
+    # J of an oscillation has several minima: the grid picks one, Brent's method refines it.
     shifts = np.linspace(-tau_m, tau_m, GRID)
     values = [J(tau) for tau in shifts]
     best = int(np.argmin(values))
@@ -279,22 +281,26 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     t = run.t
     if t[0] != 0.0:
         raise InputError("run.t", float(t[0]), "begin at 0", "put 0 before the times in t_eval")
+    # Totals go to the end of the shorter solution, errors at most to the horizon.
     t_end = min(float(t[-1]), float(reference.provenance["t_end"]))
     window = min(t_end, reference.horizon)
     # A median of differences has roundings that the step of a scheme does not have.
     dt, inside = float(run.provenance.get("dt", np.median(np.diff(t)))), steps_to(t, window)
     if inside < 3:
         raise InputError("dt", dt, f"leave two steps before the horizon {window:.3g}", "use a smaller dt")
+    # The reference at the steps of the run, for errors and lag.
     u_ref, _ = reference.at(t[: steps_to(t, t_end)])
 
     here = slice(0, inside)
     error = relative_error(run.tip[here], u_ref[here])
 
+    # The match of the run ends with that of the contact that parts first.
     contacts = tuple(_contact(run, reference, system, i, t[: len(u_ref)], window) for i in range(len(system.contacts)))
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
     matched_until = float("nan") if unknown else together
     energy = run.energy if run.has_energy else None
+    # Whatever the run lacks is NaN in the result, with its reason here.
     missing = [
         f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
         for c, record in zip(contacts, run.contacts, strict=True)
@@ -317,6 +323,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         missing.append(f"energy: the run came without {without}")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
+    # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
     lag = phase_lag(
         t[: len(u_ref)],
         run.tip[: len(u_ref)],
@@ -373,6 +380,7 @@ def _contact(
         of_run, of_reference = partial(_rigid, run, i, impacts), partial(_rigid, reference, i, true)
     else:
         u, v = reference.at(t, contact=i)
+        # Impacts of a solver are sampled at the run's times, as those of the reference are.
         sampled = "dt" in run.provenance
         impacts = record.impacts if sampled else sampled_impacts(run.t, record.position, record.velocity, record.stops)
         true = sampled_impacts(t, u, v, stops)
@@ -402,10 +410,12 @@ def _sampled(run: Trajectory, i: int, impacts: Impacts, force: Array, t: Array, 
     sampled = ContactMeasures(
         impacts=impacts.until(end).count,
         event_impacts=run.contacts[i].impacts.until(end).count,
+        # Every step counts by its end, so that the start has no share.
         fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
         peak_force=float(np.max(force, initial=0.0)),
         impulse=float(np.trapezoid(force, inside)),
     )
+    # Between the steps too, where the run has events.
     record = run.contact_between(0.0, end, i)
     if record is None:
         return sampled

@@ -105,6 +105,7 @@ def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, er
     positive("error", error)
     run = run_of(run, reference, "stays_within")
     end = min(float(run.t[-1]), float(reference.provenance["t_end"]), reference.horizon)
+    # An output at the end counts although rounding puts it beyond.
     t = run.t[run.t <= end * (1 + 1e-12)]
     off = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0])) > error
     return end if not np.any(off) else float(t[max(0, int(np.argmax(off)) - 1)])
@@ -141,5 +142,6 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
     if len(np.unique(x)) < 2:
         return Order(nan, nan, nan, n)
     fit: Any = scipy.stats.linregress(x, y)
+    # A line through two points leaves no scatter to estimate.
     interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
     return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)

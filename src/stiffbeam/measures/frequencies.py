@@ -57,6 +57,7 @@ def smooth_motion(system: System) -> System:
     ]
     system = replace(system, loads=tuple((p, Superposition.weighted(kept)) for p, kept in loads if kept))
     y, g = steady_state(system)
+    # The steady motion at t = 0.
     q, v = g @ y, Drive.of(system).derivative() @ g @ y
     size = float(np.max(np.abs(q))) or 1.0
     natural = modes(system)
@@ -83,6 +84,7 @@ def steady_state(system: System) -> tuple[Array, Array]:
     damping = basis.shapes.T @ system.damping @ basis.shapes if apart is None else np.diag(apart.damping)
     forces = basis.force(unit)
     y = np.zeros_like(forces)
+    # The constant loads, then every frequency.
     y[0] = np.real(_response(basis.omega, damping, 0.0, forces[0]))
     for k, frequency in enumerate(drive.frequencies):  # s sin wt + c cos wt = Im (s + i c) e^{iwt}
         sine, cosine = 1 + 2 * k, 2 + 2 * k
@@ -95,6 +97,7 @@ def _response(omega: Array, damping: Array, frequency: float, force: Any) -> Any
     """x of (Omega^2 - w^2 + i w D) x = force, scaled: rows of stiff modes do not hide soft ones."""
     impedance = np.diag(omega**2 - frequency**2) + 1j * frequency * damping
     size = np.abs(np.diag(impedance))
+    # A mode in resonance, or a free one, has no steady response: its empty row becomes that of the identity.
     none = size == 0.0
     scale = 1.0 / np.sqrt(np.where(none, 1.0, size))
     impedance = scale[:, None] * impedance * scale
@@ -115,6 +118,7 @@ def amplitude_spectrum(t: Array, u: Array, drive: float, v: Array | None = None)
     n = whole_periods(t, drive)
     signal, dt = u[-n:], float(t[1] - t[0])
     amplitude = np.abs(np.fft.rfft(signal)) * 2.0 / n
+    # The mean appears once in the transform, every other frequency also with the opposite sign.
     amplitude[0] /= 2.0
     return 2.0 * np.pi * np.fft.rfftfreq(n, dt), amplitude
 
@@ -133,6 +137,7 @@ def whole_periods(t: Array, drive: float) -> int:
     if not drive:
         return n
     period, dt = 2.0 * np.pi / drive, float(t[1] - t[0])
+    # Whole periods up to rounding are whole.
     return round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
 
 

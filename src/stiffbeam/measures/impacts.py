@@ -55,6 +55,7 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
     """Pair two impact sequences; both may reach past ``window``. longest: see ``longest_delay``."""
     n = min(run.count, reference.count)
     times = reference.times
+    # Within half of the smaller gap an impact is nearer to this reference impact than to any other.
     gaps = np.diff(times)
     after = np.append(gaps, np.inf)[: len(times)]
     before = np.insert(gaps, 0, np.inf)[: len(times)]
@@ -63,7 +64,9 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
     tolerance = np.minimum(tolerance, longest)
     delay = run.times[:n] - times[:n]
     fails = (run.stops[:n] != reference.stops[:n]) | ~(np.abs(delay) < tolerance[:n])
+    # After the first pair that does not hold, equal numbers no longer mean the same impact.
     matched = int(np.argmax(fails)) if np.any(fails) else n
+    # The match ends at the first impact without its partner.
     until = window
     if matched < reference.count:
         until = float(times[matched])

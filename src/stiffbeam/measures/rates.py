@@ -69,16 +69,21 @@ def stationary_mean(series: ArrayLike) -> Mean:
     x = numbers("series", series)
     n, mean = len(x), float(np.mean(x))
     off = x - mean
+    # A constant series has no scatter.
     if not np.any(off):
         return Mean(mean, mean, mean, float(n), 0.0)
+    # Autocovariance by FFT of twice the length, so that the ends do not wrap; an even number of lags, for pairs.
     covariance = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * n)) ** 2)[: n - n % 2] / n
     lags, effective, variance = np.arange(len(covariance)), float(n), 0.0
     for _ in range(ITERATIONS):
+        # The mean of the parts lowers every covariance by about V, which itself follows from the covariances.
         gamma = covariance + (1.0 - lags / n) * variance
+        # Geyer's rule: pairs of covariances count up to the first sum that is not positive; the rest is noise.
         pairs = (gamma / gamma[0]).reshape(-1, 2).sum(axis=1)[: max(1, n // LEAST)]
         first = int(np.argmax(np.append(pairs, -1.0) <= 0.0))
         effective = n / max(LEAST_TAU, 2.0 * float(np.sum(pairs[:first])) - 1.0)
         variance = gamma[0] / effective
+    # Parts that alternate have an effective number above n; the degrees of freedom stay below n.
     half = float(student.ppf(0.975, min(effective, n) - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
     return Mean(mean, mean - half, mean + half, effective, float(np.sqrt(variance)))
 
@@ -182,17 +187,21 @@ def contact_rates(
         window, impact = np.zeros((4, parts)), np.zeros((2, listed.count))
         source = "impacts"
         if contact.stops.rigid:
+            # Rigid stops have impulses, no forces: works are NaN, the rest follows from the table of impacts.
             window[:] = np.nan
             impact[:] = np.nan
             window[:2] = _of_impacts(run, i, edges)
         else:
             source, chunks = _nodes(run, i, rows[i])
             for t, weights, force, v, sliding in chunks:
+                # One pass: integrals over every part of the run, and over every impact.
                 size = weights * np.abs(force)
                 columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding))
+                # Entry 0 of the sums, nodes before ``since``, is cut off.
                 place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
                 for total, column in zip(window, columns, strict=True):
                     total += np.bincount(place + 1, column, parts + 1)[1:]
+                # Here entry 0 are the nodes before the first contact.
                 row = np.searchsorted(listed.times, t, "right")
                 for total, column in zip(impact, columns[2:], strict=True):
                     total += np.bincount(row, column, listed.count + 1)[1:]
@@ -208,6 +217,7 @@ def contact_rates(
 
 def windows(system: System | None, since: float, end: float) -> Array:
     """Edges of the parts of a run."""
+    # Two periods a part, so that its correlation does not swing.
     parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period))
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
@@ -241,6 +251,7 @@ def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
     ends = np.where(np.isnan(listed.ends), edges[-1], listed.ends)
     impulses = listed.impulses.copy()
     still_open = np.isnan(impulses)
+    # A single open impact has what the others leave of the whole impulse.
     if np.sum(still_open) == 1:
         impulses[still_open] = contact.impulse - np.nansum(impulses)
     return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
@@ -249,6 +260,7 @@ def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
 def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
     """Source of the forces of contact i, and the nodes of an integral over time with all that it needs."""
     contact = run.contacts[i]
+    # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
             try:
@@ -274,6 +286,7 @@ def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
     row, offset = run.system.channels[i]
     for t, q, rate, forces in run.pieces():
         u, v = q @ row + offset_values(offset, t), rate @ row + offset_rate(offset, t)
+        # A force that jumps is that of the node, others follow from the state.
         force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
         yield t, _trapezoidal(t), force, v, np.full(len(t), np.nan) if tangent is None else rate @ tangent
 
@@ -284,6 +297,7 @@ def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str,
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     if not len(starts):
         return "events", iter(())
+    # Panels start at twice the median contact and are halved until the work no longer changes.
     longest, before, change = 2.0 * float(np.median(ends - starts)), np.nan, np.inf
     while True:
         _, left, width = panels(longest, starts, ends)

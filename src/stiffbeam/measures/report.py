@@ -51,6 +51,7 @@ def percent(value: float, sign: str = "") -> str:
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:
     """Short names, or whole labels if two runs would share one; for an adaptive solver also its treatment of events."""
+    # A label is method@form.
     methods = [c.label.partition("@")[0] for c in comparisons]
     names = [short(method) for method in methods]
     names = [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
@@ -81,6 +82,7 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
 
     If a run misses the first impact, it is the time before that impact; the horizon if a run has no such time.
     """
+    # A run whose impacts part within its first step would leave no step to compare.
     return min((c.matched_until for c in comparisons if c.matched_until > c.dt), default=comparisons[0].window)
 
 
@@ -96,6 +98,7 @@ def comparison_tables(
     truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
     failures that cannot be asked of the case.
     """
+    # The runs of one form have one reference and one table.
     by_reference = [
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
@@ -157,6 +160,7 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
             *_impacts(c, "run"),
         )
         for contact in _several(c):
+            # A negative count: the run does not determine this contact.
             known = contact.run.impacts >= 0
             until = _matched(contact.matching.matched_until if known else np.nan, c.window)
             delay = _delay(contact.matching)
@@ -191,6 +195,7 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     first = comparisons[0]
     method, _, form = first.reference.partition("@")
     units, end = first.units, max(c.t_end for c in comparisons)
+    # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
     beyond = ": one realisation each, compare statistically" if first.window < end * (1 - 1e-9) else ""
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
@@ -261,6 +266,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
             lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
     if steps:
+        # Set-up is what the run takes beyond its steps, in milliseconds.
         ms = [1e3 * c.seconds - 1e-6 * c.ns_per_step * c.steps for c in steps]
         lines.append(
             f"A run is {max(c.steps for c in steps)} steps and {max(0.0, float(np.median(ms))):.2g} ms of set-up."

@@ -182,12 +182,14 @@ def search(
         for done, (scheme, contact, before) in enumerate(alive):
             show(f"advise: runs of {steps} steps", done, len(alive))
             good = before if before is not None and before.meets(want) else None
+            # What costs more than the best run that meets the requirements cannot be chosen.
             if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
                 continue
             run = probe(scheme, contact, steps)
             if run is None:
                 continue  # what this scheme or these stops do not take
             level.append(run)
+            # Two numbers of steps in a row meet the requirements; runs between them may show that this was chance.
             if good and run.meets(want):
                 others = _between(good, partial(probe, scheme, contact), want, between)
                 tried += others
@@ -256,6 +258,7 @@ def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
 
 def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
     """Requirements that no step meets; if there is none, the one that costs most."""
+    # Every quantity alone: those that no run reaches, else the one whose cheapest run costs most.
     alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
     reasons = {}
     for name in [name for name, probe in alone.items() if probe is None]:
@@ -412,6 +415,7 @@ def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
 
 
 def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
+    # Few members first, then twice as many as long as they leave a wanted quantity without a rank.
     count = min(FEW, max(8, members))
     while True:
         found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
@@ -502,6 +506,7 @@ def advise(
     integer("members", members, 2)
     show("advise: the exact motion", 0, 0)
     exact = best_reference(system, positive("t_end", t_end))
+    # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
     criterion = Statistics(system, t_end, members) if past else Motion(exact)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
@@ -518,6 +523,7 @@ def advise(
     if open_wants and not tried:
         remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
         raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
+    # Give up what no run reaches, and advise for the rest.
     while chosen is None and open_wants:
         worst = unreached(tried, open_wants, most)
         cannot |= worst

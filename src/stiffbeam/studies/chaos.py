@@ -89,6 +89,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
     basis, motion = undamped_modes(system), scales(system, case.t_end)
     exact = solve_once(system, case.t_end)
     dt, span = point["dt"], point["span"]
+    # Starts all along the motion after its first tenth; samples of loads must cover the span of every pair.
     times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), point["starts"]) * case.t_end
     assert exact.state_at is not None
     q, v = exact.state_at(times)
@@ -113,6 +114,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
         exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * point["size"]) * largest, LINEAR * largest)
         rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
     keep = np.unique(np.linspace(1, steps, 100).astype(int))
+    # The geometric mean, since distances grow exponentially.
     mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
     return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
 

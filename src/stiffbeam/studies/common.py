@@ -130,6 +130,7 @@ def run_of(
         raise InputError("the recorded run", t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
     inside = t <= t_end * (1.0 + 1e-9)
     run = Trajectory.from_arrays(t[inside], tip[inside], velocity[inside], system, name=label)
+    # The cost of a part is its share of the time.
     share = t_end / float(t[-1])
     seconds, evaluations = share * recorded[3][0], round(share * recorded[3][1])
     return replace(run, work=Work(len(run.t) - 1, seconds, seconds, {"evaluations": evaluations}))
@@ -202,6 +203,7 @@ def label_of(scheme: str | Scheme) -> str:
         made = scheme_of(label)
     except InputError:
         made = None
+    # A label that makes another class does not define the scheme.
     return label if type(made) is type(scheme) else user_label(scheme)
 
 

@@ -59,6 +59,7 @@ class _Solver:
         grid = np.linspace(0.0, t_end, OUTPUTS) if times is None else times
         parts = [grid[: int(share * (len(grid) - 1)) + 1] for share in SHARES if share * (len(grid) - 1) >= 2.0]
         spans = [(t_end if len(p) == len(grid) else float(p[-1]), None if times is None else p) for p in parts]
+        # A stored span costs nothing; else the first that the budget allows.
         span = next((span for span in spans if self.cache and is_cached(system, span[0], method, span[1])), None)
         if span is None:
             seconds = self.seconds(system, t_end, method, len(grid))

@@ -83,6 +83,7 @@ def points(
     if not plan and any(one.kind == RECORDED for one in chosen):
         rule = "be asked about contact: recorded runs are of the case itself"
         raise InputError("kinds", kinds, rule, "give a function, which runs on the smooth motion too")
+    # Steps that round to one number are one point.
     return list({(p["kind"], p["scheme"], p["steps"]): p for p in plan}.values())
 
 
@@ -113,6 +114,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     )
     error = tip_error(run.tip, exact.at(run.t)[0])
     fastest = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
+    # Reasons that keep a point out of the slope.
     left_out = ""
     if point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end:
         left_out = "impacts differ"

@@ -265,14 +265,17 @@ def bootstrap(statistic: Statistic, sample: Array, seed: int = 1) -> tuple[float
     estimate = float(statistic(sample[None])[0])
     drawn = np.sort(resampled(statistic, sample, seed))
     below = (np.sum(drawn < estimate) + 0.5 * np.sum(drawn == estimate)) / RESAMPLES
+    # Without scatter, or with all resamples on one side of the estimate, the bias has no finite value.
     if drawn[0] == drawn[-1] or not 0.0 < below < 1.0:
         return float(drawn[0]), float(drawn[-1])
+    # Acceleration by the jackknife: the statistic without each member in turn.
     keep = ~np.eye(len(sample), dtype=bool)
     left_out = statistic(np.array([sample[row] for row in keep]))
     off = np.mean(left_out) - left_out
     size = float(np.sum(off**2)) ** 1.5
     acceleration = float(np.sum(off**3)) / (6.0 * size) if size else 0.0
     normal = NormalDist()
+    # The ends are quantiles of the resamples, shifted by bias and acceleration.
     bias = normal.inv_cdf(float(below))
     ends = []
     for z in (normal.inv_cdf(0.025), normal.inv_cdf(0.975)):
@@ -330,6 +333,7 @@ def scatter(values: Array) -> Column:
 def share(column: Column, scale: float) -> Share:
     """|statistic|/scale with its interval."""
     low, high = bootstrap(column.statistic, column.sample)
+    # The interval of |statistic|, which begins at 0 where that of the statistic contains 0.
     low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, abs(max(-low, high)))
     low, high = column.factors[1] * low, column.factors[2] * high
     if scale == 0.0:
@@ -340,6 +344,7 @@ def share(column: Column, scale: float) -> Share:
 def dominant(columns: dict[str, Column]) -> str:
     """The source that is the largest in a share SURE of the resamples, see ``Budget``; data and span, which contain the
     scatter of rounding, do not count against it."""
+    # The source at the low end of its bracket is held against all others at their high ends.
     most = {name: column.resampled(column.factors[2]) for name, column in columns.items()}
     for name in sorted(columns, key=lambda x: -columns[x].size):
         rivals = [x for other, x in most.items() if other != name and not _contains(other, name)]
@@ -459,10 +464,12 @@ def doubts(
     fine: dict[str, Ensemble] = {}
     if case.beam is not None:
         show("doubt: the exact members on twice the cells", 0, 0)
+        # The same seed draws the same parameters on the finer mesh.
         finer = replace(case, cells=2 * case.cells).system(form)
         refined = uncertain_members(finer, case.uncertain, members, seed)
         fine["mesh"] = reference_ensemble(finer, t_end, refined, t)
     show("doubt: rounding", 0, 0)
+    # Rounding matters past its horizon only: there starts that hardly differ scatter.
     horizon = min(best_reference(system, t_end).horizon, t_end)
     past: Ensemble | None = None
     if horizon < t_end:

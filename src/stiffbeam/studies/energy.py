@@ -54,6 +54,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     if point["scheme"] == "exact":
         run: Trajectory = common.solve_once(system, point["t_end"])
         ledger = run.energy
+        # To the horizon: past it the float64 solution no longer holds.
         last = int(np.searchsorted(ledger.t, run.horizon, side="right"))
         keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
     else:

@@ -127,6 +127,7 @@ def wave_length(problem: BeamProblem) -> float:
 
 def penetration(t: float, order: float = 2.0) -> float:
     """t^(order - 1) E(3/2, order; -t^(3/2)), t <= WINDOW: d/(V tau) at order 2, the impulse at order 3."""
+    # To WINDOW the last of these terms is far below rounding, and none exceeds e^WINDOW.
     k = np.arange(120)
     return float(np.sum((-1.0) ** k * t ** (1.5 * k + order - 1.0) * rgamma(1.5 * k + order)))
 

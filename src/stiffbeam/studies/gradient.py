@@ -121,6 +121,7 @@ def exact_values(system: System, end: float, velocities: list[Array], direction:
             raise SolverFailure(
                 "exact", end, "no start has a derivative at the end of the window", "take fewer impacts"
             )
+        # Only the last window is kept: the points of a study share it.
         _EXACT.clear()
         _EXACT[key] = np.where(np.isfinite(slopes), values, np.nan), slopes
     return _EXACT[key]

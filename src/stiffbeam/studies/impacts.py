@@ -89,6 +89,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
             for i, record in enumerate(exact.contacts)
         ]  # fmt: skip
     many = common.run_members(point["scheme"], members, dt, t_end, point["contact"])
+    # Impacts are matched to the horizon only; counts are those of the whole span.
     horizon = min(t_end, common.solve_once(system, t_end).horizon)
     steps = max(2, round(horizon / dt))
     run = integrate(system, common.scheme_of(point["scheme"]), dt, steps * dt, point["contact"], every=steps)
@@ -138,6 +139,7 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     group = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
     largest = float("nan")
     for row in group:
+        # The variance of the difference of two means; the exact ensemble has eight times as many members.
         spreads = row["count_spread"] ** 2 / row["members"] + exact["count_spread"] ** 2 / (8 * exact["members"])
         if abs(row["count"] - exact["count"]) > tolerance * exact["count"] + 1.96 * np.sqrt(spreads):
             break

@@ -131,6 +131,7 @@ def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callabl
 
     low, high = (setup(x).period for x in point["limits"])
     m, (first, last) = point["length"], point["limits"]
+    # A constant period, or one that is 2 pi/x, is known without a setup at every value.
     if low == high:
         return lambda x: setup(x).system, lambda _: m * low
     if abs(low * first - high * last) < 1e-12 * abs(low * first):  # T = 2 pi/x
@@ -151,6 +152,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     rows: list[Row] = []
     branches: list[tuple[int, Branch]] = []
     grid = np.linspace(low, high, point["steps"])
+    # From the first orbit to both ends of the range.
     for part, end in enumerate((high, low)):
         if value != end:
             along = [value, *(grid if end == high else grid[::-1])]
@@ -163,6 +165,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
                 continue
             branches.append((point["length"], branch))
     rows += [row for i, (length, branch) in enumerate(branches) for row in _branch(i, length, branch, period)]
+    # Branches of twice the period leave the first ones at flips, each flip once.
     mains, followed = list(branches), list[float]()
     for _, branch in mains:
         for i, flip in enumerate(branch.flips):
@@ -186,9 +189,11 @@ def _started(
     """The value and orbit at which the branch starts, or None and the reason of the last failure."""
     low, high = point["limits"]
     reason = ""
+    # The middle of the range first, then its ends.
     for value in np.linspace(high, low, VALUES)[[1, 0, 2]].tolist():
         system, T = make(value), period(value)
         try:
+            # The transient dies out first; then several states of the motion serve as starts.
             mapping, n = PeriodMap(system, T), system.size
             z = np.concatenate([system.q0, system.v0])
             for i in range(point["starts"]):

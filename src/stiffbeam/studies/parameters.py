@@ -211,6 +211,7 @@ def _arithmetic(name: str, text: str) -> Callable[[float], float]:
     rule = "be coupled by numbers, x, pi, + - * / ** and parentheses"
     refusal = InputError(f"couple {name}", text, rule, 'for example "loads[0].time.amplitude=0.01*x**2"')
 
+    # Numbers, x, pi and arithmetic only: a text cannot call a function.
     def value(node: ast.AST, x: float) -> float:
         if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
             return float(node.value)

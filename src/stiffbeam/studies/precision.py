@@ -180,6 +180,7 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
         group = sorted((r for r in rows if r["method"] == method and np.isfinite(r[cost])), key=lambda r: r[cost])
         if not group:
             continue
+        # The cheapest of the points that are dearer than every one that misses the error.
         missed = [i for i, r in enumerate(group) if not r["error"] <= error]
         if not missed:
             costs.append((float(group[0][cost]), method + AT_MOST))

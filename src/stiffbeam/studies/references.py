@@ -230,11 +230,13 @@ def agree(
     references: dict[str, Reference] = {}
     skipped: dict[str, str] = {}
     left = budget
+    # The cheap methods first, so that the budget is enough for many.
     cheap_first = sorted(methods, key=lambda method: REFERENCES[method].seconds if method in REFERENCES else math.inf)
     for done, method in enumerate(cheap_first):
         progress(method, done, len(methods))
         begun = time.perf_counter()
         try:
+            # The most precise methods run whatever they take: one of them is the baseline.
             if method not in PRECISION:
                 if left <= 0.0:
                     skipped[method] = "nothing left of the budget"
@@ -259,6 +261,7 @@ def agree(
     scale = float(np.max(np.abs(references[baseline].tip))) or 1.0
     for i, a in enumerate(names):
         for j, b in enumerate(names):
+            # Two solutions can only agree to the earlier of their horizons.
             end = min(horizons[a], horizons[b])
             inside = times <= end
             differences[i, j] = np.max(np.abs(references[a].tip - references[b].tip)[inside]) / scale

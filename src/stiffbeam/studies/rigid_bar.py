@@ -89,6 +89,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     stops = Stops(lower=0.0, stiffness=stiffness, restitution=point["restitution"])
     rows = []
     for start in range(point["starts"]):
+        # The starts differ by less than a step, so that the impact lies at another place of its step in each.
         fallen = dt * start / point["starts"]
         system = bouncing_bar(cells, stops, fallen)
         whole = system.massless_contacts() if wall == MASSLESS else system

@@ -96,6 +96,7 @@ def _contact(case: Case, point: Point) -> list[Row]:
         remedy = "ask for fewer, or lengthen t_end"
         raise InputError("impacts", n, f"be at most the {there} that both grids have by t = {span:g}", remedy)
     times = impact_times(fine)
+    # Half-way between impacts, so that rounding does not decide whether the last one is inside.
     end = 0.5 * float(times[n - 1] + times[n]) if len(times) > n else span
     end = min(end, fine.horizon, coarse.horizon)
     t = np.linspace(0.0, end, SAMPLES)

@@ -123,6 +123,7 @@ def points(
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         if periods_given is not None:
             integer(name, periods_given, least)
+    # Without a period of the drive, every value is one run from 0 to t_end, without sections.
     period = drive_period(system_of(case, form), parameter)
     once = period is None
     if once:
@@ -177,6 +178,7 @@ def points(
         setup_of(base, shared, whole(value), scheme) for value in product(*([min(axis), max(axis)] for axis in grid))
     ]
     together = all(name in IN_STEP for name in names_of(shared))
+    # Fewer periods by default where all values together would take longer than BUDGET.
     whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
     share = min(1.0, BUDGET / whole_cost)
     if once:
@@ -191,6 +193,7 @@ def points(
         wanted = [whole(value) for value in product(*grid)]
     if start == LAST:
         return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
+    # Batches of about BATCH seconds, and at least BATCHES of them.
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
     return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
 
@@ -235,6 +238,7 @@ def _continued(system: System, point: Point) -> list[Row]:
         row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
         try:
             setup = setup_of(system, point, value, method_of(point))
+            # The state is that at the end of the value before; the first value starts as the case does.
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
             row |= {"dt": setup.dt} if setup.scheme else {}

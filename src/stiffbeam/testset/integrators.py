@@ -138,6 +138,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
     if isinstance(given, Integrator):
         return given
     if isinstance(given, str):
+        # A reference solver by its name, else "module:name", else the label of a scheme.
         if given in REFERENCES:
             return Integrator(given, SOLVER, given)
         named = user_object(given) if re.fullmatch(r"[\w.]+:\w+", given) else None
@@ -152,6 +153,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         names = list(dict.fromkeys(str(run.provenance["method"]) for run in given))
         if len(names) > 1:
             raise InputError("recorded runs", names, "have one name", "give each integrator's in a list of its own")
+        # Recorded runs may have the name of a method of the package: their label must differ from it.
         taken = names[0] in REFERENCES or scheme_of(names[0]) is not None
         return Integrator(f"{names[0]} (recorded)" if taken else names[0], RECORDED, tuple(given))
     if callable(given) and not isinstance(given, type):

@@ -106,6 +106,7 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
         position = u @ contact.row + offset_values(contact.offset, t)
         velocity = None if v is None else v @ contact.row + offset_rate(contact.offset, t)
         u, v = u @ row, None if v is None else v @ row
+    # The tip is the contact: its positions serve as both.
     elif np.array_equal(row, contact.row) and contact.offset is None:
         position, velocity = u, v
     return Motion(t, u, v, states, position, velocity)
@@ -192,6 +193,7 @@ def impacts_of(problem: Problem, motion: Motion, t_end: float | None = None) -> 
     stops = problem.system.contacts[0].stops
     if stops.rigid:
         known = _known_impacts(problem)
+        # From positions alone, impacts that follow each other within three steps cannot be told apart.
         told_apart = v is not None or 3.0 * np.max(np.diff(t)) < np.min(np.diff(known), initial=np.inf)
         return rebounds(t, u, v, stops) if told_apart else None
     if v is None:
@@ -241,6 +243,7 @@ def _between_steps(motion: Motion, force: Array) -> tuple[Array, Array]:
     t, u, v = motion.t, motion.position, motion.velocity
     assert u is not None
     spline = CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v)
+    # A damped stop may have its peak where the position does not turn: look beside the largest forces too.
     high = np.flatnonzero(force >= 0.9 * np.max(force))
     ends = np.unique(np.clip(np.concatenate([high - 1, high]), 0, len(t) - 2))
     fine = (t[ends, None] + np.diff(t)[ends, None] * np.linspace(0.0, 1.0, 33)[1:-1]).ravel()
@@ -289,6 +292,7 @@ def _spacing(x: Array) -> float:
     if np.all(np.abs(numbers - single) <= NEAR * np.abs(numbers)):
         return SINGLE
     largest = float(np.max(np.abs(numbers)))
+    # Few significant digits, or few decimal places.
     for digits in DIGITS:
         if all(float(f"{v:.{digits - 1}e}") == v for v in numbers):
             return 10.0 ** (1 - digits)

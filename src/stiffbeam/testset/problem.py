@@ -373,6 +373,7 @@ class FrozenOrbit:
         n, when = self.system.size, np.atleast_1d(numbers("t", t))
         if np.any(when < -CLOSE * self.period) or np.any(when > (1.0 + CLOSE) * self.period):
             raise InputError("t", t, f"be in [0, {self.period!r}]", "take the times modulo the period")
+        # The reference takes increasing times with both ends; ``place`` leads back to the times asked for.
         order = np.argsort(when, kind="stable")
         asked = np.clip(when[order], 0.0, self.period)
         exact = reference(self.system, self.period, t_eval=np.unique(np.concatenate([[0.0], asked, [self.period]])))

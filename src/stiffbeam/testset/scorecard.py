@@ -141,6 +141,7 @@ def motion(axis: Axes, problem: Problem) -> None:
 
     contact = problem.data["contacts"][0]
     t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
+    # Impacts on rigid stops turn the velocity between samples, where a cubic would not.
     if "impacts" not in problem.answers or not problem.rigid:
         fine = np.linspace(t[0], t[-1], 1500)
         axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)

@@ -94,12 +94,14 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     errors = np.array([run.errors.tip_rms for run in entry.runs])
     if entry.outcome in (NOT_TAKEN, FAILED) or not len(errors):
         return entry
+    # Steps within a factor of four do not show how errors fall.
     if not entry.adaptive and np.min(levels) > SPAN * np.max(levels):
         return replace(entry, outcome=TOO_ALIKE if np.ptp(levels) else ONE_RUN)
     if entry.adaptive:
         limit = TIMES_TOLERANCE * levels[-1]
         good = errors[-1] <= max(limit, FLOOR)
         return replace(entry, outcome=CONVERGES if good else NOT_FALLING)
+    # The order through the errors that rounding does not hide.
     seen = errors > FLOOR
     order = observed_order(1.0 / levels[seen], errors[seen])
     expected = min(smooth, entry.problem.order_limit) if entry.problem.order_limit > 0.0 else float("nan")
@@ -157,6 +159,7 @@ def _falls(levels: Array, errors: Array) -> bool:
         order = observed_order(1.0 / levels[-runs:], np.maximum(errors[-runs:], FLOOR))
         return order.slope + order.interval
 
+    # The finest errors are nearly equal and leave no room for an order of 1/2: they have come to stay.
     last = errors[-max(3, count) :]
     stays = np.max(last) < ALIKE * np.min(last) and most(len(last)) < 0.5
     return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)

@@ -54,6 +54,7 @@ class ContactStatistics:
         impact."""
         fraction, peak_force, impulse, begun = totals
         offsets = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(fraction)))])
+        # The sort is stable, so that the impacts of a member stay in order of time.
         impacts = impacts.take(np.argsort(member, kind="stable"))
         return cls(
             fraction=fraction, peak_force=peak_force, impulse=impulse, open_at_start=begun > 0.0,
@@ -112,6 +113,7 @@ class Runs:
         if len(parts) == 1:
             return parts[0]
         place = np.arange(sum(map(len, parts))) if places is None else np.array(places)
+        # ``order`` lists the members of all parts by their numbers.
         order = np.argsort(place)
         contacts = []
         for contact in zip(*(part.contacts for part in parts), strict=True):

@@ -118,6 +118,7 @@ def step_ledger(
     columns: list[Array] = []
     times: list[Array] = []
     total = np.zeros(7)  # input, viscous, loss, contact, free, stop_dissipation, spread
+    # Pieces share end points; every piece adds its steps to the totals of those before.
     for t, q, v, forces in pieces:
         energies = np.stack(system.energies(t, q, v))
         load = system.load(t)
@@ -125,23 +126,29 @@ def step_ledger(
         if impacts is None:
             of_stops, d_stops, d_spread = _work_of_stops(system, t, q, v, forces)
             touching = in_contact(system, t, q, v, forces)
+            # A step counts as contact if either of its ends does.
             either = touching[1:] | touching[:-1]
         else:
             of_stops, d_stops = _work_of_reactions(system, t, v, forces, impacts)
             d_spread = np.zeros(len(dq))
+            # Reactions are means over the steps, one a step, and zero without contact.
             either = np.any(forces != 0.0, axis=1)
         d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + of_stops
         d_viscous = np.zeros(len(dq))
         if system.damped:
+            # Two rules for the dampers: by the displacement and by the mean velocity. They differ by the spread.
             mean, dt = 0.5 * (v[1:] + v[:-1]), np.diff(t)
             d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / dt
             d_spread += np.abs(d_viscous - dt * np.sum(mean * (mean @ system.damping), axis=1))
+        # The loss is what the balance of energies and works leaves.
         d_loss = -np.diff(np.sum(energies, axis=0)) + d_input - d_viscous - d_stops
         parts = (np.where(either, d_loss, 0.0), np.where(either, 0.0, d_loss))
         steps = np.stack([d_input, d_viscous, d_loss, *parts, d_stops, d_spread])
         cumulative = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
         total = cumulative[:, -1]
+        # The first time of a later piece is the last of the piece before it.
         keep = slice(1 if times else 0, None)
+        # Outputs in this piece, each at the nearest step: rounding of the times must not drop one.
         inside = (outputs >= t[0] - 0.25 * (t[1] - t[0])) & (outputs <= t[-1] + 0.25 * (t[-1] - t[-2]))
         wanted = np.zeros(len(t), bool)
         wanted[np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])] = True
@@ -158,10 +165,12 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Ar
     work, taken, spread = np.zeros((3, len(t) - 1))
     for c, contact in enumerate(system.contacts):
         stops, o = contact.stops, offset_values(contact.offset, t)
+        # The whole work of a stop that neither moves nor damps is in its energy.
         if contact.offset is None and not stops.dissipative:
             continue
         u, rate = _motion(system, c, t, q, v)
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
+        # A force that jumps does not follow from the state: the node's counts where it is known.
         if stops.jumps:
             known = ~np.isnan(node_forces[:, c])
             beyond[known] += node_forces[known, c] - force[known]
@@ -170,6 +179,7 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Ar
         if stops.dissipative:
             dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
             taken -= dissipated
+            # Where the force begins or ends within the step, its mean power has no meaning.
             at_ends = (beyond[1:] == 0.0) != (beyond[:-1] == 0.0)
             spread += np.abs(dissipated - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
     return work, taken, spread
@@ -203,6 +213,7 @@ def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array
     """Position and rate of contact c; those of the given start as given, see ``as_it_starts``."""
     contact = system.contacts[c]
     u, rate = q @ contact.row + offset_values(contact.offset, t), v @ contact.row + offset_rate(contact.offset, t)
+    # Only a run from the system's initial data begins with these values.
     if np.array_equal(q[0], system.q0) and np.array_equal(v[0], system.v0):
         u, rate = as_it_starts(system, c, t, u, rate)
     return u, rate

@@ -70,6 +70,7 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
 def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
     """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
     their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
+    # A tally that begins later leaves out the contact at t = 0.
     member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
     size = np.abs(forces_at(*first, law))[member, contact]
     rows = np.zeros((len(member), EVENT))
@@ -88,9 +89,11 @@ def with_ends(
     rule's, but of means. A tally that begins later stays."""
     whole = tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
+    # A force that jumps does not follow from the last state: the tally keeps it.
     end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
     tally = tally.copy()
     tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
+    # The tally sums dt |F| over steps 1 to n; the trapezoidal rule takes half of that at n and half of that at 0.
     if not means:
         with np.errstate(over="ignore", invalid="ignore"):
             tally[..., IMPULSE] += np.where(whole, 0.5 * dt * (begin - end), 0.0)
@@ -115,6 +118,7 @@ def record(
     ``force_of_node``; ``steps`` of the whole run."""
     with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
         force = stops.force(position, velocity)
+    # A force that jumps does not follow from the state: the node's counts where there is one.
     if node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
     return ContactRecord(
@@ -152,11 +156,13 @@ class SampledImpacts:
         """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
         the forces that nodes found where the state does not tell them."""
         self._means = means is not None
+        # A mean has no value at t = 0, so that a contact at the start begins without impulse.
         if self._means and not self.steps:
             self._events[: self._rows, IMPACT_IMPULSE] = 0.0
         means, node_forces = (
             np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, node_forces)
         )
+        # In the worst case an impact begins at every step.
         if self._rows + len(u) > len(self._events):
             self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
         u, v = (np.array(x, float).reshape(1, -1, 1) for x in (u, v))
@@ -188,6 +194,7 @@ class SampledImpacts:
     def events(self) -> Array:
         """The list of impacts so far, the open one without peak and impulse."""
         events = self._events[: self._rows].copy()
+        # An open impact has no end, peak or impulse yet.
         if self.tally[SIDE] and self.tally[ROW] >= 0:
             events[int(self.tally[ROW]), [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         return events
@@ -203,6 +210,7 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
     """
     law = Law(*stops.law)
     chi = stops.state(u, v)
+    # At the first time a position exactly on a stop is contact unless it leaves.
     chi[0] = side_at_start(u[0], v[0], stops.law)
     impulse = np.concatenate([[0.0], np.cumsum(np.abs(stops.force(u, v)) * step_lengths(t))])
 
@@ -210,6 +218,7 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
         length = float(t[k] - t[k - 1])
         return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
 
+    # From change to change the contact keeps its side.
     changes = [0, *(np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist(), len(t)]
     rows = [
         (a, b, switch(a, side) if a else t[0], switch(b, side) if b < len(t) else np.nan, side, impulse[b] - impulse[a])
@@ -232,6 +241,7 @@ def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
     for sign, g in ((-1.0, stops.lower_bound), (1.0, stops.upper_bound)):
         if not np.isfinite(g):
             continue
+        # Without velocities: the difference that leads to a time arrives, the one that follows it leaves.
         arriving, leaving = sign * np.append(0.0, rates), sign * np.append(rates, rates[-1])
         if v is not None:
             arriving = leaving = sign * v
@@ -239,11 +249,13 @@ def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
         near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + rounding
         near[0] &= gap[0] > rounding  # a blow at t = 0 is no impact
         least = 1e-6 * np.max(np.abs(arriving))
+        # Near the stop, approaching at the start of the step and no longer at its end.
         hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
         if v is None:  # the difference across an impact may seem to arrive once more, or to leave before it
             again = np.flatnonzero(np.diff(hit) == 1)
             beyond = gap[hit[again]] > arriving[hit[again]] * step[hit[again]]
             hit = np.delete(hit, again + ~beyond)
+        # The time at the stop at the speed of the approach, within the step.
         when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
         rows = np.concatenate([rows, np.stack([when, np.full(len(hit), sign)], axis=1)])
     times, sides = rows[np.argsort(rows[:, 0], kind="stable")].T
@@ -257,6 +269,7 @@ def sampled_impacts(t: Array, u: Array, v: Array | None, stops: Stops) -> Impact
         return rebounds(t, u, v, stops)
     assert v is not None
     spans = contact_spans(t, u, v, stops)
+    # A span that is there at the first time counts only at t = 0, as the contact at the start.
     first, after, times, ends, sides, impulses = spans[(spans[:, 0] > 0.0) | (t[0] == 0.0)].T
     size, ended = np.abs(stops.force(u, v)), ~np.isnan(ends)
     peaks = [float(np.max(size[a:b])) for a, b in zip(first.astype(int), after.astype(int), strict=True)]
@@ -281,6 +294,7 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = 
         velocity=v,
         force=force,
         impacts=sampled_impacts(t, u, v, stops),
+        # Every step counts by its end.
         fraction=float(np.average(stops.state(u[1:], v[1:]) != 0, weights=lengths)),
         peak_force=float(np.max(size)),
         impulse=float(np.trapezoid(size, t)),
@@ -304,6 +318,7 @@ class Reactions:
     def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
         """Positions and velocities at the ends of the next steps (k,), and their reactions."""
         assert means is not None
+        # The contact at t = 0 lasts to the first position between the stops.
         if self._closed:
             free = np.flatnonzero((u > self.stops.lower_bound) & (u < self.stops.upper_bound))
             self._closed = not len(free)
@@ -312,6 +327,7 @@ class Reactions:
 
     def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
         """Contact record with position, velocity and the reaction of the previous step at every ``every``-th step."""
+        # R[n] belongs to step n; there is no reaction before the first.
         R = np.concatenate([[0.0], *self._fed])
         force = R[::every][: len(position)]
         R = R[1 + self.since :]
@@ -332,9 +348,12 @@ class Reactions:
         side = np.concatenate([[np.sign(before)], np.sign(R)])
         enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
         first = enters + self.since <= self._last
+        # A record that begins later leaves out the contact at t = 0.
         if self.since:
             enters, first = enters[~first], first[~first]
+        # The end of an impact is the first change after its beginning that leaves its side.
         leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
+        # Impulses are differences of the sum over the steps.
         sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
         ends = np.full(len(enters), len(R))
         nearest = np.searchsorted(leaves, enters, side="right")
@@ -362,6 +381,7 @@ def run_fields(
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     all_times = _row("t", t, None)
+    # Times first: of several rows at one time, as at an event, the last counts.
     times, rows = distinct_times("t", all_times)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", all_times, "be three or more times from 0 on", "begin with the initial state, at t = 0")
@@ -369,6 +389,7 @@ def run_fields(
         raise InputError("name", name, "be a text", 'for example "mine"')
     if system is not None:
         require_system(system)
+    # States determine the tip and its velocity where these are not passed.
     q = v = None
     if states is not None:
         if system is None:
@@ -385,6 +406,7 @@ def run_fields(
     u = _row("tip", tip, len(all_times))
     one_position("t", all_times, rows, u)
     u = u[rows]
+    # The velocity of a spline is smooth where the true one has a kink: the provenance states its source.
     notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
     w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(all_times))[rows]
     return {
@@ -439,6 +461,7 @@ def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
         back = float(t[1 + int(np.argmax(steps < -rounding))])
         raise InputError(name, back, "be no smaller than the time before it", "sort the rows by time")
     first = np.concatenate([[True], steps > rounding])
+    # The last row of every time is the one before the next time begins.
     return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
 
 

@@ -77,6 +77,7 @@ def scan(
     side = tally[i, c, SIDE]
     row = int(tally[i, c, ROW])
     passed = int(tally[i, c, SINCE]) - first  # so many of these steps are passed over
+    # Peak and impulse of the open impact in local variables; the list is written when the impact ends.
     own_peak = events[row, IMPACT_PEAK] if row >= 0 else 0.0
     own_impulse = events[row, IMPACT_IMPULSE] if row >= 0 else 0.0
     touching = 0
@@ -95,6 +96,7 @@ def scan(
                 events[row, TIME], events[row, STOP], events[row, END] = k, new, -1.0
                 own_peak = own_impulse = 0.0
             side = new
+        # Depths of a visit are summed first: the force is linear, so kappa and dt multiply the sum once.
         depths = deepest = 0.0
         while k < count and state(u[k], g1, g2) == side:
             if side != 0.0 and k >= passed:
@@ -107,6 +109,7 @@ def scan(
         own_impulse += kappa * depths * dt
         peak = max(peak, kappa * deepest)
         impulse += kappa * depths * dt
+    # An impact that is still open goes on in the next call.
     if row >= 0:
         events[row, IMPACT_PEAK], events[row, IMPACT_IMPULSE] = own_peak, own_impulse
     tally[i, c, SIDE] = side
@@ -143,6 +146,7 @@ def scan_by_law(
         if new != side:
             if row >= 0:
                 events[row, END] = k
+                # Of means: the step that leaves the stop has contact in part of it, and its impulse counts.
                 events[row, IMPACT_IMPULSE] += impulse if new == 0.0 else 0.0
             row = -1
             if new != 0.0 and k >= passed:
@@ -159,6 +163,7 @@ def scan_by_law(
                 events[row, IMPACT_IMPULSE] += impulse
     tally[i, c, SIDE] = side
     tally[i, c, ROW] = row
+    # ``with_ends`` counts the force at the last step half.
     if not means:
         tally[i, c, LAST] = abs(force_of_node(u[count - 1], v[count - 1], forces[count - 1], stop))
     return rows
@@ -196,6 +201,7 @@ def observe(
                 speeds = v[i, :, c].copy()
                 new = scan_by_law(path, speeds, forces, False, steps, law, dt, tally, i, c, events, rows, first)
             # The end of the impact that was open before, then times and ends of the new ones.
+            # 2 rows - 1 is the end of the open impact; 2 r is the time of row r, and 2 r + 1 its end.
             for change in range(2 * rows - 1, 2 * new):
                 row, column = change // 2, END if change % 2 else TIME
                 if row < rows:
@@ -226,6 +232,7 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: La
     """
     stop = law.g2 if side > 0.0 else law.g1
     share = 0.0
+    # At a damped stop that is reached, to rounding, the sign of the force dates the change, not the crossing.
     if damps(law) and side * (u0 - stop) > -ON * max(abs(u0), abs(stop)):
         before = pressure(side * (u0 - stop), side * v0, law)
         after = pressure(side * (u1 - stop), side * v1, law)
@@ -243,6 +250,7 @@ def crossing(u0: float, v0: float, u1: float, v1: float, stop: float, dt: float)
     """Fraction of the step, 0 to 1, at which the cubic Hermite interpolant of (u, u') first reaches a stop beyond
     u0."""
     sign = 1.0 if u1 > u0 else -1.0
+    # As a gap that falls through zero, whichever side the stop is on.
     return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt)
 
 
@@ -260,6 +268,7 @@ def first_crossing(gap0: float, rate0: float, gap1: float, rate1: float) -> floa
     low = 0.0
     high = 1.0
     # p'(s) = c1 + 2 c2 s + 3 c3 s^2
+    # Both roots of p', without cancellation. Between extrema the cubic is monotone and has at most one zero.
     discriminant = c2 * c2 - 3.0 * c1 * c3
     if discriminant > 0.0:
         q = -(c2 + math.copysign(math.sqrt(discriminant), c2))
@@ -271,6 +280,7 @@ def first_crossing(gap0: float, rate0: float, gap1: float, rate1: float) -> floa
                     high = point
                 else:
                     low = point
+    # Start from the secant, within the bracket.
     s = min(max(gap0 / (gap0 - gap1), low), high)
     for _ in range(100):
         gap = c0 + s * (c1 + s * (c2 + s * c3))
@@ -283,6 +293,7 @@ def first_crossing(gap0: float, rate0: float, gap1: float, rate1: float) -> floa
         enough = 1e-9  # Newton's next error is of the size of its square
         if not low <= new <= high:
             new = 0.5 * (low + high)
+            # Bisection only halves the error, so that it goes on to rounding.
             enough = 1e-16
         done = abs(new - s) < enough
         s = new

@@ -162,6 +162,7 @@ def values_of(result: Any, x: Any = None, wanted: Container[str] = BY_NAME) -> V
     for variable in SCHEMA:
         if variable.name not in wanted:
             continue
+        # By owner: the run itself (none), its energy, the impacts of its contacts, its contacts.
         owner, field, dims = variable.owner, variable.field, variable.dims
         if dims == TX:
             if x is not None:
@@ -178,6 +179,7 @@ def values_of(result: Any, x: Any = None, wanted: Container[str] = BY_NAME) -> V
         elif contacts and owner == IMPACTS:
             each = flags if field == "at_start" else [getattr(table, field) for table in impacts]
             column = np.concatenate(each)
+            # netCDF has no Boolean type.
             values[variable.name] = (dims, column.astype(np.int64) if column.dtype == bool else column)
         elif contacts and hasattr(contacts[0], field):
             rows = np.stack([getattr(contact, field) for contact in contacts])
@@ -203,6 +205,7 @@ def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Val
         if contacts:
             each = [np.repeat(members, contact.impact_count) for contact in contacts]
             values["impact_member"] = (IM, np.concatenate(each))
+        # A varied number is a coordinate by its path; parameters that were drawn are one each.
         if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
             values[parameter_name(result.members.parameter)] = (("member",), result.values)
         elif (
@@ -221,6 +224,7 @@ def parameter_name(parameter: str) -> str:
 
 def notes_of(values: Values, units: Units) -> dict[str, dict[str, str]]:
     """Attributes of every variable: long_name, units, and the coordinates that its dimensions do not name."""
+    # CF: a coordinate that has not the name of its dimension is listed in "coordinates".
     further: dict[str, list[str]] = {}
     for name, (dims, _) in values.items():
         parameter = name not in BY_NAME
@@ -243,6 +247,7 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     unit: dict[str, str] = {}
     for name, (dims, array) in values.items():
         each = {name: array} if dims == (index,) else {}
+        # A column for every contact.
         if len(dims) == 2 and set(dims) == {"contact", index}:
             each = {f"{name}_{i}": row for i, row in enumerate(array)}
         columns |= each

@@ -254,6 +254,7 @@ class Trajectory:
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
             here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
+            # Pieces share end points: the first row of a later one is there already.
             if first:
                 here = here[here > 0]
             q.append(q_piece[here])

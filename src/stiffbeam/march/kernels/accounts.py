@@ -235,6 +235,7 @@ def account(
                 balance[SPREAD] += abs(lost / dt - 0.25 * dt * again)
             kinetic, elastic = new_kinetic, new_elastic
             if not quiet:
+                # Only dampers read y at every step; else its last value in the block is enough.
                 if damping.size or i == count - 1:
                     for j in range(n):
                         y[j] = new[j]

@@ -47,6 +47,7 @@ class Journal:
             raise InputError("journal", str(self.file), rule, f"{error.strerror}: name another") from None
         if self.file.is_file():
             text = self.file.read_bytes()
+            # A kill may cut the last line short.
             whole = text[: text.rfind(b"\n") + 1]
             for line in whole.splitlines():
                 try:
@@ -78,6 +79,7 @@ class Journal:
         entry: dict[str, Any] = {"point": point}
         if source := _source(point):
             entry["source"] = source
+        # Through JSON, so that this run returns the rows that a resumed one reads.
         if len(rows) < FEW:
             entry = json.loads(json.dumps(entry | {"rows": rows}, default=_number))
             kept = entry["rows"]

@@ -144,6 +144,7 @@ def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> I
         threads = max(1, cores() // workers)
         with processes(workers, threads) as pool:
             lost = yield from _gather(pool, study, case, points, threads)
+        # A death may be chance as long as some points are finished; several in a row without any are not.
         deaths = deaths + 1 if len(lost) == len(points) else 0
         if deaths == DEATHS:
             raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")
@@ -164,6 +165,7 @@ def _gather(
             for point in points:
                 futures[pool.submit(evaluate_point, study.evaluate, case, point)] = point
     except BrokenExecutor:
+        # The pool broke while points were being sent: those not sent are lost too.
         lost = points[len(futures) :]
     for future in as_completed(futures):
         if isinstance(future.exception(), BrokenExecutor):
@@ -220,6 +222,7 @@ def undisturbed() -> Generator[None, None, None]:
         return
     held: list[int] = []
     before = {number: signal.signal(number, lambda number, _: held.append(number)) for number in SIGNALS}
+    # Processes that start in the block inherit the mask, which ``begin_worker`` lifts.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -266,6 +269,7 @@ def begin_worker(threads: int) -> None:
 
     def watch() -> None:
         parent.join()
+        # The result has no reader any more. ``sys.exit`` would end this thread only.
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

@@ -157,6 +157,7 @@ class Study:
                     integer(name, number, LEAST[name])
         defaults = {"dt": case.dt, "t_end": case.t_end, "form": case.forms[0]}
         options = {name: value for name, value in defaults.items() if name in known} | options
+        # Every halving doubles the steps: what takes too long is refused before the first run.
         if "halvings" in known:
             steps = options.get("t_end", case.t_end) / options["dt"]
             halvings = options.get("halvings", known["halvings"])

@@ -31,6 +31,7 @@ class Column:
         kinds = set(map(type, values))
         if kinds == {float}:
             numbers = np.array(values)
+            # By their bits: zeros of both signs stay two values, and NaN is equal to itself.
             bits, first, codes = np.unique(numbers.view(np.int64), return_index=True, return_inverse=True)
             if len(bits) > min(CODES, len(values) // 8 + 1):
                 return cls(numbers, None)
@@ -56,6 +57,7 @@ class Column:
 
     def to_json(self) -> list[Any]:
         """The column as JSON: the type of the codes, the codes and the values."""
+        # A single value needs no codes.
         codes = b"" if self.values is not None and len(self.values) == 1 else compress(self.codes.tobytes(), 1)
         return [self.codes.dtype.str, b64encode(codes).decode(), self.values]
 
@@ -92,6 +94,7 @@ class Batch:
         return len(self.kinds)
 
     def __iter__(self) -> Iterator[Row]:
+        # One iterator for each kind; the list of kinds restores the order of the rows.
         rows = [self._rows_of(kind) for kind in range(len(self.names))]
         return map(next, map(rows.__getitem__, self.kinds.tolist()))
 
