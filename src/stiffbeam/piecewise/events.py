@@ -51,6 +51,7 @@ def next_side(old: int, met: int, force: bool) -> int:
         return met
     if not force:
         return 0
+    # y = 0: a pressed contact lets go, one that has let go is pressed again.
     return LET_GO * old if abs(old) == 1 else old // LET_GO
 
 
@@ -67,6 +68,7 @@ def watched(sides: Sequence[int], lags: Array) -> list[tuple[int, float, int, bo
     found = []
     for i, (side, lag) in enumerate(zip(sides, lags.tolist(), strict=True)):
         if abs(side) == LET_GO:
+            # Past its stop without pressing: it leaves where d = 0 or presses again where y = 0.
             found += [(i, 0.0, side // LET_GO, False), (i, lag, 0, True)]
         else:
             found.append((i, lag if side else 0.0, side, False))
@@ -75,6 +77,7 @@ def watched(sides: Sequence[int], lags: Array) -> list[tuple[int, float, int, bo
 
 def entry(system: System, before: NDArray[np.int64], after: NDArray[np.int64], dq: Array, dv: Array) -> Array:
     """dq' (n, k) after an event from the sides ``before`` to those ``after`` (m,)."""
+    # Only an entry makes the force jump: all other events leave tangent vectors as they are.
     for contact, old, new in zip(system.contacts, before.tolist(), after.tolist(), strict=True):
         if contact.stops.damping > 0.0 and old == 0 and new:
             kick = np.linalg.solve(system.mass, contact.row)

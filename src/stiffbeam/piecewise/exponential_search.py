@@ -41,6 +41,7 @@ def derivatives(sigma: Array, omega: Array, real: Array, imaginary: Array, tau: 
         s = math.sin(omega[k] * tau)
         x = decay * (real[k] * c - imaginary[k] * s)
         y = decay * (real[k] * s + imaginary[k] * c)
+        # |a exp(...)| does not depend on the phase; every derivative multiplies it by |sigma + i omega|.
         reach = math.hypot(x, y)
         size = math.hypot(sigma[k], omega[k])
         for i in range(ORDER + 1):
@@ -71,16 +72,19 @@ def search(
     """
     m, K = real.shape
     series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
+    # Rounding of a gap per unit of its terms; the errors of K terms add up like sqrt(K).
     nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
     P = shift.shape[1]
     psi = np.empty((seen.shape[1], P), np.complex128)
     pushed = np.zeros((m, ORDER + 1))
+    # Forces that are polynomials may grow: their derivatives are bounded once, over the whole segment.
     if P > 0:
         for contact in range(m):
             forced_sizes(eigenvalues, seen[contact], shift[contact], t_end - t_start, pushed[contact])
     chains, most = nodes.shape
     D = np.empty((chains, most), np.complex128)
     reaches = np.empty((chains, most))
+    # The fastest node of the chains sets the length over which these are bounded.
     widest = 0.0
     for b in range(chains):
         for k in range(counts[b]):
@@ -97,6 +101,7 @@ def search(
             for b in range(chains):
                 differences(nodes[b, : counts[b]], tau, D[b])
                 largest(nodes[b], counts[b], tau, step, reaches[b])
+        # The answers to polynomials at tau, then position, rate and bounds of every contact.
         if P > 0:
             for k in range(eigenvalues.size):
                 answers(eigenvalues[k], tau, psi[k])
@@ -104,12 +109,14 @@ def search(
             u = 0.0
             speed = 0.0
             b0 = pushed[contact, 0]
+            # Never zero, so that the quotient b2/b3 in ``gap_step`` is a number.
             b2 = 1e-300 + pushed[contact, 2]
             b3 = 1e-300 + pushed[contact, 3]
             for j in range(P):
                 for k in range(eigenvalues.size):
                     x = seen[contact, k, j] * psi[k, j]
                     u += x.real
+                    # psi_j' = lambda psi_j + tau^j
                     speed += (eigenvalues[k] * x).real + seen[contact, k, j].real * tau**j
             for j in range(P - 1, 0, -1):
                 speed = speed + j * shift[contact, j] * tau ** (j - 1)
@@ -132,6 +139,7 @@ def search(
                 size = sigma[k] * sigma[k] + omega[k] * omega[k]
                 u += x
                 speed += sigma[k] * x - omega[k] * y
+                # sigma <= 0: the size at tau bounds the term from there on.
                 reach = decay * math.hypot(real[contact, k], imaginary[contact, k])
                 b0 += reach
                 b2 += reach * size
@@ -141,6 +149,7 @@ def search(
             b2 *= 1.0 + 1e-12  # rounding in the sums
             b3 *= 1.0 + 1e-12
             nearest = 1 if abs(u - g2[contact]) <= abs(u - g1[contact]) else -1
+            # Every gap that may close, and the least of their safe steps.
             for side in (1, -1):
                 stop = g2[contact] if side > 0 else g1[contact]
                 if math.isinf(stop) or (chi[contact] != 0 and chi[contact] != side):
@@ -166,6 +175,7 @@ def search(
                 if verdict == CLOSES and not zero:
                     return tau + safe, contact, side, evaluations
                 step = min(step, safe)
+        # No shorter than the rounding of the time, so that time goes on.
         step = max(step, EPS * (t_start + tau), SHORTEST * t_end)
         if t_start + tau + step >= t_end:
             return t_end - t_start, -1, 0, evaluations
@@ -210,6 +220,7 @@ def newton_form(cells: Cells, b: int, c: Array, spin: Array, force: Array, B: Ar
     """Newton's form g (K, K) of chain b from the coefficients c, the drives ``spin`` and the forces (k, P), see
     spectrum.py; and its matrix with these forces into B (K, K)."""
     size, k, d = cells.counts[b], cells.parts[b, 0], cells.parts[b, 1]
+    # g_0 = z(0): the coefficients, the drives in resonance, and 1 for the power tau^0.
     B[:], g[:] = cells.B[b], 0.0
     for i in range(k):
         g[0, i] = c[cells.modes[b, i]]
@@ -233,6 +244,7 @@ def see_chain(cells: Cells, b: int, B: Array, g: Array, chained: Array) -> None:
     size, k = cells.counts[b], cells.parts[b, 0]
     turned = np.empty(size, np.complex128)
     chained[:, b] = 0.0
+    # A damped stop sees d + lag d': its i-th derivative needs the next one too, hence ORDER + 2 of them.
     for i in range(ORDER + 2):
         for j in range(size):
             for contact in range(cells.lags.size):
@@ -243,6 +255,7 @@ def see_chain(cells: Cells, b: int, B: Array, g: Array, chained: Array) -> None:
                     chained[contact, b, i, j] += total
                 if i > 0:
                     chained[contact, b, i - 1, j] += cells.lags[contact] * total
+            # B g, the coefficients of the next derivative.
             for n in range(size):
                 turned[n] = 0.0
                 for p in range(size):
@@ -263,6 +276,7 @@ def pass_samples(
     eigenvalues, W, push = cells.eigenvalues, cells.W, cells.push
     m, K = W.shape
     R, P = records.shape[1], records.shape[2]
+    # The terms of the gaps: coefficients first, then the constant and the drives, which do not decay.
     total = K + cells.waves.shape[1]
     sigma, omega = np.zeros(total), np.zeros(total)
     for k in range(K):
@@ -270,6 +284,7 @@ def pass_samples(
     omega[K + 1 :] = cells.frequencies
     real, imaginary, spin = np.empty((m, total)), np.empty((m, total)), np.empty(total - K, np.complex128)
     force, seen, shift = np.empty((K, P), np.complex128), np.empty((m, K, P), np.complex128), np.empty((m, P))
+    # At a sample no contact has just switched.
     psi, resting = np.empty(P, np.complex128), np.zeros(m, np.int64)
     chains, most = cells.nodes.shape
     chained, D = np.zeros((m, chains, ORDER + 1, most), np.complex128), np.empty(most, np.complex128)
@@ -277,6 +292,7 @@ def pass_samples(
     evaluations = 0
     for cell in range(edges.size - 1):
         t, end = edges[cell], edges[cell + 1]
+        # Modal forces of the records in this cell, and the drives at its start.
         for k in range(K):
             for j in range(P):
                 force[k, j] = 0.0
@@ -284,6 +300,7 @@ def pass_samples(
                     force[k, j] += push[k, r] * records[cell, r, j]
         for k in range(spin.size):
             spin[k] = complex(math.cos(omega[K + k] * t), math.sin(omega[K + k] * t))
+        # Terms of the gaps at the start of the cell.
         for i in range(m):
             for j in range(P):
                 shift[i, j] = 0.0
@@ -304,9 +321,11 @@ def pass_samples(
             sigma, omega, real, imaginary, cells.chi, cells.g1, cells.g2, resting, t, end, eigenvalues, seen, shift,
             cells.nodes, cells.counts, chained,
         )  # fmt: skip
+        # The caller searches this cell again and counts its evaluations.
         if contact >= 0 and t + tau < end:
             return cell, evaluations
         evaluations += used
+        # No event: the coefficients at the end of the cell.
         tau = end - t
         ahead = out[cell]
         for k in range(K):
@@ -315,6 +334,7 @@ def pass_samples(
             for j in range(P):
                 ahead[k] += force[k, j] * psi[j]
         for b in range(chains):
+            # Anew, since ``see_chain`` has changed g, and B holds the last chain.
             newton_form(cells, b, c, spin, force, B, g)
             count = cells.counts[b]
             differences(cells.nodes[b, :count], tau, D[:count])
@@ -324,6 +344,7 @@ def pass_samples(
                     y += D[j] * g[j, i]
                 ahead[cells.modes[b, i]] = y
         for k in range(K if size > 0.0 else 0):
+            # Two bounds of the answer to the force: by its polynomial, and as the difference of the coefficients.
             power, pushed = tau, 0.0
             for j in range(P):
                 pushed += abs(force[k, j]) * power

@@ -69,6 +69,7 @@ class Table(NamedTuple):
 def regime_at(table: Table, sides: IntArray) -> int:
     """The regime of contacts on these sides (m,), -1 if the loop cannot follow it."""
     for r in range(table.sides.shape[0]):
+        # Negative: the loop cannot follow it; 0: a row that is not filled yet.
         same = table.sizes[r] > 0
         for i in range(sides.size):
             pressed = sides[i] if abs(sides[i]) != LET_GO else 0
@@ -89,9 +90,11 @@ def see(table: Table, r: int, x: Array, y: Array, start: float, speeds: Array, t
         if j < size:
             for i in range(terms.shape[0]):
                 a, b = table.rows[r, 0, i, j], table.rows[r, 1, i, j]
+                # a x + b y is a pair again, with a y - omega^2 b x as its y; the level is 0 wherever b is not.
                 terms[i, X, k], terms[i, Y, k] = a * x[j] + b * y[j], a * y[j] - w * w * b * x[j]
                 terms[i, LEVEL, k] = a * table.level[r, j]
             continue
+        # A drive is a pair without damping: its value and its rate at ``start``.
         sine = 1 + 2 * (j - size)
         s, c = math.sin(w * start), math.cos(w * start)
         for i in range(terms.shape[0]):
@@ -127,6 +130,7 @@ def turn(table: Table, r: int, x: Array, y: Array, start: float, tau: float, x1:
             s[j] *= decay
         x1[j] = x[j] * c[j] + y[j] * s[j] + level * versine[j]
         y1[j] = y[j] * c[j] + (level - w * w * x[j]) * s[j]
+    # A close pair answers its drive from rest at ``start``, beside the free motion.
     for k in range(table.closes[r]):
         j = table.close[r, k, 0]
         w, frequency = table.omega[r, j], table.frequencies[table.close[r, k, 1]]
@@ -152,6 +156,7 @@ def leave(table: Table, r: int, x: Array, y: Array, g: Array, q: Array, v: Array
     undamped = table.undamped[r] != 0
     for i in range(q.size):
         q[i], v[i] = 0.0, 0.0
+    # Without damping P is the response of the pairs, else that of q and q', see Table.
     for j in range(g.size):
         a, b = (x, y) if undamped else (q, v)
         for i in range(q.size):
@@ -163,6 +168,7 @@ def leave(table: Table, r: int, x: Array, y: Array, g: Array, q: Array, v: Array
             q[i] += A[j, i] * x[j]
         for i in range(q.size):
             v[i] += E[j, i] * y[j]
+    # B and D are zero without damping.
     for j in range(0 if undamped else x.size):
         for i in range(q.size):
             q[i] += B[j, i] * y[j]
@@ -183,6 +189,7 @@ def enter(table: Table, r: int, q: Array, v: Array, g: Array, x: Array, y: Array
         place[i], speed[i] = q[i], v[i]
     for j in range(x.size):
         x[j], y[j] = 0.0, 0.0
+    # The reverse of ``leave``: first the response is taken off, from the pairs where nothing is damped.
     for j in range(g.size):
         a, b = (x, y) if undamped else (place, speed)
         for i in range(n):
@@ -222,10 +229,12 @@ def unsettle(
     noise: (3, K)."""
     late, inward, response = size * noise[0, 0] * t, table.inward[r], table.response[r]
     undamped = table.undamped[r] != 0
+    # Damped, the response is a term of q and q'; no function in g exceeds 1, so that its entries are the sizes.
     for i in range(0 if undamped else places.size):
         for j in range(response.shape[1]):
             places[i] += abs(response[0, j, i])
             speeds[i] += abs(response[1, j, i])
+    # Errors of independent terms add up as squares.
     for j in range(x.size):
         a = b = 0.0
         for i in range(places.size):
@@ -234,6 +243,7 @@ def unsettle(
         for k in range(response.shape[1] if undamped else 0):
             a += response[0, k, j] ** 2
             b += response[1, k, j] ** 2
+        # A later start moves the pair by its rate times ``late``; x is changed last, since y needs the old one.
         sigma, w = table.sigma[r, j], table.omega[r, j]
         moved = late * (sigma * x[j] + y[j]) + size * noise[1, j] * math.sqrt(a)
         y[j] += late * (sigma * y[j] - w * w * x[j] + table.level[r, j]) + size * noise[2, j] * math.sqrt(b)
@@ -252,6 +262,7 @@ def watched_of_damped(
     is a force, sides, stops, 1 where it is zero at ``start``, and terms, seen and pairs of the gaps.
     """
     m, K = sides.size, speeds.shape[1]
+    # A contact that has let go is watched twice: its second gap stands behind the first ones of all contacts.
     count = m
     for i in range(m):
         count += abs(sides[i]) == LET_GO
@@ -264,6 +275,7 @@ def watched_of_damped(
             all_pairs[k, j] = pairs[k, j]
     extra = m
     for i in range(m):
+        # Gap and rate now: they decide which gap is zero at the start.
         u = rate = 0.0
         for k in range(K):
             u += terms[i, X, k]
@@ -275,6 +287,7 @@ def watched_of_damped(
             w = i if again == 0 else extra
             lag = table.lags[i] if again == 1 or abs(sides[i]) == 1 else 0.0
             at[w], force[w] = i, lag > 0.0
+            # d + lag d' of every term is a term again, with the same level.
             for k in range(K):
                 a, b, sigma = terms[i, X, k], terms[i, Y, k], speeds[SIGMA, k]
                 all_terms[w, X, k] = a + lag * (sigma * a + b)
@@ -287,6 +300,8 @@ def watched_of_damped(
             own = again == 1  # only the stop that it is beyond counts
             g1[w] = -math.inf if own and sides[i] > 0 else table.g1[i]
             g2[w] = math.inf if own and sides[i] < 0 else table.g2[i]
+            # Zero after an event: y if the contact has let go, d if it is free. A pressed one came by d = 0 or
+            # by y = 0: by the smaller of the two.
             y_now = d + lag * rate
             still = own if gone else (lag == 0.0 or abs(y_now) < abs(d))
             resting[w] = switched[i] != 0 and still
@@ -313,11 +328,13 @@ def follow(
     g, work = np.empty(1 + 2 * table.frequencies.size), np.empty((5, max(q.size, table.sigma.shape[1])))
     count = evaluations = 0
     while count < out_t.size:
+        # The regime of the present sides; the caller adds one that is missing.
         r = regime_at(table, sides)
         if r < 0:
             return UNKNOWN, count, evaluations, t
         pairs = table.sizes[r]
         x, y, x1, y1 = out_x[count, :pairs], out_y[count, :pairs], work[3, :pairs], work[4, :pairs]
+        # Pairs at the start of the segment, in a copy changed by what rounding loses.
         drive(table, t, g)
         enter(table, r, q, v, g, x, y, work)
         if size > 0.0:
@@ -326,6 +343,7 @@ def follow(
         for i in range(sides.size):
             out_sides[count, i] = sides[i]
         count += 1
+        # Terms of the gaps, and the first event.
         swings, terms, seen, close = layout(sides.size, pairs + table.frequencies.size, table.closes[r])
         see(table, r, x, y, t, swings, terms, seen)
         see_close(table, r, close, np.arange(sides.size))
@@ -338,6 +356,7 @@ def follow(
         evaluations += used
         if contact < 0 or t + tau >= t_end:
             return DONE, count, evaluations, t
+        # The side of the contact after the event.
         side = stop
         if damped is not None:
             by_force = force[contact] != 0
@@ -345,11 +364,13 @@ def follow(
             side = next_side(sides[contact], stop, by_force)
         elif sides[contact] != 0:
             side = 0
+        # q and q' at the event, from which the next regime starts.
         turn(table, r, x, y, t, tau, x1, y1, work)
         drive(table, t + tau, g)
         leave(table, r, x1, y1, g, q, v)
         if size > 0.0:
             sizes_of(table, r, x1, y1, q, v, places, speeds)
+        # Contacts that switched at this same instant stay marked: one event each an instant, so that time goes on.
         if t + tau > t:
             switched[:] = 0
         sides[contact], switched[contact] = side, 1

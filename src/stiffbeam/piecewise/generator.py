@@ -49,6 +49,7 @@ class TimeBasis:
     def __init__(self, system: System, data: SystemData, columns: Sequence[SystemData]) -> None:
         self.leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
         self.records = [leaf for leaf in self.leaves if isinstance(leaf, Sampled)]
+        # Harmonics of one frequency with the same derivatives of it share a pair of functions.
         rates = np.array([x.harmonics[:, 1] for x in columns]).reshape(len(columns), len(data.harmonics))
         keys = [(w, *rates[:, k].tolist()) for k, w in enumerate(data.harmonics[:, 1].tolist())]
         pairs = list(dict.fromkeys(keys))
@@ -59,6 +60,7 @@ class TimeBasis:
         self.size = 1 + 2 * self.F + (RECORD_TERMS if self.records else 0)
         self.R = self._generator(self.frequencies)
         if self.records:
+            # s' = 1, (s^2)' = 2 s, (s^3)' = 3 s^2
             k = 1 + 2 * self.F
             self.R[k, 0], self.R[k + 1, k], self.R[k + 2, k + 1] = 1.0, 2.0, 3.0
         self.dR = [self._generator(np.array([key[1 + p] for key in pairs], float)) for p in range(len(columns))]
@@ -91,6 +93,7 @@ class TimeBasis:
             if isinstance(leaf, Harmonic):
                 a, _, phase = data.harmonics[h]
                 at = 1 + 2 * self.pair[h]
+                # a sin(w t + phase)
                 if by is None:
                     row[at], row[at + 1] = a * np.cos(phase), a * np.sin(phase)
                 else:  # that of the frequency is in dR
@@ -102,6 +105,7 @@ class TimeBasis:
                 row[0] = (data if by is None else by).constants[k]
                 k += 1
             elif isinstance(leaf, Sampled):
+                # The record's polynomial of this interval, about the last edge instead of its last sample.
                 start = self.edges[interval]
                 i = int(np.clip(np.searchsorted(leaf.t, start, side="right") - 1, 0, len(leaf.t) - 2))
                 c = moved((data if by is None else by).records[piece + i], float(start - leaf.t[i]))
@@ -140,6 +144,7 @@ class Generators:
             derived = []
             for column in self.columns:
                 turned = basis.terms(data, interval, column)
+                # The product rule: once the functions vary, once the loads and rows.
                 parts = [
                     self._form(data, turned, data.loads, data.factors, 0.0 * data.rows, 0.0 * data.observe),
                     self._form(data, terms, column.loads, column.factors, column.rows, column.observe),
@@ -211,6 +216,7 @@ class RegimeFlow:
         self.generators, n, N = generators, generators.n, generators.N
         data, basis = generators.data, generators.basis
         own, derived = generators.forms(interval)
+        # [M, -H^T; H, 0] (a, R) = right Z, and the slopes of the right side in every column.
         closed = [i for i, side in enumerate(sides) if side]
         self.held = closed if held else []
         M, H = data.mass, data.rows[self.held]
@@ -222,6 +228,7 @@ class RegimeFlow:
             slope = np.zeros_like(right)
             slope[:n, :n], slope[:n, n : 2 * n], slope[:n, 2 * n :] = -x.stiffness, -x.damping, form.force.T
             slopes.append(slope)
+        # Held contacts add rows H a = -o''; pressed ones add their force to the right side.
         if held:
             for k, i in enumerate(self.held):
                 right[n + k, 2 * n :], moved_by = self._curve(basis, own, derived, i)
@@ -234,6 +241,7 @@ class RegimeFlow:
                 self.stiffness += data.kappa[i] * np.outer(data.rows[i], data.rows[i])
                 for slope, x, moved_by in zip(slopes, generators.columns, forces, strict=True):
                     slope[:n] -= np.outer(x.rows[i], force) + np.outer(data.rows[i], moved_by)
+        # The derivative of the solution X: the same equation with the change of its matrix on the right.
         solve = saddle(M, H)
         X = solve(right)
         self.acceleration, self.reactions = X[:n], X[n:]
@@ -269,8 +277,11 @@ class RegimeFlow:
         In coordinates of energy, |L_K^T q|^2 + |L_M^T q'|^2, those of a conservative regime are orthogonal.
         """
         n, N, basis = self.generators.n, self.generators.N, self.generators.basis
+        # The powers of time are a Jordan chain.
         if basis.records:
             return None
+        # Coordinates of energy need a positive definite stiffness. Where a motion strains nothing, a small shift is
+        # added for the coordinates alone: A is unchanged.
         M = self.generators.data.mass
         squares = eigh(self.stiffness, M, eigvals_only=True)
         rigid = squares[0] < 1e-9 * squares[-1] or not squares[-1] > 0.0  # a motion that strains nothing
@@ -280,6 +291,7 @@ class RegimeFlow:
         T[:n, :n], T[n : 2 * n, n : 2 * n] = a, b
         back[:n, :n], back[n : 2 * n, n : 2 * n] = (solve_triangular(x, np.eye(n)) for x in (a, b))
         lowest = float(np.sqrt(max(squares[0], 0.0) + shift))
+        # Units of the time functions that bring forces to the size of the lowest frequency.
         force = float(np.max(np.abs(T @ self.A)[: 2 * n, 2 * n :], initial=0.0)) / lowest
         at = range(2 * n, N)
         T[at, at], back[at, at] = force or 1.0, 1.0 / (force or 1.0)
@@ -290,6 +302,7 @@ class RegimeFlow:
             return None
         if not np.linalg.norm(V, 2) * np.linalg.norm(W, 2) < WORST:
             return None
+        # A positive real part is rounding, and would grow.
         values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
         return values, back @ V, W @ T
 
@@ -315,6 +328,7 @@ class RegimeFlow:
         assert self.eigen is not None
         values, V, W = self.eigen
         G = np.array([W @ dA @ V for dA in self.dA]).reshape(len(self.dA), len(values), len(values))
+        # Differences of near eigenvalues cancel: their pairs are left to sinh(x)/x. Zeros do not count as lowest.
         apart = values[:, None] - values
         sizes = np.abs(values)
         lowest = float(np.min(sizes[sizes > 1e-6 * np.max(sizes)], initial=np.max(sizes)))
@@ -356,24 +370,28 @@ class RegimeFlow:
             return np.zeros((k, len(forms), columns))
         if self.eigen is None:
             out = np.zeros((k, len(forms), columns))
+            # Without eigenvectors: Van Loan's block exponential, balanced.
             N, scale = len(self.A), self.balance
             block, turn = np.zeros((2 * N, 2 * N)), scale / scale[:, None]
             block[:N, :N] = block[N:, N:] = self.A * turn
             for p, dA in enumerate(self.dA):
                 if np.any(dA):
                     block[:N, N:] = dA * turn
+                    # The result is linear in dA: at the size of A it does not determine how often expm squares.
                     size = np.max(np.abs(block[:N, N:])) / max(np.max(np.abs(block[:N, :N])), 1e-300)
                     block[:N, N:] /= size
                     for i in range(k):
                         E = expm(block * tau[i])[:N, N:]
                         out[i, :, p] = size * ((forms * scale) @ (E @ (Z[i] / scale)))
             return out
+        # L of near pairs: (exp(l_j tau) - exp(l_m tau))/(l_j - l_m) = tau exp of the mean times sinh(half)/half.
         values, V, W = self.eigen
         B, (j, m), near = self.coupling
         E = np.exp(np.multiply.outer(tau, values))
         c = Z @ W.T
         half = np.multiply.outer(tau, 0.5 * (values[j] - values[m]))
         with np.errstate(invalid="ignore", divide="ignore"):
+            # Below 1e-4 the series errs by half^4/120 < 1e-18.
             ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
         between = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (values[j] + values[m]))) * ratio
         out = np.zeros((k, len(forms), columns))
@@ -383,6 +401,7 @@ class RegimeFlow:
         place[range(len(j)), j] = 1.0
         for p in range(columns):
             if np.any(self.dA[p]):
+                # Pairs apart as a difference of two products, near ones by ``between``.
                 y = E * (c @ B[p].T) - (E * c) @ B[p].T + (moved_by * near[p]) @ place
                 out[:, :, p] = (y @ U.T).real
         return out

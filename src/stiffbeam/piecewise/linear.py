@@ -60,6 +60,7 @@ class Regime:
     @cached_property
     def single(self) -> NDArray[np.bool_]:
         """(k,), True for a coefficient that is not part of a chain."""
+        # Coefficients of a chain act on each other: they are not single exponentials.
         alone = np.ones(len(self.eigenvalues), bool)
         for chain in self.chains:
             alone[chain.modes] = False
@@ -105,6 +106,7 @@ def regime_of(
     undamped modes, of a perturbed copy where that is asked for."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
+    # Seeded by the sides: a copy has the same regimes in whichever order its motion enters them.
     rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
     basis = undamped_modes(system, springs) if basis is None else basis
     omega, shapes = basis.omega, basis.shapes
@@ -120,6 +122,7 @@ def regime_of(
         force = force - np.outer(kappa * offsets[:, i] + c * drive.derivative().T @ offsets[:, i], contact.row)
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
+    # Modal forces, and the sizes of their terms, which separate a force from rounding.
     modal_force = phasors(force) @ shapes  # (1 + F, n)
     terms_of_force = np.abs(phasors(force)) @ np.abs(shapes)
     push = records @ shapes  # (R, n)
@@ -127,6 +130,8 @@ def regime_of(
     to_modal = shapes.T @ system.mass
     order = np.arange(system.size)
     if rng is not None and perturbation is not None:
+        # A perturbed copy: every sum is changed by about its rounding. Damping that is exactly zero stays so,
+        # since modes that no damping joins are solved apart.
         size = perturbation.state
         modal_force += size * rounded_sum(phasors(force), shapes) * rng.uniform(-1.0, 1.0, modal_force.shape)
         push += size * rounded_sum(records, shapes) * rng.uniform(-1.0, 1.0, push.shape)
@@ -154,11 +159,13 @@ def _assembled(
 ) -> Regime:  # fmt: skip
     """Regime from its modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the
     records, all modal. size, rng: as in ``groups``."""
+    # Eigenvalues in groups, and the places of these among the coefficients.
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
     s, found = groups(omega, damping, span, size, rng)
     begins = np.cumsum([0, *(len(group.T) for group in found)])
     eigenvalues = np.concatenate([g.values for g in found])
     L = np.vstack([g.L for g in found])
+    # Chains: groups of several eigenvalues, and single ones that a drive forces in resonance.
     drawn = _drawn(
         eigenvalues, np.repeat([g.paired for g in found], np.diff(begins)), L[:, n:], force, terms, rates, span
     )
@@ -172,6 +179,7 @@ def _assembled(
     apart = np.abs(eigenvalues[:, None] - rates)
     close = np.any(apart <= CLOSE * (np.abs(eigenvalues)[:, None] + np.abs(rates)), axis=0)
     resonant = np.unique(np.concatenate([np.flatnonzero(close), *(chain.drives for chain in chains)]))
+    # The response to every drive. Its equation is singular at resonance and of rigid motions: group by group there.
     response = np.empty((2 * n, len(rates)), complex)
     for k, rate in enumerate(rates):
         response[:, k] = (
@@ -179,9 +187,11 @@ def _assembled(
             if k in resonant or np.any(omega == 0.0)
             else _answer(omega, s, damping, force[k], rate)
         )
+    # Conjugates are left out: z = 2 Re(V y).
     weights = np.concatenate([np.full(len(g.T), 2.0 if g.paired else 1.0) for g in found])
     V = np.hstack([g.V for g in found]) * weights
     return Regime(
+        # The damping is positive semidefinite: a positive real part is rounding, and would grow.
         np.minimum(np.real(eigenvalues), 0.0) + 1j * np.imag(eigenvalues),
         shapes @ (V[:n] / s[:, None]),
         shapes @ V[n:],
@@ -198,6 +208,7 @@ def _drawn(
     values: Complex, paired: NDArray[np.bool_], L: Complex, force: Complex, terms: Array, rates: Complex, span: float
 ) -> NDArray[np.bool_]:
     """(k, 1 + F), which drives force which of k eigenvalues that are no group with others in resonance; L: (k, n)."""
+    # A force below the rounding of its terms is none: a mode at the frequency of such a drive is not in resonance.
     pulled = np.abs(L @ force.T) > UNFELT * (np.abs(L) @ terms.T)
     apart, sizes = np.abs(values[:, None] - rates), np.abs(values)[:, None]
     near = apart <= CLOSE * (sizes + np.abs(rates))
@@ -211,6 +222,7 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array,
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
         pull = pull / 2.0  # exp(i Omega t) is half of the cosine
+    # As in ``_drawn``, with the closest eigenvalue of the group.
     pulled = np.any(np.abs(pull) > UNFELT * (np.abs(group.L[:, n:]) @ terms.T), axis=0)
     apart = np.min(np.abs(values[:, None] - rates), axis=0)
     near = apart <= CLOSE * (np.min(np.abs(values)) + np.abs(rates))
@@ -222,6 +234,7 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array,
 
 def _answer(omega: Array, s: Array, damping: Array, force: Complex, rate: complex) -> Complex:
     """The response (2n,) to force exp(rate t), row by row to size one, so that stiff modes do not drown the soft."""
+    # (Omega^2 + rate D + rate^2) eta = force
     matrix = np.diag(omega**2 + rate**2) + rate * damping
     size = np.maximum(omega**2, np.abs(rate) ** 2)
     size = np.where(size > 0.0, size, 1.0)
@@ -233,6 +246,7 @@ def _without(found: list[Group], chains: list[Chain], force: Complex, terms: Arr
     """The response to drive k of all groups but those it is in resonance with: -V (T - i Omega)^-1 L force."""
     n, total = len(force), np.zeros(2 * len(force), complex)
     for group, chain in zip(found, chains, strict=True):
+        # A drive is in resonance with one of two conjugates only: the other one always responds.
         for turned in (False, True) if group.paired else (False,):
             T, V, L = (x.conj() if turned else x for x in (group.T, group.V, group.L))
             pulled = L[:, n:] @ force
@@ -267,6 +281,7 @@ def answers(eigenvalue: complex, tau: float, psi: Array) -> None:
     """
     z = eigenvalue * tau
     phi = np.empty(MOST + 1, np.complex128)
+    # phi_4 by its series, then downward: |z phi_(l+1)| is at most 1/l!, to which it is added.
     if abs(z) <= SERIES:
         term = 1.0 / 24.0 + 0.0j
         total = term
@@ -280,6 +295,7 @@ def answers(eigenvalue: complex, tau: float, psi: Array) -> None:
         phi[2] = z * phi[3] + 0.5
         phi[1] = z * phi[2] + 1.0
     else:
+        # phi_1 from exp(z), then upward: each division by |z| > 2 shrinks the rounding before it.
         decay, inverse = math.exp(z.real), 1.0 / z
         phi[1] = (decay * complex(math.cos(z.imag), math.sin(z.imag)) - 1.0) * inverse
         phi[2] = (phi[1] - 1.0) * inverse

@@ -67,13 +67,16 @@ def record_of(
     """Contact history in [since, t_end] by events, with given position and velocity at the output times. Impacts are
     the events from free to a stop."""
     contact = system.contacts[i]
+    # Spans of contact in [since, t_end].
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
     starts, ends, sides = starts[late], ends[late], sides[late]
     counted = starts > since  # contact that is there at the start is no impact
+    # A contact that exists at t = 0 has a row too, flagged as open at the start.
     listed = counted | (starts == 0.0)
     starts = np.maximum(starts, since)
     peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
+    # A span that t_end cuts has no peak and impulse yet.
     ended = ends < t_end
     position, velocity = seen
     return ContactRecord(
@@ -104,6 +107,7 @@ def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArr
     ends = np.append(solution.times[1:], t_end)
     real = ends > solution.times
     starts, ends, side = solution.times[real], ends[real], pressed(solution.sides[real, i])
+    # Segments on one side belong to one span: only other contacts have events between them.
     new = np.concatenate([[True], side[1:] != side[:-1]])
     first = np.flatnonzero(new)
     last = np.append(first[1:], len(side)) - 1
@@ -121,6 +125,7 @@ def pressed_by(
     where u' changes sign beside one of the largest samples, found by the Illinois method; of a damped stop,
     whose force may be largest where it jumps, by the golden section.
     """
+    # Panels of every part between two events.
     path, stops = partial(path_of, system, solution, channel=i), system.contacts[i].stops
     owner, cuts, until = _between(solution.times, starts, ends)
     index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
@@ -131,6 +136,7 @@ def pressed_by(
         u, v = path(t)
         return pressure(stops, sides[owner], u, v) if stops.dissipative else np.abs(stops.force(u))
 
+    # Impulses by quadrature on these.
     sigma = press(t.ravel(), np.repeat(index, len(NODES))).reshape(t.shape)
     impulses = np.bincount(index, sigma @ WEIGHTS * width / 2.0, len(starts))
     # Every piece's samples in order, its ends included, and the largest of those around them.
@@ -143,11 +149,13 @@ def pressed_by(
     first = np.diff(owner, prepend=-1) != 0
     last = np.roll(first, -1)
     largest = np.maximum.reduceat(values, np.flatnonzero(first))
+    # Samples that no neighbour exceeds and that are nearly the largest; the neighbours bracket a peak.
     ahead, behind = np.roll(values, -1), np.roll(values, 1)
     top = (first | (values >= behind)) & (last | (values >= ahead)) & (values >= RIVAL * largest[owner])
     best = np.flatnonzero(top)
     low, high = samples[best - ~first[best]], samples[best + ~last[best]]
     peaks = np.zeros(len(starts))
+    # The force of a damped stop may be largest where it jumps, and its rate is not zero there.
     if stops.dissipative:
         inner = peak_between(lambda t: press(t, owner[best]), low, high)
         np.maximum.at(peaks, owner[best], np.maximum(values[best], inner))
@@ -172,6 +180,7 @@ def pressed_by(
 
 def _between(times: Array, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
     """The spans [starts, ends], apart and in order, cut at the ``times`` inside: owner, start and end of each part."""
+    # A span with k times inside has k + 1 parts, numbered by ``place``.
     first = np.searchsorted(times, starts, "right")
     inside = np.maximum(np.searchsorted(times, ends, "left") - first, 0)
     owner = np.repeat(np.arange(len(starts)), inside + 1)
@@ -189,6 +198,7 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     The first of an interval is cut at 1/decay from its start, and at twice, four times that and so on: on
     each part exp(-decay s) is smooth or nothing.
     """
+    # Equal panels in every interval, refused first if there are too many.
     count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
     total = float(np.sum(count))
     afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total, seconds=1e-5 * total)
@@ -197,6 +207,7 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
     width = ((ends - starts) / count)[index]
     left = starts[index] + inside * width
+    # Without fast decay in a panel they suffice.
     longest_first = float(np.max((ends - starts) / count, initial=0.0))
     if decay * longest_first <= 1.0:
         return index, left, width
@@ -220,6 +231,7 @@ def integrated(
     """
     owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
     totals = np.zeros((2, len(edges) - 1))
+    # Some 20 000 panels at a time, so that the states at their nodes fit into memory.
     for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
         t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
         for total, values in zip(totals, densities(t, owner[part].repeat(len(NODES))), strict=True):
@@ -246,6 +258,7 @@ def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Arr
             o, rate = solution.offset(system, i)(t)
             u, v = u + o, v + rate
             drag = np.where(side == 1, float(contact.stops.damping) * v, 0.0)
+            # Beyond a stop that has let go, U = kappa d^2/2 falls with d and no force works: it counts as dissipated.
             spring = np.where(side == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0)
             given, taken = given + drag * rate, taken + (drag + spring) * v
         return given, taken
@@ -259,6 +272,7 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
     rounding, so the loss left over is the error of the solution itself.
     """
+    # From t = 0, where the balance starts.
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
     works = *solution.work(system, edges), *work_of_damping(system, solution, edges)
@@ -297,6 +311,7 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
     the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
     looked at in the middle. start: q, q' (n,) at t = 0, None for those of the system.
     """
+    # States on both sides of every event.
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
     count, ends = len(times), np.append(times[1:], t_end)
@@ -310,6 +325,7 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
     # The states, the jumps at the events, and the given start.
     kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
     free = kinetic + elastic
+    # How far the balance is open: at the start, at every event, and inside segments.
     stops, inside, held = _stops(system, solution, q, ends, sides)
     energy = free[: 2 * count] + stops
     opening = np.zeros(count + 1)  # at the start, and at the end of every piece
@@ -317,15 +333,18 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
         opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
     opening[1:-1] = np.abs(energy[after][1:] - energy[before]) + free[2 * count : -1]
     opening[1:] += inside
+    # What rounding explains at every end of a segment, added up over the motion so far.
     length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
     positive = np.maximum(energy, 0.0)
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
     allowed, cancelled = (np.cumsum(np.append(x[after], 0.0) + np.append(0.0, x[count:])) for x in (rounding, terms))
+    # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
     largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
     largest = np.append(largest, largest[-1])
     allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
     allowed += cancelled
+    # The first time at which the balance is further open than rounding explains.
     total = np.cumsum(opening)
     open_at = np.flatnonzero(total > allowed + NOTHING * largest[-1])
     if len(open_at):
@@ -343,6 +362,7 @@ def _start(system: System, solution: Motion, t_end: float, q0: Array, ends: tupl
     for channel, (row, _) in enumerate(system.channels):
         given = float(row @ q0 + solution.offset(system, channel)(np.zeros(1))[0][0])
         positions = _looks(system, solution, t_end, channel, ends)
+        # Lazy: a finer look is computed only if the start is off against the coarser ones.
         if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
             reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
             raise SolverFailure("exact", 0.0, reason, "use multiprecision")
@@ -372,6 +392,7 @@ def _stops(
         closed = np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0)
         u = q @ contact.row + shift(when)[0]
         total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2
+        # In the middle the law and the regime must have the same energy.
         u = solution.observed(middle, contact.row)[0] + shift(middle)[0]
         held += stops.energy(u)
         wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))

@@ -60,6 +60,7 @@ class Motion:
         """One motion from consecutive motions of the same tracer."""
         whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("times", "sides", "regime")}
         K, ends = max(part.x.shape[1] for part in parts), np.cumsum([0, *(len(part.times) for part in parts)])
+        # A later part may have more pairs: its table has grown.
         for name in ("x", "y"):
             whole[name] = np.zeros((ends[-1], K))
             for part, begin, end in zip(parts, ends[:-1], ends[1:], strict=True):
@@ -83,6 +84,7 @@ class Motion:
 
     def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """The homogeneous flow of a segment's regime over tau: (n, k) -> (n, k)."""
+        # Pairs are reached through the amplitudes of the free modes, as in the table.
         free = self.regimes.free
         assert free is not None
         x, y = self._made[self.regime[piece]].flow(tau, free.to_modal(dq.T).T, free.to_modal(dv.T).T)
@@ -128,6 +130,7 @@ class Motion:
         q, v = np.zeros((2, len(t), self.regimes.source.system.size))
         states(self.regimes.table, self.times, self.regime, self.x, self.y, t, piece, q, v)
         q, v = self.regimes.nodal(q, v)
+        # Segments that the compiled loop cannot follow.
         self._alone(piece, t, np.eye(q.shape[1]), q, v)
         return q, v
 
@@ -137,6 +140,7 @@ class Motion:
         u, v = np.empty((2, len(t)))
         assert self.regimes.free is not None
         modal = self.regimes.free.force(row)
+        # The row in terms of the pairs and the drive of every regime.
         rows, waves = table.outward[:, :2] @ modal, np.zeros((len(table.sizes), self.drive.size))
         for r, pairs in enumerate(self._made):
             waves[r] = pairs.steady @ modal
@@ -156,11 +160,13 @@ class Motion:
             moved, response = (row @ regime.W).T, (row @ regime.response).T
             moved_rate, response_rate = (row @ regime.W_rate).T, (row @ regime.response_rate).T
             here = np.flatnonzero(self.regime[piece] == r)
+            # Parts of some 1e6 numbers each, so that the exponentials fit into memory.
             for part in np.array_split(here, max(1, len(here) * size * (1 + self.drive.order) // 1_000_000)):
                 if not len(part):
                     continue
                 at, spin = piece[part], spin_of(self.drive, t[part])
                 begun = self.times[at]
+                # Coefficients at the start of each segment, then at its times.
                 c = pairs.coefficients(self.x[at, :size], self.y[at, :size])
                 force = regime.push @ self.drive.polynomials(begun)
                 z = regime.ahead(c, spin_of(self.drive, begun), force, t[part] - begun)
@@ -171,6 +177,7 @@ class Motion:
         self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
     ) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact on ``sides``."""
+        # The compiled ``press`` integrates terms without damping in closed form.
         if any(pairs.exponentials is not None for pairs in self._met):
             return pressed_by(system, self, contact, starts, ends, sides)
         deepest, depths = np.zeros((2, len(starts)))
@@ -185,11 +192,13 @@ class Motion:
         """ln of the growth of unit tangent vectors dq, dv (n, vectors) at the edges (k,), and how far that got: see
         ``grow``."""
         logs = np.zeros((len(edges), dq.shape[1]))
+        # Chains and records are no pairs: the compiled loop passes none of their segments.
         if not all(pairs.followed for pairs in self._met):
             return 0, logs
         free = self.regimes.free
         assert free is not None
         rows = np.array([free.force(c.row) for c in system.contacts]).reshape(-1, system.size)
+        # c M^-1 row in amplitudes of the free modes, whose mass is 1: see ``events.entry``.
         kicks = rows * np.array([float(c.stops.damping) for c in system.contacts])[:, None]
         q, v = (np.array(free.to_modal(z.T), order="C") for z in (dq, dv))  # changed in place
         steps = self.piece_at(edges[:-1]), np.diff(edges)
@@ -273,6 +282,7 @@ def observe(
     first order.
     """
     R, K, F = rows.shape[0], rows.shape[2], table.frequencies.size
+    # What the row sees of each pair and drive at the first time of a run, and the rates of these.
     X, Y, pull, bend, turned = np.empty((5, K + F))
     work = np.empty((5, K))
     distance = t[1] - t[0] if t.size > 1 else 0.0
@@ -286,6 +296,7 @@ def observe(
             i += 1
             continue
         x1, y1 = work[3, :n], work[4, :n]
+        # The first time of a run, from the start of its segment.
         turn(table, r, x[k, :n], y[k, :n], times[k], t[i] - times[k], x1, y1, work)
         for j in range(n):
             a, b, w = rows[r, 0, j], rows[r, 1, j], table.omega[r, j]
@@ -302,11 +313,13 @@ def observe(
         for j in range(n):
             velocity += table.sigma[r, j] * X[j]
         u[i], v[i] = position, velocity
+        # As many times as follow at the same distance. Close pairs answer from rest and have no such turns.
         count = 1
         while distance > 0.0 and table.closes[r] == 0 and count < RUN and i + count < t.size:
             if piece[i + count] != k or abs(t[i + count] - t[i] - count * distance) > 4.0 * EPS * t[i + count]:
                 break
             count += 1
+        # The turns of this regime over 1, 2, ... distances, computed once.
         if count > 1 and known[r] == 0:
             known[r] = 1
             c, s, versine = np.empty(n), np.empty(n), np.empty(n)
@@ -321,6 +334,7 @@ def observe(
                         table.frequencies[j], m * distance
                     )
         if count > 1:
+            # Level, curvature and its rate, for the other times of the run.
             for j in range(n):
                 pull[j] = rows[r, 0, j] * table.level[r, j]
                 square = table.omega[r, j] ** 2
@@ -328,6 +342,7 @@ def observe(
             for j in range(n, n + F):
                 square = table.frequencies[j - n] ** 2
                 pull[j], bend[j], turned[j] = 0.0, -square * X[j], -square * Y[j]
+        # The other times, each by one turn from the first.
         for m in range(1, count):
             position, velocity, acceleration = waves[r, 0], 0.0, 0.0
             for j in range(n + F):
@@ -337,6 +352,7 @@ def observe(
                 position += place
                 velocity += sigma * place + speed
                 acceleration += sigma * (sigma * place + 2.0 * speed) + bend[j] * C + turned[j] * S
+            # A distance that is off by rounding counts by rate and acceleration.
             late = t[i + m] - t[i] - m * distance
             u[i + m], v[i + m] = position + velocity * late, velocity + acceleration * late
         i += count
@@ -365,6 +381,7 @@ def grow(
         over = False
         r = regime[piece[i]]
         size, inward, outward = table.sizes[r], table.inward[r], table.outward[r]
+        # Turns of the pairs over this width, decay included.
         x, y, c, s, versine = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
         oscillations(table.omega[r, :size], widths[i], c, s, versine)
         for j in range(size):
@@ -373,6 +390,7 @@ def grow(
                 c[j] *= decay
                 s[j] *= decay
         for k in range(q.shape[0]):
+            # Entries into damped stops since the last width turn the vector.
             for new in range(last + 1, piece[i] + 1):
                 for contact in range(rows.shape[0]):
                     if sides[new - 1, contact] == 0 and sides[new, contact] != 0:
@@ -381,6 +399,7 @@ def grow(
                             seen += rows[contact, j] * q[k, j]
                         for j in range(n):
                             v[k, j] -= kicks[contact, j] * seen
+            # To the pairs, ahead by the turns, and back to the free modes.
             for j in range(size):
                 a = b = 0.0
                 for m in range(n):
@@ -395,8 +414,10 @@ def grow(
                     b += outward[2, j, m] * x[j] + outward[3, j, m] * y[j]
                 q[k, m], v[k, m] = a, b
             length = energy_norm(omega, q[k], v[k])
+            # Squares of the length must stay within float64.
             if not 1e-150 < length < 1e150:
                 return i
+            # Length 1 again, the logarithm kept: a growth beyond float64 stays a number.
             for j in range(n):
                 q[k, j] /= length
                 v[k, j] /= length
@@ -418,6 +439,7 @@ def press(
     m, F = table.lags.size, table.frequencies.size
     at = np.array([contact])
     for i in range(starts.size):
+        # All segments of the span in which the contact presses.
         k = first[i]
         while k < times.size and times[k] < ends[i]:
             until = times[k + 1] if k + 1 < times.size else math.inf
@@ -425,6 +447,7 @@ def press(
                 r = regime[k]
                 size = table.sizes[r]
                 stop = table.g2[contact] if sides[k] > 0 else table.g1[contact]
+                # Terms of all contacts in this segment; only those of this contact are read.
                 speeds, terms, seen, _ = layout(m, size + F, 0)
                 see(table, r, x[k, :size], y[k, :size], times[k], speeds, terms, seen)
                 pairs = np.zeros((table.closes[r], 5))
@@ -456,6 +479,7 @@ def top(
 ) -> float:  # fmt: skip
     """The largest sign (u - stop) in [tau, tau + width], with rates ``rise`` > 0 at its start and ``fall`` < 0 at its
     end: Newton's method for u' = 0 inside the bracket. u is flat there: half the digits of the time give all of it."""
+    # Start where the chord of the rates is zero.
     low, high = tau, tau + width
     found = 0.0
     at = low + width * rise / (rise - fall)
@@ -484,6 +508,7 @@ def peak(
     speeds: Array, terms: Array, seen: Array, pairs: Array, start: float, a: float, b: float, sign: float, stop: float
 ) -> float:
     """The largest sign (u - stop) for tau in [a, b], 0 at least."""
+    # Samples of value and rate, RADIANS apart.
     count = 1 + int((b - a) * fastest_of(speeds, pairs) / RADIANS)
     width = (b - a) / count
     values, rates = np.empty(count + 1), np.empty(count + 1)
@@ -492,6 +517,7 @@ def peak(
         carry(speeds, terms, seen, pairs, False, start, a + i * width, 0)
         values[i], rates[i] = sign * (seen[0, U] - stop), sign * seen[0, RATE]
         found = max(found, values[i])
+    # Below the largest sample by more than the cubics err, see RADIANS.
     reach = RIVAL * found
     for i in range(count):
         # A cubic that rises at first and falls at last is not above where its ends' tangents meet.
@@ -512,11 +538,13 @@ def area(
     close pairs by Gauss-Legendre quadrature."""
     carry(speeds, terms, seen, pairs, False, start, a, 1)
     carry(speeds, terms, seen, pairs, False, start, b - a, 0)  # for S and V alone
+    # The constant, then the integral of every term in closed form.
     tau = b - a
     total = (seen[0, CONSTANT] - stop) * tau
     for k in range(speeds.shape[1]):
         x = speeds[OMEGA, k] * tau
         z = x * x
+        # tau - sin(omega tau)/omega cancels for short times: there its series.
         if x < 0.5:
             T = tau**3 / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0))))
         else:
@@ -524,6 +552,7 @@ def area(
         total += terms[0, END + 2, k] * speeds[S, k] + terms[0, END + 3, k] * speeds[V, k] + terms[0, LEVEL, k] * T
     for k in range(pairs.shape[0]):
         w, frequency = pairs[k, 0], pairs[k, 1]
+        # Panels of 3 radians at most at w + frequency, about twice the frequency of eta.
         count = 1 + int(tau * (w + frequency) / 3.0)
         width = tau / count
         for i in range(count):

@@ -81,6 +81,7 @@ class Pairs:
         if self.exponentials is not None and self.exponentials.chains:
             x, y = self.pairs(self.exponentials.free(self.coefficients(x, y).T, tau).T)
         else:
+            # tau sinc(omega tau/pi) is sin(omega tau)/omega, regular at omega = 0.
             c, s = np.exp(self.sigma * tau) * [np.cos(self.omega * tau), tau * np.sinc(self.omega * tau / np.pi)]
             x, y = x * c + y * s, y * c - x * (self.omega**2 * s)
         q, v = (x @ a + y @ b for a, b in (self.outward[:2], self.outward[2:]))
@@ -91,6 +92,7 @@ def of_exponentials(regime: Regime, free: Modes) -> Pairs:
     """The pairs x = Re c, y = -omega Im c of complex modes, in the amplitudes of the ``free`` modes; of a chain's
     coefficients y = -Im c."""
     to = free.shapes.T @ free.mass
+    # Real eigenvalues and chains have no frequency to divide by: y = -Im c.
     turns = np.where((regime.eigenvalues.imag > 0.0) & regime.single, regime.eigenvalues.imag, 1.0)
     sigma, omega = regime.eigenvalues.real.copy(), np.where(regime.single, regime.eigenvalues.imag, 0.0)
     outward = [(f(z) / w).T for z in (to @ regime.W, to @ regime.W_rate) for f, w in ((np.real, 1.0), (np.imag, turns))]
@@ -154,6 +156,7 @@ class Source:
         basis = self.modes(sides, perturbation, rng)
         free = free or basis
         pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
+        # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
         close = close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
         if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
             span = min(self.span, t_end)
@@ -165,16 +168,19 @@ class Source:
             kappa, constant = contact.stops.spring(side)
             force -= kappa * np.outer(self.offsets[:, i], contact.row)
             force[0] += constant * contact.row
+        # Modal forces, and the way from the free modes to those of this regime.
         modal, inward = basis.force(force), np.eye(len(basis.omega))
         if any(sides):
             inward = free.shapes.T @ (self.system.mass @ basis.shapes)
         if perturbation is not None and rng is not None:
+            # A perturbed copy: both change by their rounding. Forces differ by side: other random numbers.
             size = perturbation.state
             if any(sides):
                 lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
                 inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
             own = np.random.default_rng([perturbation.seed, *(side + 2 for side in sides)])
             modal = modal + size * rounded_sum(force, basis.shapes) * own.uniform(-1.0, 1.0, modal.shape)
+        # The response P, but for close pairs: there it would be large, and they answer from rest.
         gain, pulls = basis.omega**2 - (self.drive.rates**2)[:, None], np.zeros((len(close), 2))
         gain[0] = np.inf  # the constant stays with the pairs
         if len(close):
@@ -184,6 +190,7 @@ class Source:
         P = modal / gain
         ways = np.zeros((2, 4, *inward.shape))  # what x makes of q', and y of q, is nothing
         ways[0, [PLACE_X, SPEED_Y]], ways[1, [X_PLACE, Y_SPEED]] = inward.T, inward
+        # P': (sin w t)' = w cos w t, (cos w t)' = -w sin w t
         rates = np.zeros_like(P)
         rates[1::2], rates[2::2] = -P[2::2] * self.drive.rates[2::2, None], P[1::2] * self.drive.rates[1::2, None]
         made = Pairs(
@@ -223,6 +230,7 @@ class Regimes:
         """Number of the regime with the contacts pressed on these sides. It is made, for motions to t_end, if it is
         new."""
         with self.making:
+            # The free regime first: all others are expressed in its modes.
             if self.free is None:
                 open_ = (0,) * len(sides)
                 made, self.free = self.source.regime(open_, self.perturbation, t_end, None)
@@ -236,6 +244,7 @@ class Regimes:
         table, r = self.table, len(self.made)
         self.number[sides] = r
         self.made.append(made)
+        # Twice the rows when the table is full, and wider arrays for a regime with more pairs: filled anew.
         R, K, p = len(table.sizes), table.sigma.shape[1], table.close.shape[1]
         if r >= R or len(made.sigma) > K or len(made.close) > p:
             room = 2 * r if r >= R else R
@@ -268,11 +277,13 @@ class Regimes:
         table.sigma[r, :size], table.omega[r, :size], table.level[r, :size] = made.sigma, made.omega, made.level
         drives = np.array(source.drive.frequencies)
         sigma, omega = np.append(made.sigma, 0.0 * drives), np.append(made.omega, drives)
+        # From slow to fast, as the search expects its terms.
         order = np.argsort(np.hypot(sigma, omega), kind="stable")
         table.order[r, : len(order)] = order
         table.speeds[r, 0, : len(order)], table.speeds[r, 1, : len(order)] = sigma[order], omega[order]
         table.outward[r, :, :size], table.inward[r, :, :, :size] = made.outward, made.inward
         table.response[r, :, :, : made.response.shape[2]] = made.response
+        # Every contact's view of the pairs and of the drive, its offset included.
         for i, contact in enumerate(source.system.contacts):
             row = self.free.force(contact.row)
             table.rows[r, :, i, :size] = made.outward[:2] @ row
@@ -289,6 +300,7 @@ class Regimes:
         eta, rate = basis.to_modal(q), basis.to_modal(v)
         if self.perturbation is None or settled:
             return eta, rate
+        # A perturbed copy: amplitudes change in proportion to the largest of motion and drive, in energy.
         drive, size = self.source.drive, self.perturbation.state
         omega, turned = basis.omega, basis.mass @ basis.shapes
         slowest = omega[omega > 0.0][:1]  # what a constant load moves, it moves at natural frequencies
@@ -299,6 +311,7 @@ class Regimes:
             pushed = float(np.max(np.abs(basis.force(self.source.system.load(0.0)))))  # modal: in the units of ``rate``
             driven = pushed / (slowest if len(slowest) else np.array([np.inf]))
         least = max(float(np.max(np.hypot(omega * eta, rate))), float(np.max(driven)))
+        # A slow mode is changed by least/omega, though by no more than 1e8 times that of the fastest.
         noise = np.random.default_rng([self.perturbation.seed, 99]).uniform(-1.0, 1.0, (2, eta.size))
         scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * omega[-1]), slowest[0] if len(slowest) else np.inf)
         eta = eta + size * (least / scale + rounded_sum(q, turned)) * noise[0]

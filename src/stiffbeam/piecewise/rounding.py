@@ -48,6 +48,7 @@ class Correction(NamedTuple):
         """These modes, off by ``size`` and by size/eps times what the correction loses."""
         n = len(self.squares)
         noise = rng.uniform(-1.0, 1.0, (n + 1, n))
+        # abs: the change of a square near zero may exceed it.
         omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.own * np.diag(noise)))
         shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost * noise[:n])
         return replace(self.base, omega=omega, shapes=shapes)
@@ -63,11 +64,13 @@ def correction(system: System, springs: Sequence[tuple[Array, float]], base: Mod
     wide = np.longdouble if base.omega.size <= WIDE else np.float64
     X, mass, factor = base.shapes.astype(wide), system.mass, system.stiffness_factor
     sizes = np.abs(base.shapes)
+    # The factor G, K = G^T G, loses the digits of w_max/w_1, and K those of its square.
     if factor is not None:
         bent = factor.astype(wide) @ X
         S, terms = bent.T @ bent, np.abs(bent.astype(float)).T @ (np.abs(factor) @ sizes)
     else:
         S, terms = X.T @ (system.stiffness.astype(wide) @ X), sizes.T @ (np.abs(system.stiffness) @ sizes)
+    # Springs are added in extended precision: beside a hard one, K would lose its soft digits.
     for row, kappa in springs:
         seen = row.astype(wide) @ X
         S = S + wide(kappa) * np.outer(seen, seen)
@@ -76,11 +79,13 @@ def correction(system: System, springs: Sequence[tuple[Array, float]], base: Mod
     R = X.T @ (lumped[:, None] * X if np.count_nonzero(mass) == np.count_nonzero(lumped) else mass.astype(wide) @ X)
     squares = np.diag(S) / np.diag(R)
     apart = (squares[None, :] - squares[:, None]).astype(float)
+    # Squares that agree to half the digits of float64 count as equal: a quotient by their difference is rounding.
     near = np.abs(apart) <= 1e-8 * np.maximum(squares[None, :], squares[:, None]).astype(float)
     rigid = base.omega == 0.0  # any two rigid motions are as good as two others
     near |= rigid[:, None] & rigid[None, :]
     apart = np.where(near, 1.0, apart)
     E = np.where(near, -0.5 * R.astype(float), (S - squares * R).astype(float) / apart)
     np.fill_diagonal(E, (0.5 * (1 - np.diag(R))).astype(float))
+    # Rounding of S in the precision used, in units of the eps of float64.
     lost = float(np.finfo(wide).eps) / float(np.finfo(float).eps) * (terms + terms.T)
     return Correction(base, squares.astype(float), E, np.where(near, 0.0, lost / apart), np.diag(lost).copy())

@@ -65,6 +65,7 @@ def least(p0: float, p1: float, p2: float, p3: float, step: float) -> float:
     low = min(p0, p0 + step * (p1 + step * (p2 + step * p3)))
     discriminant = p2 * p2 - 3.0 * p1 * p3
     if discriminant > 0.0:
+        # Zeros q/(3 p3) and p1/q of the derivative: q adds terms of one sign, so that neither zero cancels.
         q = -(p2 + math.copysign(math.sqrt(discriminant), p2))
         s = q / (3.0 * p3) if p3 != 0.0 else -1.0
         if 0.0 < s < step:
@@ -121,9 +122,12 @@ def first_leap(terms: Array, seen: Array, chi: IntArray, g1: Array, g2: Array, r
         u, rate = seen[i, U], abs(seen[i, RATE])
         upper, lower = abs(u - g2[i]), abs(u - g1[i])
         if resting[i] != 0:
+            # gap/s is compared with bend s^3/162, see ``off`` in ``search``: 40 allows a quarter of the rate.
             step = min(step, (40.0 * rate / bend) ** (1.0 / 3.0))
+        # The nearer stop of a contact that has just switched has gap zero: only the other one limits by distance.
         gap = max(upper, lower) if resting[i] != 0 else min(upper, lower)
         if (chi[i] == 0 or resting[i] == 0) and gap < math.inf:
+            # The error bend h^4/384 is half of the gap at h^4 = 192 gap/bend.
             step = min(step, math.sqrt(math.sqrt(190.0 * gap / bend)))
     return step
 
@@ -138,8 +142,10 @@ def pin(
     Newton's method, the first step with u'' as well, inside the bracket.
     """
     gap, rate, b2 = sign * (seen[i, U + end] - stop), sign * seen[i, RATE + end], seen[i, B2]
+    # The first step: the zero of the parabola through gap, rate and curvature, in the form that does not cancel.
     curve = sign * curvature(speeds, terms, pairs, start, tau, end, i)
     root = math.sqrt(max(0.0, rate * rate - 2.0 * curve * gap))
+    # The gap is positive at low and negative at high; steps that leave the bracket become bisections.
     low, high = 0.0, until
     s = 2.0 * gap / (root - rate)
     evaluations = 0
@@ -155,6 +161,7 @@ def pin(
         move = -gap / rate if rate < 0.0 else math.inf
         if not low <= s + move <= high:
             move = 0.5 * (low + high) - s
+        # The next Newton step would be b2 move^2/(2 |rate|), less than the rounding of the time.
         enough = EPS * (start + tau + s)
         s += move
         if abs(move) <= enough or b2 * move * move <= -rate * enough:
@@ -175,6 +182,7 @@ def search(
     overflows or the search stands still.
     """
     m, K = terms.shape[0], terms.shape[2]
+    # Rounding of a gap per unit of its terms; the errors of K terms add up like sqrt(K).
     nu = EPS * (ROUNDINGS + 2.0 * math.sqrt(K))
     rest = t_end - start
     damped = False
@@ -182,6 +190,7 @@ def search(
         damped |= speeds[SIGMA, k] != 0.0
     end = 0
     tau = 0.0
+    # State, bounds and first leap at the start. Without damping these bounds hold for the whole segment.
     carry(speeds, terms, seen, pairs, damped, start, tau, end)
     measure(speeds, terms, damped, end)
     for i in range(m):
@@ -195,13 +204,16 @@ def search(
     while True:
         if stands_still(evaluations, speeds[SIGMA], speeds[OMEGA], tau, rest):
             raise SolverFailure("exact", start + tau, "the search for the next event stands still", REMEDY)
+        # A leap: the gaps between its ends are cubics with bounded errors.
         if not near:
+            # No shorter than the rounding of the time, so that time goes on.
             step = min(max(leap, EPS * (start + tau), SHORTEST * t_end), rest - tau)
             last = step >= rest - tau
             carry(speeds, terms, seen, pairs, damped, start, tau + step, 1 - end)
             evaluations += 1
             slow = resolved(speeds, step)
             verdict = CLEAR
+            # The error grows like step^4: a larger ratio than this cannot lengthen the next leap.
             ratio = LONGER**4
             first = target = step
             soon = math.inf
@@ -209,6 +221,7 @@ def search(
                 p0, p1, p2, p3, error = cubic(
                     speeds, terms, seen, pairs, damped, start, tau, step, slow, end, i
                 )  # fmt: skip
+                # The stop whose gap is exactly zero if the contact has switched at the start.
                 nearest = 1 if abs(seen[i, U + end] - g2[i]) <= abs(seen[i, U + end] - g1[i]) else -1
                 for side in (1, -1):
                     sign = side_of(chi[i], side)
@@ -217,29 +230,38 @@ def search(
                         continue
                     band = nu * (abs(stop) + seen[i, B0])
                     if tau == 0.0 and resting[i] != 0 and side == nearest:
+                        # This gap is zero at s = 0, so gap/s is tested. The cubic errs by M s^2 (step - s)^2/24 with
+                        # M >= |x''''|; divided by s that is M step^3/162 at most. The error of fast terms does not
+                        # vanish at s = 0: they need a shorter step.
                         off = 384.0 * error / (162.0 * step) + 8.0 * band / step
                         if slow < K or not least(sign * p1, sign * p2, sign * p3, 0.0, step) > off:
                             verdict = UNKNOWN
                             target = min(target, 0.6 * reached(sign * p1, sign * p2, sign * p3, 0.0, step))
                             if off > 0.0:
+                                # off grows like step^3: the next step keeps it at a quarter of the rate.
                                 target = min(target, step * (max(0.0, 0.25 * sign * p1 / off)) ** (1.0 / 3.0))
                         continue
+                    # Open during all of the leap if the least of the cubic exceeds its error.
                     wrong = error + 2.0 * band
                     gap = sign * (p0 - stop)
                     low = least(gap, sign * p1, sign * p2, sign * p3, step)
                     if low > wrong:
                         ratio = min(ratio, low / wrong)
+                        # A closing gap limits the next leap to the time of its zero at the present rate.
                         gap, rate = sign * (seen[i, U + 1 - end] - stop), sign * seen[i, RATE + 1 - end]
                         if rate < 0.0:
                             soon = min(soon, -AHEAD * gap / rate)
                         continue
+                    # The cubic may close: at ``crossing`` it is zero, until ``ahead`` the gap is provably open.
                     crossing = reached(gap, sign * p1, sign * p2, sign * p3, step)
                     ahead = reached(gap - wrong, sign * p1, sign * p2, sign * p3, step) if gap > wrong else 0.0
+                    # It crosses zero, and its error matters only shortly before: go to ``ahead``.
                     if low <= 0.0 and ahead > 0.7 * crossing:
                         first = min(first, ahead)
                         target = min(target, 2.0 * (crossing - ahead))
                         verdict = CROSSES if verdict == CLEAR else verdict
                         continue
+                    # Too coarse to decide. The error falls like step^4, so that a shorter leap decides.
                     verdict = UNKNOWN
                     share = math.sqrt(math.sqrt(max(low, 0.5 * gap) / wrong))
                     target = min(target, 0.75 * crossing, SAFELY * step * share)
@@ -252,9 +274,11 @@ def search(
                 if damped:
                     measure(speeds, terms, damped, end)
                 continue
+            # Shorter each time, but no single estimate cuts a leap to less than a fiftieth of the step.
             leap = min(0.7 * step, max(0.02 * step, target))
             if verdict == CROSSES and first > 0.0:
                 leap = max(target, 0.02 * step)
+                # Every gap is open up to ``first``: go there. The steps below complete the crossing.
                 tau += first
                 carry(speeds, terms, seen, pairs, damped, start, tau, end)
                 evaluations += 1
@@ -268,6 +292,7 @@ def search(
             if damped:
                 bounds(speeds, terms, seen, pairs, damped, rest, end, i)
             b0, b2, b3 = seen[i, B0], seen[i, B2], seen[i, B3]
+            # Infinite or NaN bounds prove nothing.
             if not b0 + b2 + b3 < math.inf:
                 raise SolverFailure("exact", start + tau, "the motion overflows float64", REMEDY)
             u, speed = seen[i, U + end], seen[i, RATE + end]
@@ -283,6 +308,7 @@ def search(
                 safe, verdict = gap_step(gap, rate, b2, b3, band, start + tau)
                 if verdict == UNCLEAR:
                     series, sizes = np.empty(ORDER + 1), np.empty(ORDER + 1)
+                    # A leap has left C, S and V of its far end in ``speeds``; ``derivatives`` needs those at tau.
                     carry(speeds, terms, seen, pairs, damped, start, tau, end)
                     derivatives(speeds, terms, seen, pairs, start, tau, rest, end, i, series, sizes)
                     as_gap(series, sizes, sign, stop, zero)
@@ -298,6 +324,7 @@ def search(
                     closing, closer, toward = 2.0 * (gap + band) / (math.sqrt(left) - rate), i, side
                 else:
                     step = min(step, safe)
+        # All other gaps are open until this one is through: its zero is the first event.
         if closing < step:
             sign, stop = side_of(chi[closer], toward), g2[closer] if toward > 0 else g1[closer]
             s, used = pin(speeds, terms, seen, pairs, damped, start, tau, closing, sign, stop, end, closer)
@@ -309,6 +336,7 @@ def search(
             step = min(step, safe_step(sign * (u - stop), sign * speed, seen[closer, B2]))
         if not near and step < 0.5 * leap:
             continue  # a leap is longer
+        # A short safe step, again no shorter than the rounding of the time.
         step = max(step, EPS * (start + tau), SHORTEST * t_end)
         if start + tau + step >= t_end:
             return rest, -1, 0, evaluations

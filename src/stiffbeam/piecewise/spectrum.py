@@ -69,6 +69,7 @@ def groups(
     damped = np.any(joined, axis=0) | np.any(joined, axis=1)
     s = np.where(omega * span >= 1.0, omega, 1.0 / span)
     found: list[Group] = []
+    # Undamped modes in closed form; one slower than the span keeps the real basis (s eta, eta').
     for j in np.flatnonzero(~damped):
         V = np.zeros((2 * n, 2), complex)
         V[j, 0], V[n + j, 1] = 1.0, 1.0
@@ -77,6 +78,7 @@ def groups(
             found.append(Group(np.array([[1j * omega[j]]]), V @ np.array([[1.0], [1.0j]]), left @ V.T, True))
         else:
             found.append(Group(np.array([[0.0, s[j]], [-(omega[j] ** 2) / s[j], 0.0]], complex), V, V.T, False))
+    # Damped modes: one eigenproblem for each set that the damping joins.
     part = np.zeros(n, np.int64)
     if not np.all(joined):
         _, part = scipy.sparse.csgraph.connected_components(joined, directed=False)
@@ -87,6 +89,7 @@ def groups(
         if rng is not None and m > 1:  # of one mode the vectors are its eigenvalues, see ``known_until``
             A += size * np.linalg.norm(A, 2) * rng.uniform(-1.0, 1.0, A.shape)
         for group in (_of_one(float(s[here[0]]), float(w[0]), float(A[1, 1]), span) if m == 1 else []) or _of(A, span):
+            # From the coordinates of the set to those of all modes.
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
             found.append(Group(group.T, V, L, group.paired))
@@ -104,6 +107,7 @@ def _of_one(s: float, w: float, rate: float, span: float) -> list[Group]:
     values = [large, w * w / large] if root.real else [complex(large.real, abs(large.imag))]
     found = []
     for value in values:
+        # [s, lambda] and [-w^2/s, lambda] are the right and left eigenvectors of A.
         right, left = np.array([[s], [value]]), np.array([[-w * w / s, value]])
         cosine = abs((left @ right)[0, 0]) / (np.linalg.norm(left) * np.linalg.norm(right))
         if cosine * SENSITIVE < 1.0 or (abs(value) * span < 1.0 and value.imag != 0.0):
@@ -117,10 +121,12 @@ def _of(A: Array, span: float) -> list[Group]:
     """The groups of the real matrix A of which no conjugate is kept twice. Those slower than the span are together, in
     a real basis: their answer to a constant is the small difference of large ones."""
     values, left, right = (x.astype(complex) for x in scipy.linalg.eig(A, left=True))  # type: ignore[misc]
+    # Left and right eigenvectors become orthogonal where eigenvalues meet.
     cosine = np.abs(np.sum(left.conj() * right, axis=0))
     cosine /= np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
     sensitive = cosine * SENSITIVE < 1.0
     sensitive |= (np.abs(values) * span < 1.0) & (np.imag(values) != 0.0)
+    # A basis for every set: an eigenvector, or the space of those that meet.
     sets = [[int(j)] for j in np.flatnonzero(~sensitive)] + _together(values, np.flatnonzero(sensitive), span)
     spaces = [right[:, own] if len(own) == 1 else _space(A, values, own) for own in sets]
     basis = np.hstack(spaces)
@@ -130,6 +136,7 @@ def _of(A: Array, span: float) -> list[Group]:
             "damping", f"eigenvectors of condition {condition:.1g}", f"keep it below {CONDITION_LIMIT:g}",
             "its modes are further apart than float64 holds together: use the adaptive solver cvode",
         )  # fmt: skip
+    # Of conjugate sets the one above the real axis stays; a set with its own conjugates is real.
     inverse, found, begin = np.linalg.inv(basis), [], 0
     for own, V in zip(sets, spaces, strict=True):
         L = inverse[begin : begin + len(own)]
@@ -155,6 +162,7 @@ def known_until(omega: Array, damping: Array, tolerance: float) -> float:
     n, s = len(omega), np.where(omega > 0.0, omega, np.max(omega, initial=0.0) or 1.0)
     A = np.block([[np.zeros((n, n)), np.diag(s)], [-np.diag(omega**2 / s), -damping]])
     values, right = (np.asarray(x) for x in scipy.linalg.eig(A)[:2])
+    # Newton's step measures the error of each eigenvalue, which over the time t changes the motion by |off| t.
     off = eigenvalues_off(values, right[:n] / s[:, None], damping, omega)
     lost = np.abs(off) > tolerance * np.abs(values + off)
     return float(tolerance / np.max(np.abs(off[lost]))) if np.any(lost) else np.inf
@@ -165,6 +173,7 @@ def _together(values: Complex, sensitive: NDArray[np.int64], span: float) -> lis
     sets: list[list[int]] = []
     for j in sensitive.tolist():
         size = max(TOGETHER * abs(values[j]), 1.0 / span)
+        # All sets near the new value become one with it.
         near = [own for own in sets if np.min(np.abs(values[own] - values[j])) <= size]
         sets = [own for own in sets if own not in near] + [[j, *(i for own in near for i in own)]]
     return sets
@@ -176,11 +185,13 @@ def _space(A: Array, values: Complex, own: list[int]) -> Complex:
     inside = values[own]
     others = np.delete(values, own)
 
+    # Schur's eigenvalues differ from ``values`` by rounding: the nearest one decides.
     def chosen(value: complex) -> bool:
         return bool(np.min(np.abs(inside - value)) < np.min(np.abs(others - value), initial=np.inf))
 
     made: Any = scipy.linalg.schur(A.astype(complex), output="complex", sort=chosen)
     _, Q, count = made
+    # These eigenvalues are too close to others: Schur's form does not split as the sets do.
     if count != len(own):
         raise InputError(
             "damping", f"{len(own)} eigenvalues that meet", "keep them apart from the others",
@@ -189,6 +200,7 @@ def _space(A: Array, values: Complex, own: list[int]) -> Complex:
     Q = Q[:, :count]
     if np.all(inside.imag > 0.0) or np.all(inside.imag < 0.0):
         return Q
+    # The complex space is its own conjugate: real and imaginary parts of its basis span it, of rank k.
     return np.linalg.svd(np.hstack([Q.real, Q.imag]))[0][:, :count]
 
 
@@ -273,6 +285,7 @@ def differences(nodes: Array, tau: float, out: Array) -> None:
     divided by 2^s, squared s times (McCurdy, Ng and Parlett, Math. Comp. 43, 1984). All of it relative to the
     largest real part, so that nothing overflows.
     """
+    # Relative to the largest real part no exponential exceeds 1; the mean imaginary part keeps the nodes small.
     K = nodes.size
     top = -math.inf
     middle = 0.0
@@ -283,11 +296,13 @@ def differences(nodes: Array, tau: float, out: Array) -> None:
     widest = 0.0
     for k in range(K):
         widest = max(widest, abs(nodes[k] - centre) * tau)
+    # Within 1 of the centre the series converges in TERMS terms.
     halvings = 0
     while widest > 1.0 and halvings < 1000:
         widest *= 0.5
         halvings += 1
     scale = 0.5**halvings
+    # exp(Z) by Taylor's series; nodes and ones of Z are divided by 2^halvings.
     Z = np.zeros((K, K), np.complex128)
     E = np.zeros((K, K), np.complex128)
     term = np.zeros((K, K), np.complex128)
@@ -299,12 +314,14 @@ def differences(nodes: Array, tau: float, out: Array) -> None:
         term[i, i] = 1.0
     for m in range(1, TERMS):
         for i in range(K):
+            # From the right, since term[i, j] needs the old term[i, j - 1].
             for j in range(K - 1, i - 1, -1):
                 x = term[i, j] * Z[j, j]
                 if j > i:
                     x += term[i, j - 1] * Z[j - 1, j]
                 term[i, j] = x / m
                 E[i, j] += x / m
+    # Squared as often as it was halved; products of triangular matrices stay triangular.
     for _ in range(halvings):
         for i in range(K):
             for j in range(K - 1, i - 1, -1):
@@ -313,6 +330,7 @@ def differences(nodes: Array, tau: float, out: Array) -> None:
                     x += E[i, k] * E[k, j]
                 term[i, j] = x
         E[:] = term
+    # The ones of Z lack tau: D_j gains tau^j. The exponential of the centre comes back.
     factor = np.exp(centre * tau)
     for j in range(K):
         out[j] = factor * E[0, j]
@@ -346,9 +364,11 @@ def largest(nodes: Array, count: int, tau: float, ahead: float, out: Array) -> N
         for i in range(count - n):
             decay[i] = max(decay[i], nodes[i + n].real)
             s = end
+            # s^n exp(sigma s) is largest at s = -n/sigma, or at the nearer end of the interval.
             if decay[i] * end < -n:
                 s = max(tau, -n / decay[i])
             size = s**n / factorial * math.exp(decay[i] * s)
+            # Where nodes lie far apart, the bound by their quotient is smaller.
             apart = abs(nodes[i] - nodes[i + n])
             if apart * size > row[i] + row[i + 1]:
                 size = (row[i] + row[i + 1]) / apart

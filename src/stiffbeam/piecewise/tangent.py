@@ -64,6 +64,7 @@ class Tangent:
         directions = np.zeros((2 * generators.n, 0)) if directions is None else directions
         self.count = self.parameters + directions.shape[1]
         basis, k, N = generators.basis, len(path.times), generators.N
+        # Z at the start of every segment.
         self.intervals = [basis.interval(t) for t in path.times.tolist()]
         g = [basis.values(t, i) for t, i in zip(path.times.tolist(), self.intervals, strict=True)]
         self.Z = np.hstack([path.q, path.v, np.array(g).reshape(k, -1)])
@@ -72,6 +73,7 @@ class Tangent:
         self.regimes = [
             generators.regime(self._regime_sides(i), path.rigid, interval) for i, interval in enumerate(self.intervals)
         ]
+        # Segments of one regime share its eigenvectors: most work is done a regime at a time.
         self.groups: dict[int, list[int]] = {}
         for i, regime in enumerate(self.regimes):
             self.groups.setdefault(id(regime), []).append(i)
@@ -79,6 +81,7 @@ class Tangent:
         self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
         self.ties: list[float] = []  # rigid: times of impacts together that have none
+        # Derivatives of the start: of its data by the parameters, then the directions.
         start = np.zeros((N, self.count))
         for p, column in enumerate(generators.columns):
             start[: generators.n, p], start[generators.n : 2 * generators.n, p] = column.q0, column.v0
@@ -91,6 +94,7 @@ class Tangent:
 
     def _follow(self, dZ: Array) -> Array:
         """Fill dZ at the starts of all segments; return those at the end of the last."""
+        # The part of dA first, all segments of a regime at once; then from event to event.
         driven = np.zeros((len(self.Z), self.generators.N, self.parameters))
         eye = np.eye(self.generators.N)
         for members in self.groups.values():
@@ -117,16 +121,19 @@ class Tangent:
         if self.path.rigid:
             return self._struck(i, dZ) if i in self.path.hits else self._renewed(i, dZ)
         generators, n = self.generators, self.generators.n
+        # Without damped stops no force jumps, and dZ is continuous.
         if not self._jumps:
             return self._renewed(i, dZ)
         for contact in np.flatnonzero((before == 0) & (after != 0)).tolist():
             c = generators.data.c[contact]
             if c > 0.0:
+                # The event ends segment i - 1: its gap is in the functions of that segment.
                 form, derived = generators.gap(contact, int(np.sign(after[contact])), self.intervals[i - 1])
                 Z = self._clock_before(i)
                 if grazes(form, self.regimes[i - 1], Z, self.graze):
                     self.grazes.append(float(self.path.times[i]))
                 late = self.slope_of(form, derived, Z, dZ)
+                # A neighbour enters later by -late/d', without the force c d' until then.
                 dZ = dZ.copy()
                 dZ[n : 2 * n] -= c * np.outer(self._back[:, contact], late)
         return self._renewed(i, dZ)
@@ -159,6 +166,7 @@ class Tangent:
         """Z at the end of segment i - 1."""
         Z = self.regimes[i - 1].ahead(self.Z[i - 1][:, None], float(self.lengths[i - 1]))[:, 0]
         n = self.generators.n
+        # Positions are continuous, velocities are those before the blow.
         Z[:n] = self.path.q[i]
         Z[2 * n :] = self._clock_before(i)[2 * n :]
         return Z
@@ -166,15 +174,18 @@ class Tangent:
     def _struck(self, i: int, dZ: Array) -> Array:
         """dZ behind impacts on rigid stops: one after the other where they do not change each other."""
         before, after, hits = self.path.sides[i - 1].copy(), self.path.sides[i], list(self.path.hits[i])
+        # Free contacts one after the other, the fastest first; if all were held, the fastest alone.
         Z = self._before(i)
         speeds = {c: abs(self._speed(c, i, Z)) for c in hits}
         free = sorted((c for c in hits if not before[c]), key=lambda c: -speeds[c]) or [
             max(hits, key=lambda c: speeds[c])
         ]
+        # Held contacts take part in every blow: those in ``hits`` and those that stay held.
         taking = [c for c in hits if c not in free]
         taking += [c for c in np.flatnonzero(before & after).tolist() if c not in hits]
         if len(free) > 1 and not self._apart(free, taking):
             self.ties.append(float(self.path.times[i]))
+        # Between two blows at one time the contacts hit so far are in their state after it, for no time.
         for k, c in enumerate(free):
             first = (
                 self.regimes[i - 1] if k == 0 else self.generators.regime(tuple(before), True, self.intervals[i - 1])
@@ -188,10 +199,12 @@ class Tangent:
     def _apart(self, free: Sequence[int], taking: Sequence[int]) -> bool:
         """Return True where blows on the ``free`` contacts change neither each other's speeds nor accelerations."""
         data = self.generators.data
+        # Velocities that an impulse on each causes, while the others taking part stay held.
         H = data.rows[list(taking)]
         right = np.zeros((self.generators.n + len(H), len(free)))
         right[: self.generators.n] = data.rows[list(free)].T
         back = saddle(data.mass, H)(right)[: self.generators.n]
+        # Speeds change by M^-1, accelerations by the damping force of the changed speeds.
         for coupled in (data.rows[list(free)] @ back, back.T @ data.damping @ back):
             size = np.sqrt(np.abs(np.diag(coupled)))
             if np.any(np.abs(coupled - np.diag(np.diag(coupled))) > APART * np.outer(size, size)):
@@ -217,12 +230,14 @@ class Tangent:
         """
         generators, n, interval = self.generators, self.generators.n, self.intervals[i - 1]
         data, after, hit = generators.data, self.path.sides[i], taking[0]
+        # Gap rates before the blow. A contact that stays on its stop has no rebound.
         rates = [generators.rate(*generators.gap(c, 1, interval)) for c in taking]
         arriving = np.array([form @ Z for form, _ in rates])
         e = np.array([0.0 if after[c] else data.restitution[c] for c in taking])
         form, derived = generators.gap(hit, int(np.sign(arriving[0])) or 1, interval)
         if grazes(form, flows[0], Z, self.graze):
             self.grazes.append(float(self.path.times[i]))
+        # The time of the impact, and dZ there.
         gone = self.slope_of(form, derived, Z, dZ)
         late = -gone / arriving[0] if arriving[0] else np.full(dZ.shape[1], np.nan)
         moved = dZ + np.outer(flows[0].A @ Z, late)
@@ -231,6 +246,7 @@ class Tangent:
         solve = saddle(data.mass, H)
         shift = np.array([rate[2 * n :] @ Z[2 * n :] for rate, _ in rates])
         X = solve(np.concatenate([data.mass @ Z[n : 2 * n], -e * arriving - shift])[:, None])
+        # The same equation differentiated: its right side, and the change of its matrix by the parameters.
         right = np.zeros((n + len(taking), dZ.shape[1]))
         right[:n] = data.mass @ moved[n : 2 * n]
         for k, (c, (rate, rate_slopes)) in enumerate(zip(taking, rates, strict=True)):
@@ -243,6 +259,7 @@ class Tangent:
             right[:n, p] += column.mass @ Z[n : 2 * n]
             right[:, p] -= saddle_times(column.mass, column.rows[list(taking)], X)[:, 0]
         dX = solve(right)
+        # Impulses with derivatives; velocities behind the blow, brought back to a fixed time.
         of_segment = self.impulses.setdefault(i, {})
         of_segment |= {c: (float(X[n + k, 0]), dX[n + k]) for k, c in enumerate(taking)}
         self.hit_slopes[i, hit] = late
@@ -259,6 +276,7 @@ class Tangent:
             return self._rigid_slope(i, contact)
         generators, interval = self.generators, self.intervals[i - 1]
         old, new = int(self.path.sides[i - 1][contact]), int(self.path.sides[i][contact])
+        # h of the event: the gap, or the force of a damped stop.
         side, Z = int(np.sign(new or old)), self._clock_before(i)
         force = switched_by_force(old, new)
         form, derived = (generators.pressure if force else generators.gap)(contact, side, interval)
@@ -283,6 +301,7 @@ class Tangent:
         regime = self.regimes[i - 1]
         if i in self.path.hits or contact not in regime.held:
             return unknown
+        # A release: h is the reaction of the contact.
         k, Z = regime.held.index(contact), self._before(i)
         form = regime.reactions[k]
         if grazes(form, regime, Z):
@@ -304,6 +323,7 @@ class Tangent:
         values, slopes = np.zeros((len(t), width)), np.zeros((len(t), width, self.count))
         for members in self.groups.values():
             here = np.flatnonzero(np.isin(segment, members))
+            # Parts of some 1e6 numbers, so that they fit into memory.
             for part in np.array_split(here, 1 + len(here) * self.generators.N * (2 + self.count) // 1_000_000):
                 if len(part):
                     own = segment[part]
@@ -339,6 +359,7 @@ class Tangent:
         self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array, derived: Sequence[Array]
     ) -> tuple[Array, Array]:
         """Values (k, f) and derivatives (k, f, columns) of forms in one regime."""
+        # Forms and their derivatives in one product.
         every = np.concatenate([form, *derived])
         f = len(form)
         if regime.eigen is None:
@@ -348,9 +369,11 @@ class Tangent:
         else:
             rates, V, W = regime.eigen
             seen, U = self._values(regime, own, tau, every), form @ V
+            # dZ in eigenvectors once a segment, however many times lie in it.
             unique, where = np.unique(own, return_inverse=True)
             E, turned = np.exp(np.multiply.outer(tau, rates)), (W @ self.dZ[unique])[where]
             slopes = (U @ (E[:, :, None] * turned)).real
+        # dA within the segment, then the forms' derivatives in the parameters.
         slopes[:, :, : self.parameters] += regime.seen(form, self.Z[own], tau)
         for p in range(len(derived)):
             slopes[:, :, p] += seen[:, f * (p + 1) : f * (p + 2)]
@@ -359,6 +382,7 @@ class Tangent:
 
 def grazes(form: Array, regime: RegimeFlow, Z: Array, depth: float = GRAZE) -> bool:
     """Return True if a zero of the form h is a graze to rounding: h'^2 <= 2 |h''| depth sum |terms of h|."""
+    # The parabola with h' and h'' turns within ``depth`` of the terms of h.
     rate = regime.A @ Z
     size = float(np.abs(form) @ np.abs(Z))
     return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * depth * size

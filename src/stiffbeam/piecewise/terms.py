@@ -29,6 +29,7 @@ from .touching import ORDER
 
 # pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
 QUARTER, QUARTER_2, QUARTER_3 = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116645580e-21
+# Below 2^20 pi/2 = 1.647e6, so that k stays below 2^20.
 MOST_RADIANS = 1.6e6  # that many quarters
 
 
@@ -36,9 +37,11 @@ MOST_RADIANS = 1.6e6  # that many quarters
 def oscillation(omega: float, tau: float) -> tuple[float, float, float]:
     """cos(omega tau), sin(omega tau)/omega, (1 - cos(omega tau))/omega^2, regular at omega = 0."""
     x = omega * tau
+    # At 1e-4 the next terms of the three series are below 5e-18.
     if x > 1e-4:
         s = math.sin(x)
         c = math.cos(x)
+        # 1 - cos cancels near cos = 1: there sin^2/(1 + cos).
         versine = 1.0 - c if c < 0.5 else s * s / (1.0 + c)
         return c, s / omega, versine / (omega * omega)
     return 1.0 - 0.5 * x * x, tau * (1.0 - x * x / 6.0), 0.5 * tau * tau * (1.0 - x * x / 12.0)
@@ -54,12 +57,15 @@ def oscillations(omega: Array, tau: float, c: Array, s: Array, v: Array) -> None
     for j in range(omega.size):
         fastest = max(fastest, omega[j])
     if not fastest * tau < MOST_RADIANS:
+        # One argument beyond the exact reduction sends all to the library.
         for j in range(omega.size):
             c[j], s[j], v[j] = oscillation(omega[j], tau)
         return
     for j in range(omega.size):
+        # No branches, so that the loop goes into vector registers: both cases are computed, then one is chosen.
         x = omega[j] * tau
         k = math.floor(x * (2.0 / math.pi) + 0.5)
+        # k QUARTER is exact, and the later parts restore what it leaves out of k pi/2: in this order only.
         r = ((x - k * QUARTER) - k * QUARTER_2) - k * QUARTER_3
         z = r * r
         sine = r + r * z * (
@@ -70,6 +76,7 @@ def oscillations(omega: Array, tau: float, c: Array, s: Array, v: Array) -> None
             4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * (
             -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11))))
         )  # fmt: skip
+        # The quarter decides which polynomial is the cosine, and both signs.
         turn = k - 4.0 * math.floor(0.25 * k)  # quarters: 0, 1, 2 or 3
         even = turn == 0.0 or turn == 2.0
         a = cosine if even else sine
@@ -100,10 +107,12 @@ def from_rest(omega: float, frequency: float, tau: float) -> tuple[float, float]
     over_d = math.sin(d * tau) / d if abs(d * tau) > 1e-9 else tau
     cosine = 0.5 * over_m * over_d
     if (omega + frequency) * tau > 1.0:
+        # 4 m d = omega^2 - frequency^2, without the cancellation of the squares.
         if abs(d) > 0.25 * m:
             over = math.sin(omega * tau) / omega if omega * tau > 1e-9 else tau
             return cosine, 0.25 * (math.sin(frequency * tau) - frequency * over) / (m * d)
         return cosine, 0.5 * (over_m * math.cos(d * tau) - math.cos(m * tau) * over_d) / omega
+    # The series: the first term left out, n = 9, is below 6/21! = 1e-19 of the leading one.
     x = (omega * tau) ** 2
     y = (frequency * tau) ** 2
     power = 1.0
@@ -123,6 +132,7 @@ def pair(
     w: float, frequency: float, force_sine: float, force_cosine: float, start: float, tau: float
 ) -> tuple[float, float, float]:
     """eta, eta', eta'' at start + tau of a close pair: a mode w that answers a drive from rest at ``start``."""
+    # The force in time since the start: a cos(frequency tau) + b sin(frequency tau).
     s = math.sin(frequency * start)
     c = math.cos(frequency * start)
     a = force_sine * s + force_cosine * c
@@ -224,6 +234,7 @@ def carry(
             terms[i, x, k] = terms[i, X, k] * speeds[C, k] + terms[i, Y, k] * speeds[S, k]
         for k in range(K):
             terms[i, y, k] = terms[i, Y, k] * speeds[C, k] - terms[i, X, k] * speeds[SQUARE, k] * speeds[S, k]
+        # With damping every level is 0.
         if not damped:
             for k in range(K):
                 terms[i, x, k] += terms[i, LEVEL, k] * speeds[V, k]
@@ -244,6 +255,7 @@ def bounds(speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool,
     for k in range(speeds.shape[1]):
         w = speeds[OMEGA, k]
         x, y = terms[i, END + 2 * end, k], terms[i, END + 2 * end + 1, k]
+        # Amplitudes of the term and of its second derivative, which no later phase exceeds.
         size = hypotenuse(x, y / w) if w > 0.0 else abs(x)
         curve = hypotenuse(terms[i, LEVEL, k] - w * w * x, w * y)
         fast = w
@@ -253,6 +265,7 @@ def bounds(speeds: Array, terms: Array, seen: Array, pairs: Array, damped: bool,
         b0 += size
         b2 += curve
         b3 += curve * fast
+    # Close pairs grow from rest: bounds over the whole rest of the segment.
     for k in range(pairs.shape[0]):
         w, frequency, weight = pairs[k, 0], pairs[k, 1], abs(pairs[k, 4 + i])
         size, speed, force = pair_sizes(w, frequency, pairs[k, 2], pairs[k, 3], rest)
@@ -273,6 +286,7 @@ def measure(speeds: Array, terms: Array, damped: bool, end: int) -> None:
             terms[i, BENT, k] = curve + abs(speeds[OMEGA, k] * terms[i, y, k])
         for k in range(speeds.shape[1]):
             square = speeds[SQUARE, k]
+            # The amplitude about the mean level/omega^2; a term with sigma = omega = 0 is always resolved.
             terms[i, LARGE, k] = terms[i, BENT, k] / (square if square > 0.0 else 1.0)
         for k in range(speeds.shape[1]):
             terms[i, BENT, k] *= speeds[SQUARE, k]
@@ -287,6 +301,7 @@ def measure(speeds: Array, terms: Array, damped: bool, end: int) -> None:
 @compiled
 def resolved(speeds: Array, step: float) -> int:
     """Number of the terms that a cubic over ``step`` follows."""
+    # From the end, since the terms are sorted from slow to fast.
     count = speeds.shape[1]
     while count and hypotenuse(speeds[SIGMA, count - 1], speeds[OMEGA, count - 1]) * step > RESOLVED:
         count -= 1
@@ -310,6 +325,7 @@ def cubic(
     for k in range(slow):
         bend += terms[i, BENT, k]
     for k in range(np.uint64(slow), np.uint64(speeds.shape[1])):  # an index that might be negative is read by gathers
+        # A fast term leaves its mean in the cubic; its amplitude is error.
         sigma, square = speeds[SIGMA, k], speeds[SQUARE, k]
         level = terms[i, LEVEL, k] / (square if square > 0.0 else 1.0)
         rest += terms[i, LARGE, k]
@@ -320,11 +336,14 @@ def cubic(
     for k in range(pairs.shape[0]):
         w, frequency = pairs[k, 0], pairs[k, 1]
         eta, speed, _ = pair(w, frequency, pairs[k, 2], pairs[k, 3], start, tau)
+        # Two bounds of |eta| in the step, from eta and its rate at tau; the second one is for a fast mode.
         force = abs(pairs[k, 2]) + abs(pairs[k, 3])
         size = abs(eta) + (abs(speed) + 0.5 * force * step) * step
         if w * step > 1.0:
             size = min(size, abs(eta) + (abs(speed) + force * step) / w)
+        # eta'''' by its equation, differentiated twice: f'' - w^2 (f - w^2 eta).
         bend += abs(pairs[k, 4 + i]) * (frequency**2 * force + w * w * (force + w * w * size))
+    # Hermite's cubic through both ends.
     slope = (u1 - u0) / step
     p2, p3 = (3.0 * slope - 2.0 * v0 - v1) / step, (v0 + v1 - 2.0 * slope) / (step * step)
     return u0, v0, p2, p3, bend * step**4 / 384.0 + rest
@@ -359,6 +378,7 @@ def derivatives(
         x0, y0 = terms[i, X, k], terms[i, Y, k]
         d[0] += x
         d[1] += sigma * x + y
+        # A mode's parts may cancel in x: rounding is that of the parts.
         if sigma == 0.0:
             b[0] += abs(x0 * speeds[C, k]) + abs(y0 * speeds[S, k]) + abs(level * speeds[V, k])
             b[1] += abs(y0 * speeds[C, k]) + abs((level - w * w * x0) * speeds[S, k])
@@ -370,6 +390,7 @@ def derivatives(
             b[0] += size
             b[1] += size * fast
             size *= fast * fast
+        # The level acts in the first derivative of y, and in no later one.
         x, y = sigma * x + y, sigma * y - w * w * x + level
         for j in range(2, ORDER + 1):
             x, y = sigma * x + y, sigma * y - w * w * x
@@ -379,6 +400,7 @@ def derivatives(
     for k in range(pairs.shape[0]):
         w, frequency, weight = pairs[k, 0], pairs[k, 1], pairs[k, 4 + i]
         even, odd, _ = pair(w, frequency, pairs[k, 2], pairs[k, 3], start, tau)
+        # The force at tau, and its rate over the frequency.
         s = math.sin(frequency * (start + tau))
         c = math.cos(frequency * (start + tau))
         force, turned = pairs[k, 2] * s + pairs[k, 3] * c, pairs[k, 2] * c - pairs[k, 3] * s

@@ -38,10 +38,12 @@ def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest:
     at that pace exceed it on [0, rest]."""
     if evaluations <= STALLED:
         return False
+    # At the mean pace on [0, tau] the rest would take more than MOST; tau = 0 is no progress at all.
     if evaluations * rest > MOST * tau:
         return True
     radians = 0.0
     for k in range(sigma.size):
+        # A decayed term needs no evaluations: decay rates of 1e70 would else allow an endless search.
         alive = min(tau, DECAYED / max(abs(sigma[k]), 1e-300))
         radians = max(radians, math.hypot(sigma[k], omega[k]) * alive)
     return evaluations > STALLED + PER_RADIAN * radians
@@ -50,6 +52,7 @@ def stands_still(evaluations: int, sigma: Array, omega: Array, tau: float, rest:
 @inner
 def safe_step(gap: float, rate: float, b2: float) -> float:
     """The positive root of gap + rate s - b2 s^2/2 = 0, gap >= 0: the gap cannot close before."""
+    # Each form adds terms of one sign, so that neither cancels.
     root = math.sqrt(rate * rate + 2.0 * b2 * gap)
     return (rate + root) / b2 if rate > 0.0 else (2.0 * gap / (root - rate) if root > rate else 0.0)
 
@@ -63,15 +66,19 @@ def gap_step(gap: float, rate: float, b2: float, b3: float, band: float, t: floa
     """
     if b2 <= 1e-290 and rate >= 0.0 and gap > band:
         return math.inf, OPEN  # nothing moves
+    # Braked by b2 the gap turns after rate^2/(2 b2): more than gap + band, and it passes through the band for certain.
     turn = 2.0 * b2 * (max(gap, 0.0) + band)
     certain = rate * rate > turn
     if certain and rate < 0.0:
         if t == 0.0 and gap <= band:
             return 0.0, CLOSES  # contact that is there at the start, however the sum was rounded
+        # A zero closer than the rounding of the time is the event itself.
         safe = safe_step(max(gap, 0.0), rate, b2)
         return safe, CLOSES if safe <= 4.0 * EPS * (t + safe) or gap <= band else OPEN
+    # Open, or inside the band and fast enough to leave it upwards.
     if gap > band or (certain and gap >= -band):
         safe = safe_step(max(gap, 0.0), rate, b2)
+        # b2/b3 is a time scale of the motion. Shorter steps make little progress: the Taylor polynomial decides.
         if safe > 1e-5 * b2 / b3:
             return safe, OPEN
         if certain and safe > 4.0 * EPS * (t + safe):
@@ -88,6 +95,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
     """
     if not b[ORDER] < math.inf:
         return 0.0, UNCLEAR  # frequencies whose eighth power overflows
+    # The first s, 1e-10 of a time scale: of the highest derivatives, or of the lowest where the motion is a polynomial.
     if b[ORDER] > 0.0 and b[ORDER - 1] > 0.0:
         s = 1e-10 * b[ORDER - 1] / b[ORDER]
     elif b[2] > 0.0:
@@ -95,6 +103,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
     elif b[1] > 0.0:
         s = 1e-10 * (b[0] / b[1] if b[0] > 0.0 else 1e-10)
     else:
+        # Nothing moves: the constant gap alone decides.
         if d[0] < -2.0 * nu * b[0]:
             return 0.0, CLOSES
         return math.inf, OPEN if d[0] > 2.0 * nu * b[0] else UNCLEAR
@@ -102,6 +111,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
         s = min(s, safe_step(d[0], d[1], b[2]))  # a motion may be through the gap long before it turns
     last = 0.0
     verdict = UNCLEAR
+    # 200 steps of a quarter each: from 1e-10 to 2e9 of that time scale.
     for _ in range(200):
         value = low = noise = 0.0
         term = earlier = 1.0
@@ -111,6 +121,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
             noise += nu * b[k] * term
             term *= s / (k + 1)
             earlier *= last / (k + 1)
+        # First until P leaves the band, then on for as long as the gap provably stays positive.
         rest = b[ORDER] * term
         if verdict == UNCLEAR:
             if abs(value) > 2.0 * (noise + rest):
@@ -118,6 +129,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
                     return (s if switched else 0.0), CLOSES
                 verdict = OPEN
             elif rest > noise:
+                # The remainder exceeds the rounding and grows faster: a longer s decides nothing.
                 return last, UNCLEAR
         elif low <= noise + rest:
             return last, OPEN
@@ -130,6 +142,7 @@ def taylor_step(d: Array, b: Array, nu: float, switched: bool) -> tuple[float, i
 def as_gap(d: Array, b: Array, sign: float, stop: float, zero: bool) -> None:
     """Derivatives of the gap sign (u - stop) from those of a position; ``zero``: the gap is exactly zero."""
     d[0] = 0.0 if zero else d[0] - stop
+    # The stop is one more term of the sum.
     b[0] += abs(stop)
     for k in range(ORDER + 1):
         d[k] *= sign

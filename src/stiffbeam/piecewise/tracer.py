@@ -42,6 +42,7 @@ class Tracer:
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Motion:
         """The motion on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
+        # Amplitudes first: a perturbed copy starts on the sides of its changed state.
         eta, rate = self.regimes.start(*((self.system.q0, self.system.v0) if start is None else start), t_end, False)
         q, v = self.regimes.nodal(eta, rate)
         sides = []
@@ -62,8 +63,10 @@ class Tracer:
         places, speeds = np.abs(q), np.abs(v)
         parts: list[Motion] = []
         forecast, kept, since, marked = Forecast(t_end), 0, t, 0
+        # Room for few events at first, four times as many whenever it is full: short motions allocate little.
         room, why = FIRST_EVENTS, UNKNOWN
         while True:
+            # The loop stops at regimes that are new, which are added here, and at those that it cannot follow.
             r = self.regimes.at(tuple(pressed(here).tolist()), t_end)
             if not self.regimes.made[r].followed:
                 why, part, t = self._alone(r, t, t_end, q, v, here, switched)
@@ -74,6 +77,7 @@ class Tracer:
             kept += len(part.times)
             if why == DONE:
                 return parts[0].joined(parts)
+            # Refused early: what would take too much time or memory, and events that accumulate.
             forecast.check(t, 2.0 * kept * (n + 1))
             if kept - marked >= EVENTS_PER_CALL:
                 refuse_accumulation(since, t, max(x.fastest for x in self.regimes.made), self.drive)
@@ -85,6 +89,7 @@ class Tracer:
     ) -> tuple[int, Motion, float]:  # fmt: skip
         """``follow`` through at most ``room`` segments; why it ended, the motion, and the time of the last event."""
         table, K = self.regimes.table, self.regimes.table.sigma.shape[1]
+        # Output arrays and noise of one call; the motion is what the call has filled.
         times, regime, chi = np.empty(room), np.empty(room, np.int64), np.empty((room, len(sides)), np.int64)
         x, y = np.zeros((2, room, K))
         noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
@@ -103,6 +108,7 @@ class Tracer:
         regime = pairs.exponentials
         assert isinstance(regime, Regime)
         self.gaps = self.gaps or Gaps(self.system, drive)
+        # Coefficients at the start.
         rates, key, size = np.array([0.0, *drive.frequencies]), sides.copy(), self.size
         times, kept, evaluations = [], [], 0
         nodal = self.regimes.nodal(q, v)
@@ -113,6 +119,7 @@ class Tracer:
             terms += np.abs(regime.from_v) ** 2 @ (np.abs(nodal[1]) + np.abs(regime.response_rate).sum(1)) ** 2
             c += size * np.sqrt(terms) * (self.noise.uniform(-1.0, 1.0, (2, len(c))).T @ [1.0, 1j])
         while True:
+            # One segment: up to the next event or the next sample of a record.
             times.append(t)
             kept.append(c)
             spin, force, edge = (
@@ -126,6 +133,7 @@ class Tracer:
             ahead = regime.ahead(c[None], spin[None], force[None], np.array([tau if event else edge - t]))[0]
             if event or edge >= t_end:
                 break
+            # Rounding at a sample: of the coefficients, and of the answer to the records by the smaller of two bounds.
             if size:
                 forces = np.sum(np.abs(force) * (edge - t) ** np.arange(1, 1 + force.shape[1]), axis=1)
                 lost = size * (np.abs(ahead) + np.minimum(forces, np.abs(c) + np.abs(ahead)))
@@ -141,12 +149,14 @@ class Tracer:
                     times += edges[:passed]
                     kept += [c, *ends[: passed - 1]]
                     c, t = ends[passed - 1], edges[passed]
+        # The segments, and where the last one ends with an event, the state behind it.
         x, y = pairs.pairs(np.array(kept))
         segments = np.full(len(times), r), x, y, evaluations
         part = Motion(self.regimes, np.array(times), np.tile(key, (len(times), 1)), *segments)
         if not event:
             return DONE, part, t
         q[:], v[:] = self.regimes.start(*regime.state(ahead, spin * np.exp(1j * rates * tau)), t_end)
+        # As in ``follow``: one event of a contact at an instant.
         if t + tau > t:
             switched[:] = 0
         sides[contact], switched[contact] = side, 1
@@ -190,6 +200,7 @@ class Gaps:
         c: the coefficients at t. chi: the sides now. switched: (m,), the contacts with an event at t. Up to t_end
         every record is one polynomial.
         """
+        # Positions of the contacts: exponentials, drives, polynomials and chains.
         spin, records = spin_of(self.drive, np.array([t]))[0], self.drive.polynomials(t)
         alone = regime.single
         W = (self.rows @ regime.W) * alone
@@ -200,6 +211,7 @@ class Gaps:
         nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
         at, lags, sides, own, g1, g2 = self._watched(chi)
         resting = switched
+        # With damped stops d + lag d' is watched too; for what is zero at the start see ``follow.watched_of_damped``.
         if np.any(self.lags):
             now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
             d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, self.g2[at], self.g1[at])
@@ -207,8 +219,10 @@ class Gaps:
             resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
             a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
             seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
+            # The next derivatives; ``seen_by`` has one more than the search reads, which wraps round.
             chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
         gaps = np.ascontiguousarray(sides), g1, g2, resting.astype(np.int64), t, t_end
+        # Leaps need terms that are exponentials alone.
         if self.drive.records or regime.chains:
             parts = (np.ascontiguousarray(x) for x in (np.minimum(rates.real, 0.0), rates.imag, a.real, a.imag))
             tau, which, met, used = search(*parts, *gaps, regime.eigenvalues, seen, shift, nodes, counts, chained)
@@ -230,6 +244,7 @@ class Gaps:
         size: see ``pass_samples``.
         """
         drive = self.drive
+        # The cells from t on, at most ``most`` and none beyond t_end.
         first = int(np.searchsorted(drive.edges, t))
         end = min(first + most + 1, int(np.searchsorted(drive.edges, t_end)))
         edges, ends = drive.edges[first:end], np.empty((max(end - first - 1, 0), len(c)), complex)
@@ -243,6 +258,7 @@ class Gaps:
         at, lags, sides, _, g1, g2 = self._watched(chi)
         rows, recorded = (self.rows @ regime.W)[at], np.ascontiguousarray(self.recorded[at])
         waves = (self.rows @ regime.response + self.offsets)[at] * (1.0 + np.outer(lags, self.rates))
+        # The frames of the chains, padded to one size.
         parts = [chain.frame(self.drive.order) for chain in regime.chains]
         counts = np.array([len(nodes) for _, nodes in parts], np.int64)
         b, K = len(parts), int(np.max(counts, initial=0))
@@ -267,12 +283,14 @@ class Gaps:
         if not np.any(self.lags):
             return np.arange(m), np.zeros(m), chi, np.zeros(m, bool), self.g1, self.g2
         at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+        # Of y only the stop counts that the contact is beyond.
         g1 = np.where(own & (chi[at] > 0), -np.inf, self.g1[at])
         return at, lags, sides, own, g1, np.where(own & (chi[at] < 0), np.inf, self.g2[at])
 
 
 def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:
     """``search`` among the exponentials Re sum_k a_ck exp(rates_k tau) alone, by leaps."""
+    # From slow to fast, as pairs x = Re a, y = -omega Im a.
     order = np.argsort(np.abs(rates), kind="stable")
     speeds, terms, seen, pairs = layout(len(a), len(rates), 0)
     speeds[SIGMA], speeds[OMEGA] = np.minimum(rates.real, 0.0)[order], rates.imag[order]
