@@ -32,6 +32,7 @@ def aligned(shape: tuple[int, ...]) -> Array:
     """Zeros at a 64-byte boundary."""
     count = math.prod(shape)
     buffer = np.zeros(count + LANES)
+    # Up to the next boundary: 8 doubles are 64 bytes.
     start = (-buffer.__array_interface__["data"][0] // 8) % LANES
     return buffer[start : start + count].reshape(shape)
 
@@ -45,12 +46,14 @@ def read_only(values: ArrayLike) -> Array:
         return values  # type: ignore[return-value]
     copy = np.array(values, float, order="C")
     copy.setflags(write=False)
+    # By id, held weakly: the entry goes with the array.
     _READ_ONLY[id(copy)] = copy
     return copy
 
 
 def is_read_only(values: Any) -> bool:
     """Return True if ``read_only`` made the array, so that no writable view of it exists."""
+    # The id of a dead array may be used again, and a caller may make an array writeable: test for both.
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
@@ -112,6 +115,7 @@ class Recent(Generic[Result]):
             if key in self._results:
                 self._results[key] = result = self._results.pop(key)  # the latest is the last to go
                 return result
+        # Outside the lock, so that no thread waits for the result of another key.
         result = compute()
         with self._lock:
             self._results[key] = result
@@ -128,8 +132,10 @@ def content(array: Array | None) -> bytes:
     if remembered is not None and remembered[0]() is array and not array.flags.writeable:
         return remembered[1]
     whole = np.ascontiguousarray(array)
+    # The shape is part of the content: equal bytes in another shape are another array.
     digest = hashlib.blake2b(whole.data, digest_size=16, salt=str(whole.shape).encode()[:16]).digest()
     if is_read_only(array):
         number = id(array)
+        # The entry goes with its array, before the id is used again.
         _DIGESTS[number] = weakref.ref(array, lambda _: _DIGESTS.pop(number, None)), digest
     return digest

@@ -68,6 +68,7 @@ class CFunction:
     @cached_property
     def made(self) -> Any:
         """The compiled function, which has to outlive every use of its address."""
+        # The options of ``_njit``, so that a C function computes what a kernel does.
         options: dict[str, Any] = {"error_model": "numpy", "fastmath": FASTMATH}
         with stopped_clock(), _cache_of(self.function):
             try:
@@ -100,6 +101,7 @@ class Clock:
         """Stop the clock until ``go`` has been called as often as ``stop``."""
         if not self._stopping:
             self._since = self._now()
+        # Calls nest: a kernel that is compiled may have others compiled.
         self._stopping += 1
 
     def go(self) -> None:
@@ -132,6 +134,7 @@ def directory(file: Path) -> Path:
     numba itself looks at the file of the function it compiles, not at those of the functions in it, nor at whether
     bounds are checked.
     """
+    # Code with bounds checks is other code.
     digest = hashlib.sha256(b"bounds" if numba.config.BOUNDSCHECK else b"")  # type: ignore[attr-defined]
     for source in sorted(_sources(file)):
         digest.update(source.read_bytes())
@@ -144,7 +147,9 @@ def _sources(file: Path) -> frozenset[Path]:
     sources = {file}
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level and node.module:
+            # The file of a relative import: one dot is the file's folder.
             imported = file.parents[node.level - 1].joinpath(*node.module.split(".")).with_suffix(".py")
+            # Only a file that imports from ``compiled`` holds functions that become part of kernels.
             if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
                 sources |= _sources(imported)
     return frozenset(sources)
@@ -163,10 +168,12 @@ def _forgiving(kernel: Any) -> Any:
             return load(*arguments)
         except Exception:  # whatever unpickling makes of a damaged file
             with suppress(OSError):
+                # Deleted, so that no later run reads the damaged file.
                 flush()
             return None
 
     def save_overload(*arguments: Any) -> None:
+        # A cache that cannot be written to costs time, not the run.
         with suppress(OSError):
             save(*arguments)
 

@@ -66,6 +66,7 @@ def exact_float(value: Exact) -> float:
         nearest = float(ratio * _PI if pi else ratio)
     except OverflowError:
         raise ValueError(f"{value!r} is too large for float64") from None
+    # A plain float is enough where it is the number itself; with pi it never is.
     if not pi and Fraction(nearest) == ratio:
         return nearest
     number = ExactFloat(nearest)
@@ -96,6 +97,7 @@ def as_doubles(value: Any) -> Any:
         return float(value)
     if isinstance(value, tuple):
         return tuple(map(as_doubles, value))
+    # Fields that a class computes by itself are no arguments.
     if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{f.name: as_doubles(getattr(value, f.name)) for f in fields(value) if f.init})
     return value
@@ -104,11 +106,13 @@ def as_doubles(value: Any) -> Any:
 def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
     """(ratio, pi) of a text, (None, False) where it is one number outside the range of normal doubles."""
     text = re.sub(r"\s*([*/])\s*", r"\1", str(value).strip())
+    # Infinity and NaN have no ratio.
     if re.fullmatch(r"[+-]?(inf|nan)", text, re.IGNORECASE):
         return None, False
     match = re.fullmatch(rf"([+-]?)({_FACTOR}(?:[*/]{_FACTOR})*)", text)
     if match is None:
         raise ValueError(f"{value!r} is not a number")
+    # A product of numbers, and of pi once.
     ratio, pis = Fraction(-1 if match[1] == "-" else 1), 0
     for operation, factor in re.findall(rf"([*/]?)({_FACTOR})", match[2]):
         if factor == "pi":
@@ -120,6 +124,7 @@ def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
                 return None, False
             raise ValueError(f"{value!r} leaves the range of float64")
         ratio = ratio / Fraction(factor) if operation == "/" else ratio * Fraction(factor)
+    # ExactFloat is a ratio or a ratio times pi, nothing else.
     if pis not in (0, 1):
         raise ValueError(f"{value!r} is not a number or a number times pi")
     return ratio, bool(pis)

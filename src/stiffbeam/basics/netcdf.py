@@ -116,9 +116,11 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
     """
     packing = {"compression": "gzip", "compression_opts": compression, "shuffle": True} if compression else {}
     sizes = data.sizes
+    # In memory: the file on the disk is written in one step below.
     with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as target:
         target.attrs.update(data.attributes)
         scales: dict[str, h5py.Dataset] = {}
+        # Dimensions first: variables refer to their scales. A coordinate is its own scale.
         for k, (name, size) in enumerate(sizes.items()):
             _, values, attributes = data.variables.get(name, ((), None, {}))
             unlimited = {"maxshape": (None,)} if size == 0 else {}  # what netCDF takes a length of zero for
@@ -126,6 +128,7 @@ def write(data: Arrays, file: str | Path, compression: int = 0) -> Path:
             scale.make_scale(NO_VARIABLE.format(size) if values is None else name)
             scale.attrs.update(attributes | {"_Netcdf4Dimid": np.int32(k)})
             scales[name] = scale
+        # Then the variables, with their dimensions attached.
         for name, (dims, values, attributes) in data.variables.items():
             if name in sizes:
                 continue
@@ -143,6 +146,7 @@ def require_whole(file: Path) -> None:
     """Raise InputError if a file does not match its checksum. A file without checksum must be readable to its end, by a
     separate process, within ``SECONDS`` and 8 GiB."""
     content = file.read_bytes()
+    # At the very end only: the same letters may stand among the data.
     body, seal, digest = content[-LENGTH:].rpartition(SEAL)
     body = content[:-LENGTH] + body
     if seal and hashlib.sha256(body).hexdigest().encode() == digest:
@@ -154,6 +158,7 @@ def require_whole(file: Path) -> None:
 
 def _unreadable(file: Path, size: int) -> str:
     """Reason why the file cannot be read to its end; "" if it can."""
+    # -P, and PYTHONPATH below: the packages of this process, and none from the current folder.
     words = [sys.executable, "-P", "-c", READ_ALL, str(file.absolute()), str(8 * 2**30)]
     seconds = SECONDS * (1.0 + size / 1e8)
     try:
@@ -168,4 +173,5 @@ def _unreadable(file: Path, size: int) -> str:
     except subprocess.TimeoutExpired:
         return f"reading it takes more than {seconds:.3g} seconds"
     said = done.stderr.decode("utf-8", "replace").strip()
+    # The last line that the reader wrote names the error.
     return "" if done.returncode == 0 else said.splitlines()[-1] if said else f"a reader ended with {done.returncode}"

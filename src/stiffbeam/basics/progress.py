@@ -73,6 +73,7 @@ class _Phases:
     def begins(self, what: str, done: int, total: int) -> bool:
         name, before, of = self.last
         self.last = (what, done, total)
+        # Without a total only a new name shows a new phase.
         return total != of or done < before or (total == 0 and what != name)
 
 

@@ -31,6 +31,7 @@ def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds:
         (seconds, "STIFFBEAM_SECONDS", SECONDS, "seconds"),
     ):
         allowed = _allowed(name, most)
+        # Written so that a cost of NaN is refused.
         if not cost <= allowed:
             rule = f"take no more than {allowed:g} {unit} (it would take some {cost:.2g})"
             raise InputError(field, value, rule, f"{remedy}, or set {name}")
@@ -43,6 +44,7 @@ class Forecast:
         from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
 
         self.t_end, self._clock, self.begun = t_end, clock, clock()
+        # Below these amounts no forecast: a small first part is no basis for the whole. 2^27 numbers are 1 GiB.
         self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27
         self._early = min(60.0, 0.05 * _allowed("STIFFBEAM_SECONDS", SECONDS))
 
@@ -94,6 +96,7 @@ def over_slices(
     progress: called with the number of items done. Where a slice fails, those not begun are left out. A single slice
     starts no thread, which would take as long as hundreds of time steps.
     """
+    # Four slices for a thread, so that the threads end together.
     size = min(most, max(least, 1, len(items) // (4 * threads))) if threads > 1 else most
     slices = [items[i : i + size] for i in range(0, len(items), size)]
     done = 0
@@ -145,8 +148,10 @@ def on_executor(
     """
     if not len(items):
         return
+    # Small enough for a lost process to cost little, and for many parts.
     size = max(1, min(int(PART_SECONDS / max(seconds, 1e-9)), -(-len(items) // PARTS)))
     slices = [items[i : i + size] for i in range(0, len(items), size)]
+    # Tried here, so that the error names the members and not a queue of the executor.
     try:
         pickle.dumps((work, slices[0]))
     except Exception as error:  # whatever the objects of others raise when they are pickled
@@ -154,10 +159,12 @@ def on_executor(
         raise InputError("members", str(error), "travel to other processes", remedy) from None
     futures: list[Future[Part] | None] = []
     try:
+        # All are sent before the first result is waited for.
         for each in slices:
             futures.append(_submitted(executor, work, each))
         done, lost = 0, 0
         for future, each in zip(futures, slices, strict=True):
+            # A broken executor returns nothing: this process computes what was lost.
             part = None if future is None else _result(future)
             if part is None:
                 lost += len(each)
@@ -171,6 +178,7 @@ def on_executor(
             warnings.warn(message, RuntimeWarning, stacklevel=4)
     finally:
         for future in futures:
+            # An error, or a caller that stops early, leaves no slice that has not begun.
             if future is not None:
                 future.cancel()
 

@@ -28,9 +28,11 @@ def directory() -> Path:
     wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
     path = Path(wanted)
     try:
+        # For this user alone, since compiled code lies here.
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         for folder in (path, path / "numba"):
             _require_private(folder)
+        # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
@@ -55,6 +57,7 @@ def _require_private(folder: Path) -> None:
     kernels = folder.glob("*/*") if folder.name == "numba" else ()
     for path in (folder, *kernels):
         status = path.stat()
+        # Root can write everywhere: a folder of root's is as safe as one of this user.
         if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise _Shared(f"others can write to {path}, from which compiled code is run")
 
@@ -81,14 +84,17 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
     """
     path = file_path("file", file)
     data = content.encode("utf-8") if isinstance(content, str) else content
+    # A number of a process holds on one machine only, and several may share a disk.
     host = re.sub(r"[^\w]", "_", socket.gethostname())
     partial = path.parent / f".{path.name[:150]}.{host}-{os.getpid()}-{secrets.token_hex(4)}.partial"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_left_over(path, host)
+        # A new file: "x" never opens one that is there.
         with partial.open("xb") as stream:
             stream.write(data)
             stream.flush()
+            # On the disk before it takes the name: after a crash the name stands for the old content or the new.
             os.fsync(stream.fileno())
         os.replace(partial, path)
     except OSError as error:
@@ -96,6 +102,7 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
         raise InputError("file", str(path), "lie in a folder that can be written to, with room", remedy) from None
     finally:
         with suppress(OSError):
+            # It has its name by now, unless there was an error.
             partial.unlink()
     return path
 
@@ -103,12 +110,14 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
 def _remove_left_over(path: Path, host: str) -> None:
     for left in path.parent.glob(".*.partial"):
         match = PARTIAL.fullmatch(left.name)
+        # Only what a dead process of this machine left: a living one is still writing.
         if match and match[1] == path.name[:150] and match[2] == host and not _lives(int(match[3])):
             left.unlink(missing_ok=True)
 
 
 def _lives(process: int) -> bool:
     """Return True if a process with that number exists."""
+    # Signal 0 sends nothing: it tests whether the process exists.
     try:
         os.kill(process, 0)
     except ProcessLookupError:

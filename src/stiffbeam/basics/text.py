@@ -23,10 +23,12 @@ class _Short(reprlib.Repr):
         self.maxstring = self.maxother = LONGEST
 
     def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to write integers of thousands of digits. 0.30103 is log10 of 2.
         return repr(x) if x.bit_length() < 1000 else f"an integer of {round(x.bit_length() * 0.30103)} digits"
 
     def repr_instance(self, x: Any, level: int) -> str:
         try:
+            # NumPy's numbers as plain ones: 1.0, not np.float64(1.0).
             return repr(x.item() if isinstance(x, np.generic) else x)
         except Exception:  # whatever the objects of others raise when they are asked for a text
             return f"a {type(x).__name__}"
@@ -39,6 +41,7 @@ def shown(value: Any) -> str:
 
 def printable(text: str) -> str:
     """``text`` on one line. Terminal control characters are written as their escapes, "\x1b"."""
+    # ascii() writes what cannot be printed as an escape, in quotes that are cut off.
     return "".join(x if x.isprintable() else ascii(x)[1:-1] for x in " ".join(text.split()))
 
 
@@ -46,6 +49,7 @@ def sentence(parts: Sequence[str], between: Sequence[str], most: int = LONGEST) 
     """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make ``most`` letters."""
     parts = [printable(part) for part in parts]
     left = most - sum(map(len, between))
+    # Shortest first: what a part does not use is left to the longer ones.
     for taken, length in enumerate(sorted(map(len, parts))):
         share = left // (len(parts) - taken)
         if length > share:  # this one and all that are longer

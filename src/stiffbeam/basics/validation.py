@@ -63,6 +63,7 @@ def number(field: str, value: Any, exact: bool = False) -> float:
         except (ValueError, ZeroDivisionError) as error:
             remedy = str(error) if isinstance(value, str) and len(value) < 80 else "give one below 1e308"
             raise InputError(field, value, "be a number in the range of float64", remedy) from None
+    # True and False are integers in Python, and no numbers here.
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(field, value, "be a number", "give one real number, for example 0.5")
     try:
@@ -79,6 +80,7 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     for rows of different lengths, and for masked numbers."""
     unmasked(field, value)
     try:
+        # Integers, floats, and objects that may be numbers: no texts, no truth values, no complex numbers.
         array = value if isinstance(value, np.ndarray) else np.asarray(value)
         result = array.astype(float) if array.dtype.kind in "iufO" else None
     except Exception:  # whatever the objects of others raise when they are made an array
@@ -150,6 +152,7 @@ def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one tha
 
 def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Path:
     """``value`` as the path of a file or folder. Raises InputError for what no file system could hold."""
+    # 255 bytes is what common file systems allow for a name.
     names = str(value).split("/") if isinstance(value, (str, Path)) else []
     if not names or any("\0" in name or len(name.encode("utf-8", "replace")) > 255 for name in names):
         rule = "be the path of a file, each name in it at most 255 bytes"
@@ -183,6 +186,7 @@ def near(name: Any, known: Iterable[str]) -> str:
     """A remedy that lists the known names closest to ``name``, or all of them."""
     names = list(known)
     by_letters = {each.lower(): each for each in names}
+    # The search takes time with the square of the length: 100 letters are enough for a name.
     letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
     close = [by_letters[each] for each in letters]
     return "did you mean " + " or ".join(close) + "?" if close else "known: " + ", ".join(names)

@@ -89,6 +89,7 @@ class Case:
     def forms(self) -> tuple[str, ...]:
         """The forms that studies look at by default, the first where one is enough."""
         problem = self.problem
+        # Elements where beam or runs need them; else the paper's, the second without damping and tip mass.
         if problem.for_elements or {form for _, form in self.runs} == {"hermite"}:
             return ("hermite",)
         return FORMS if problem.viscosity == problem.tip_mass == problem.mass_damping == 0.0 else FORMS[:1]
@@ -163,6 +164,7 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     beam = system.problem
     if beam is not None and system.cells is not None:
         case = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
+        # Only if the grid makes this very system: other data or matrices would be lost with the problem.
         if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case
     return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
@@ -202,11 +204,13 @@ def find_case(name: str) -> Case:
     """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
     if not isinstance(name, str):
         raise InputError("case", name, "be the name of a case", "table1 to table17, or a TOML file")
+    # The paper's tables first: no file can stand in their way.
     known = paper_cases()
     if name in known:
         return known[name]
     file_path("case", name, "table1 to table17, or a TOML file")
     file = case_file(name)
+    # The case behind the file and a colon.
     wanted = name[len(file) + 1 :]
     if file.endswith(".toml") or Path(file).is_file():
         cases = load_cases(file)
@@ -241,6 +245,7 @@ def case_text(name: str) -> str:
     """The case as the text of a TOML file; ``name`` as in ``find_case``."""
     case = find_case(name)
     text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
+    # The text of each case as it stands in the file, with its comments.
     blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]
     return next(block for block in blocks if tomllib.loads(block)["case"][0].get("name") == case.name)
 
@@ -307,6 +312,7 @@ def load_cases(file: str | Path) -> dict[str, Case]:
 def _bounded(file: Path) -> str:
     """The text of a case file. Raises InputError for one of a size that no case has: a dotted key takes memory
     in proportion to the square of its length."""
+    # One byte more than allowed shows that a file is too long, whatever its size.
     with file.open("rb") as stream:
         content = stream.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
@@ -316,6 +322,7 @@ def _bounded(file: Path) -> str:
         if len(line) > MOST_LINE:
             remedy = "break lists over lines"
             raise InputError(f"{file}: line {number}", f"{len(line)} bytes", f"have at most {MOST_LINE}", remedy)
+        # Dots in quotes nest nothing.
         key = re.sub(rb'"[^"]*"|\'[^\']*\'', b"", line).partition(b"=")[0]
         if key.count(b".") > MOST_DOTS:
             raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
@@ -326,6 +333,7 @@ def compared_runs(case: Case) -> list[tuple[Scheme, str]]:
     """Runs of a comparison: those of the case, and on a table of the paper each of its three schemes."""
     runs = list(case.runs)
     table = paper_cases().get(case.name)
+    # A file of the user may have the name of a table: other runs are left as they are.
     if table is not None and case.runs == table.runs:
         names = {scheme.name for scheme, _ in runs}
         three = (BDF2(), SDIRK(nystrom=True), HHT())
@@ -365,11 +373,13 @@ class _Reader(Reader):
     """Reads a case, its problem, and what belongs to that."""
 
     def case(self) -> Case:
+        # No form for the whole case: every run has its own.
         if "form" in self.table:
             remedy = f'write it behind a scheme, runs = ["HHT@{self.table["form"]}"]'
             raise self.error("form", self.table["form"], "be left out", remedy)
         parts = {"problem", "system", "published", "uncertain"}
         self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred"} | parts)
+        # A beam or a system of matrices, one of them.
         name = self.line("name")
         problem, matrices = self.sub("problem"), self.get("system", dict, "be a table", None)
         if (problem is None) == (matrices is None):
@@ -379,8 +389,10 @@ class _Reader(Reader):
         system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).system()
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
+        # Runs, in the form that fits what is solved.
         runs = self.get("runs", list, "be a list of runs", [str(x) for x in default_schemes(all_stops)])
         dt, t_end = self.number("dt"), self.number("t_end")
+        # A time step that does not divide the span is refused here, before any work.
         self.build(step_count, self.build(positive, "dt", dt), self.build(positive, "t_end", t_end))
         form = "matrices" if beam is None else "hermite" if beam.for_elements else "displacement"
         parsed = []
@@ -388,6 +400,7 @@ class _Reader(Reader):
             if not isinstance(run, str):
                 raise self.error("runs", run, "be strings like 'HHT(alpha=-0.1)@displacement'", "write it in quotes")
             parsed.append(self.build(parse_run, run, form))
+        # What the source has published, and notes on it.
         published = self.get("published", dict, "be a table", {})
         for kind, values in published.items():
             if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
@@ -400,6 +413,7 @@ class _Reader(Reader):
             "t_end": float(t_end), "runs": tuple(parsed), "published": published, "notes": tuple(notes),
             "uncertain": self.uncertain(),
         }  # fmt: skip
+        # A system has no grid and no other form.
         if system is not None:
             if "cells" in self.table:
                 raise self.error("cells", self.table["cells"], "be left out", "a system of matrices has no grid")
@@ -414,6 +428,7 @@ class _Reader(Reader):
     def uncertain(self) -> dict[str, Uncertain]:
         """Distributions by path; a dotted key without quotes is a path too."""
 
+        # A dotted key makes nested tables: they end at a table that states a distribution.
         def entries(table: dict[str, Any], path: str) -> Iterator[tuple[str, Any]]:
             for key, value in table.items():
                 whole = f"{path}.{key}" if path else key
@@ -440,6 +455,7 @@ class _Reader(Reader):
         shared = {"stops", "base", "loads", "initial_displacement", "initial_velocity"}
         more = ("tip_mass", "mass_damping", "rotary_inertia", "tip_inertia")
         shared |= {"supports", "modal_damping", "sections", *more}
+        # Names of a physical beam mean SI; the others are the paper's.
         physical = any(name in self.table for name in ("length", "bending_stiffness", "mass_per_length"))
         parameters = (
             ("length", "bending_stiffness", "mass_per_length", "bending_viscosity")
@@ -451,6 +467,7 @@ class _Reader(Reader):
             remedy = "times are in seconds: leave it out, and give dt and t_end in seconds"
             raise self.error("time_unit", self.table["time_unit"], "be 1", remedy)
         numbers = {key: self.number(key) for key in (*parameters, *more) if key in self.table}
+        # Ask for the required ones: ``numbers`` holds those that there are.
         for key in parameters[:3] if physical else parameters[:1]:
             self.number(key)
         base = self.sub("base")

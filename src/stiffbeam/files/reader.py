@@ -49,6 +49,7 @@ def _npz(file: Path) -> Any:
 
     with np.load(file) as archive:
         names = list(archive)
+        # SciPy's archives name their format; NumPy's hold arrays only.
         if "format" in names:
             return load_npz(file)
         if len(names) != 1:
@@ -64,6 +65,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     file, line and rule for a file that cannot be read, a line of another length and what is no number.
     """
     try:
+        # utf-8-sig: spreadsheets begin a file with a byte order mark.
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("sampled", str(file), "be a readable file beside the case", f"give another: {error}") from None
@@ -71,6 +73,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     if not rows:
         remedy = "a line holds a time and a value, as in 0.0, 1.5"
         raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
+    # A first line that begins with no number holds the names.
     names = [] if _number(rows[0][1][0]) is not None else rows.pop(0)[1]
     width = len(names or rows[0][1]) if rows else 0
     if column is not None and column not in names:
@@ -86,6 +89,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     wanted = 1 if column is None else names.index(column)
     samples: list[tuple[float, float]] = []
     for line, cells in rows:
+        # Refused, since its cells may belong to other columns.
         if len(cells) != width:
             remedy = "give every line as many cells as the first"
             raise InputError("sampled", f"{file}, line {line}: {len(cells)} columns", f"have {width} columns", remedy)
@@ -99,6 +103,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
 
 
 def _cells(line: str) -> list[str]:
+    # In this order: beside semicolons or tabs a comma belongs to a number.
     for separator in (";", "\t", ","):
         if separator in line:
             return [cell.strip().strip('"') for cell in line.split(separator)]
@@ -135,11 +140,13 @@ class Reader:
 
     def get(self, field: str, kind: type | tuple[type, ...], rule: str, default: Any = ...) -> Any:
         """The value of ``field``; InputError where it is of another kind, or is not given and has no default."""
+        # ... stands for no default, since None is one.
         if field not in self.table:
             if default is ...:
                 raise self.error(field, None, f"be given and {rule}", f"write {field} = ...")
             return default
         value = self.table[field]
+        # In Python a truth value is an integer.
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             raise self.error(field, value, rule, f"it is {_KINDS.get(type(value), 'something else')}")
         return value
@@ -260,6 +267,7 @@ class SystemReader(Reader):
         self.only(FIELDS | VECTORS)
         units = self.sub("units")
         mass = self.matrix("mass")
+        # Rows need n before the system is built, which refuses a mass of another shape.
         n = mass.shape[0] if mass.ndim == 2 else 0
         loads, contacts = (self.one_or_several(name) for name in ("loads", "contacts"))
         return self.build(
@@ -286,6 +294,7 @@ class SystemReader(Reader):
             return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
         if isinstance(source, list):
             return self.numbers(field, source)
+        # A table of single entries, the others zero.
         entries = type(self)(source, f"{self.where}.{field}", self.folder)
         row = np.zeros(n)
         for unknown in source:

@@ -78,6 +78,7 @@ def cached_reference(
         )  # fmt: skip
     times = None if t_eval is None else numbers("t_eval", t_eval)
     steps = [times_of("breakpoints", breakpoints).tolist(), max_step, switches]
+    # A file is found by everything that determines its content.
     file = _file(system, t_end, method, times, rtol, atol, digits, steps)
     if file.is_file():
         try:
@@ -90,6 +91,7 @@ def cached_reference(
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
     result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches, progress)
     try:
+        # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
             store.freeze(result, "", file)
         else:
@@ -115,6 +117,7 @@ def _forget(folder: Path) -> None:
     """Remove the files that were not used for longest, down to MOST bytes."""
     used = {path: path.stat() for path in folder.glob("*.nc")}
     size = 0
+    # The latest first, as long as they fit.
     for path, stat in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
         size += stat.st_size
         if size > MOST:
@@ -131,6 +134,7 @@ def _file(
     digits: int | str,
     steps: list[Any],
 ) -> Path:
+    # The arguments are checked before they become a part of the key.
     require_system(system)
     method_of(method)
     positive("t_end", t_end)
@@ -151,6 +155,7 @@ def _file(
         "method": method,
         "settings": [digits] if method == "multiprecision" else [float(rtol), atol, *steps],
         "t_eval": None if t_eval is None or anytime else t_eval.tolist(),
+        # Another version may round differently, or compute something else.
         "versions": [
             platform.python_version(),
             storage.source_hash(),

@@ -65,11 +65,13 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         rule = "be multiprecision and confirmed to t_end, with compliant stops"
         raise InputError("reference", reference.label, rule, "give more digits; of rigid stops save the outputs")
     assert reference.system is not None
+    # The case has to make the system of the reference: a file is read back by its case alone.
     if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
         remedy = "numbers in a case are decimals: solve the system of the case itself"
         raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
     solution: Motion = reference.solution
     for share in (0.1, 0.01, 0.001):  # a run of near grazes can magnify the last bits more than three tries show
+        # Tried as it will be read. A tighter bound stores more states, where a run magnifies too much.
         stored = _states_to_store(reference, solution, t_end, share * BOUND)
         dataset = _dataset(reference, solution, case, t_end, stored)
         deviation = _deviation(dataset, solution, reference)
@@ -77,6 +79,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
             break
     else:
         raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
+    # Attributes of the trial, then the hash of the whole.
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
     dataset.attrs["hash"] = _hash(dataset)
@@ -110,6 +113,7 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
     system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
     begun = time.perf_counter()
+    # What the file is, whether it is whole, and whether it is of this system.
     if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
         raise InputError("file", str(path), f"be of format {FROZEN_FORMAT}", f"it has {data.attrs['stiffbeam_frozen']}")
     if data.attrs.get("hash") != _hash(data):
@@ -124,6 +128,7 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
         )
     t_end = float(data.attrs["t_end"])
     notes = json.loads(data.attrs["provenance"])
+    # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     reference = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
     return replace(reference, horizon=t_end)
@@ -144,21 +149,26 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
     assert reference.system is not None
     system = reference.system
     eps = float(np.finfo(float).eps)
+    # Two more tracers with other roundings stand for other machines.
     tracers = [tracer_of(system), *(tracer_of(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
     scale = float(np.max(np.abs(reference.tip)))
+    # In the middle of segments, farthest from the events.
     times = solution.times
     middles = 0.5 * (times + np.append(times[1:], t_end))
     expected = _positions(system, solution, middles)
+    # Spans start at 16 segments and grow or shrink by what holds.
     stored, span = [0], 16
     while True:
         piece = stored[-1]
         last = good = min(piece + span, len(times))
         q, v = (x[0] for x in solution.state_at_start(piece))
         for tracer in tracers:
+            # To the middle of the last segment: its start alone would not compare it.
             until = float(middles[last - 1])
             part = tracer.trace(float(times[piece]), *_contact_state(solution.sides, piece, q, v), until)
             here = slice(piece, min(piece + len(part.times), last))
             part = part.first(here.stop - piece)
+            # Off by time, by position, or by sides; other sides count as 1, above any bound.
             late = np.abs(part.times - times[here])
             other = np.any(part.sides != solution.sides[here], axis=1)
             u = _positions(system, part, middles[here])
@@ -167,10 +177,12 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
             good = min(good, piece + int(bad[0]) if len(bad) else here.stop)
         if good >= len(times):
             return np.array(stored)
+        # The bound breaks inside the span: store a state at the last good segment and begin there.
         if good < last:
             stored.append(max(piece + 1, good))
             span = max(16, 2 * (good - piece))
         else:
+            # Good as far as it goes: look further from the same state.
             span *= 2
 
 
@@ -178,6 +190,7 @@ def _dataset(reference: Reference, solution: Motion, case: str, t_end: float, st
     """Dataset of the event times, and of the states at the start of the segments ``stored``."""
     assert reference.system is not None
     sides = solution.sides.astype(np.int8)
+    # A single contact needs no second dimension.
     sides = sides[:, 0] if sides.shape[1] == 1 else sides
     q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
     for row, piece in enumerate(stored):
@@ -233,6 +246,7 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
         )
         q, v = data["q"].values[row], data["q_rate"].values[row]
         part = tracer.trace(float(times[piece]), *_contact_state(sides, piece, q, v), float(until))
+        # The events must be those of the file, in sides and in times.
         count = last - piece
         same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
         if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * t_end:
@@ -254,12 +268,14 @@ def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
     """Largest difference in position of a contact or the tip over max |u|, in the middle of every segment, between
     ``a`` and the motion from the file; infinite if the events differ."""
     assert reference.system is not None
+    # Infinite, so that ``freeze`` tries a tighter bound.
     try:
         b = _march(reference.system, data, "the file to be")
     except InputError:
         return float("inf")
     if len(a.times) != len(b.times):
         return float("inf")
+    # In the middle of segments, as in ``_states_to_store``.
     t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))
     difference = np.abs(_positions(reference.system, a, t) - _positions(reference.system, b, t))
     return float(np.max(difference) / np.max(np.abs(reference.tip)))
@@ -318,6 +334,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         require_system(system)
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
+        # The checksum comes first: HDF5 may hang or crash on a damaged file.
         netcdf.require_whole(path)
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
@@ -332,6 +349,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
 
 
 def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
+    # Kind of file, content and system, in this order.
     if data.attrs.get("stiffbeam_format") not in (2, FORMAT):
         rule = f"be a stiffbeam trajectory of format 2 or {FORMAT}"
         raise InputError("file", str(path), rule, f"it has format {data.attrs.get('stiffbeam_format')}")
@@ -341,6 +359,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
+    # Files of older formats have other names.
     data = data.rename({name: BEFORE[name] for name in map(str, data.variables) if name in BEFORE})
     contacts, kinds = [], data.attrs["impact_kind"].split(",")  # one for all contacts, or one for each
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
@@ -372,6 +391,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         "stored_fingerprint": data.attrs["fingerprint"],
         "system": system,
     }
+    # A system allows more than the file holds: its states and fields are computed on first use.
     if data.attrs["kind"] == "reference":
         again = None if system is None else _solved_again(system, common["provenance"])
         state_at = None if again is None else partial(_states_at, again)
@@ -380,6 +400,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
     energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
+    # The cached property is filled in: without states nothing could compute it.
     if energies:
         run.__dict__["energy"] = Ledger(run.t, **energies)
     return run
@@ -394,6 +415,7 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         scheme = parse_run(notes["method"])[0]
     except InputError:
         return None
+    # The form in which the scheme ran, which its label does not have.
     form = system.first_order() if notes["form"].endswith("first order") else system
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:

@@ -12,6 +12,7 @@ from .contact_law import G1, G2, KAPPA
 @inlined
 def solve_definite(A: Array, b: Array, n: int) -> None:
     """x with A x = b in place of b, A = L D L^T the first n rows; its lower part becomes L and D."""
+    # No exchange of rows: a definite A has positive pivots.
     for i in range(n):
         for j in range(i):
             for k in range(j):
@@ -40,6 +41,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     force, target, right = np.zeros(m), np.zeros(m), np.zeros(m)
     side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
     factor, which = np.zeros((m, m)), np.zeros(m, np.int64)
+    # The limit is for rounding: without it the search ends, see the docstring.
     for _ in range(20 * m):
         # Penetration times stiffness is the force that it would cause alone: the largest one enters.
         worst = 0.0
@@ -59,6 +61,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
         if entering < 0:
             break
         side[entering] = stop
+        # Solve for the closed contacts, some of which may open again.
         while True:
             # (1/kappa + S) F = g - r on the closed contacts, the others left at zero.
             closed = 0
@@ -79,6 +82,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
             opening = -1
             for c in range(m):
                 if side[c] != 0.0 and target[c] * side[c] >= 0.0:  # the force opposes its side
+                    # Equal forces are both zero: the contact opens without a move.
                     part = force[c] / (force[c] - target[c]) if force[c] != target[c] else 0.0
                     if opening < 0 or part < way:
                         way = part
@@ -87,6 +91,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
                 for c in range(m):
                     force[c] = target[c]
                 break
+            # Move to the first zero; set it exactly, so that rounding leaves no force on an open contact.
             for c in range(m):
                 force[c] += way * (target[c] - force[c])
             force[opening] = 0.0

@@ -17,6 +17,7 @@ def roots(count: int) -> Array:
     f = lambda x: np.cos(x) + 1.0 / np.cosh(x)  # noqa: E731  bounded for large x
     # The i-th root is within 0.31 of (i - 1/2) pi.
     centres = (np.arange(1, count + 1) - 0.5) * np.pi
+    # Centres are pi apart, so that half a unit to each side holds one root.
     return np.array([brentq(f, c - 0.5, c + 0.5, xtol=1e-15) for c in centres])
 
 
@@ -30,6 +31,7 @@ def mode(root: float, x: ArrayLike) -> Array:
     c, s, small = np.cos(root), np.sin(root), np.exp(-root)
     below = c + 0.5 * (np.exp(root) + small)
     r = (s + 0.5 * (np.exp(root) - small)) / below
+    # sinh l - cosh l = -e^-l by hand: in float64 the difference of the two would lose it.
     growing = 0.5 * (s - c - small) / below  # (r - 1)/2, of size e^{-l}
     return growing * np.exp(root * x) + 0.5 * (r + 1.0) * np.exp(-root * x) - r * np.cos(root * x) + np.sin(root * x)
 

@@ -88,6 +88,7 @@ class Stops(Parameters):
 
     def __post_init__(self) -> None:
         itself("stops", self, Stops)
+        # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
             object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness, exact=True))
         for side in ("lower", "upper"):
@@ -98,6 +99,7 @@ class Stops(Parameters):
         if self.exponent < 1.0:
             remedy = "1 is linear, 3/2 is Hertz"
             raise InputError("stops.exponent", self.exponent, "be >= 1, where the force has a slope", remedy)
+        # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
         for name, plain in LINEAR.items():
             if self.rigid and getattr(self, name) != plain:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
@@ -109,6 +111,7 @@ class Stops(Parameters):
                 remedy = "0 takes all the speed, 1 none"
                 raise InputError("stops.restitution", self.restitution, "lie in [0, 1]", remedy)
             object.__setattr__(self, "restitution", float(self.restitution))
+        # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
         if not self.lower_bound < self.upper_bound:
@@ -225,6 +228,7 @@ class Stops(Parameters):
         """
         self.require_linear("a closed form between its events", damped=True)
         gap = self.bound(side)
+        # An infinite gap would make kappa g infinite.
         return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
 
     def require_linear(self, for_what: str, damped: bool = False) -> None:
@@ -272,6 +276,7 @@ class Stops(Parameters):
         out = xp.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
         if self.linear:  # the same numbers by a third of the arrays, whose fresh memory costs more than the sums
             return self.coefficients.kappa * out
+        # One formula for both sides: depth and rate count into the stop.
         side = xp.sign(out)
         return side * self.pressure_in(xp, xp.abs(out), None if velocity is None else -side * velocity)
 
@@ -371,6 +376,7 @@ class Contact:
         given = self.row
         row = (
             given
+            # A row that is read-only stays the same object: results that are stored by identity still hold.
             if is_read_only(given)
             else read_only(numbers("contact.row", given, "be finite and not all zero").ravel())
         )
@@ -386,6 +392,7 @@ class Contact:
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
             load_function("contact.offset", self.offset)
+            # A damped stop's force takes the offset's rate, and its events take the acceleration.
             if self.stops.dissipative and not isinstance(self.offset, TimeFunction):
                 rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
                 raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
@@ -437,12 +444,15 @@ def restitution_of(dissipation: float, speed: float) -> float:
     from scipy.special import lambertw
 
     x = non_negative("dissipation", dissipation) * positive("speed", speed)
+    # Small x: the next term of the series, of order x^3, is below rounding.
     if x < 1e-7:
         return 1.0 + x * (-2.0 / 3.0 + x * 4.0 / 9.0)
     if x > 700.0:
         return 1.0 / x  # y = 0 in float64
+    # Large x: 1 - y does not cancel.
     if x > 1.0:
         return (1.0 + float(lambertw(-(1.0 + x) * np.exp(-(1.0 + x))).real)) / x
+    # Between them, from a start that agrees with the series to x^2 and is off by some 1 % at most.
     e = 1.0 / (1.0 + 2.0 * x / 3.0)
     for _ in range(6):
         e += (_log_less(-e * x) - _log_less(x)) * (1.0 - e * x) / (e * x * x)
@@ -451,8 +461,10 @@ def restitution_of(dissipation: float, speed: float) -> float:
 
 def _log_less(z: float) -> float:
     """ln(1 + z) - z without cancellation: 2 artanh t - 2 t/(1 - t), t = z/(2 + z)."""
+    # The plain difference loses one digit at most.
     if abs(z) > 0.3:
         return float(np.log1p(z)) - z
+    # Odd powers up to 23, small terms first: |t| < 0.18, so that the next power is below rounding.
     t = z / (2.0 + z)
     return -2.0 * t * t / (1.0 - t) + 2.0 * sum(t**k / k for k in range(23, 2, -2))
 
@@ -473,5 +485,6 @@ def dissipation_for(restitution: float, speed: float) -> float:
     # e falls from 1 to 0 as x grows, and e x stays below 1: 1 - 2x/3 < e < 1/x. Beyond 1/e, where 1/(1/e) rounds up.
     if not e > 1e-150:
         raise InputError("restitution", restitution, "be larger than 1e-150", "or use a rigid stop with restitution=0")
+    # x tends to 0 as e tends to 1: only the relative tolerance may end the search.
     x: Any = brentq(lambda x: restitution_of(x, 1.0) - e, 0.0, 1.001 / e, xtol=1e-300, rtol=RTOL)
     return float(x) / speed

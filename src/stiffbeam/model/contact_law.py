@@ -71,6 +71,7 @@ def all_laws(law: Array) -> Law:
 @formula
 def power(d: Any, p: float) -> Any:
     """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
+    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
     return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
 
 
@@ -79,7 +80,9 @@ def mean_power(d0: float, d1: float, p: float) -> float:
     """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
     if p == 1.0:
         return 0.5 * (d0 + d1)
+    # The powers' difference by expm1 and log1p, which keep its digits.
     share = (d1 - d0) / d0
+    # The quotient below is 0/0 as the depths meet. Two terms of its series are exact to rounding here.
     if abs(share) < 1e-12:
         return d0**p * (1.0 + 0.5 * p * share)
     return d0**p * math.expm1((p + 1.0) * math.log1p(share)) / ((p + 1.0) * share)
@@ -146,6 +149,7 @@ def is_spring(law: Law) -> Any:
 @formula
 def is_affine(law: Law) -> Any:
     """Return True where ``pressure`` is linear in d and d': a stage equation has a closed form."""
+    # & and | in place of ``and`` and ``or``: a Law may hold arrays.
     return is_spring(law) & (law.lam == 0.0)
 
 
@@ -294,6 +298,7 @@ def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> t
     """
     if not d0 > 0.0:
         return 0.0, 0.0, 0.0
+    # Linear in depth and rate: one division.
     if is_affine(law):
         to_depth, to_rate = slopes(d0, rate0, law)
         below = 1.0 + to_depth * s + to_rate * s_rate
@@ -301,10 +306,12 @@ def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> t
         if not P > 0.0:
             return (0.0, 0.0, 0.0) if P <= 0.0 else (P, slope, slope_rate)  # NaN stays NaN
     else:
+        # Any other law: Newton's method inside a bracket of P.
         if pressure(d0, rate0, law) <= 0.0:
             return 0.0, 0.0, 0.0
         P, left = 0.0, 0.0
         right = pressure(d0, rate0, law)
+        # A larger force would move the node off the stop, where none acts.
         if s * right > d0:
             right = d0 / s
         slope = slope_rate = 0.0
@@ -314,14 +321,17 @@ def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> t
             to_depth, to_rate = slopes(d, rate, law)
             below = 1.0 + s * to_depth + s_rate * to_rate
             slope, slope_rate = to_depth / below, to_rate / below
+            # |F| at the trial falls as P grows, which gives the side of the root.
             if trial > P:
                 left = P
             else:
                 right = P
             new = P + (trial - P) / below
+            # In exact arithmetic the iterates rise to the root. A step that rounding throws out becomes a bisection.
             if not left <= new <= right:
                 new = 0.5 * (left + right)
             change, P = abs(new - P), new
+            # The change is the rounding of P.
             if change <= 2e-16 * P or left >= right:
                 break
     if s * P >= d0:  # in the jump at d = 0

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Term = tuple[Array, LoadFunction]
 SPAN = 32  # steps from one sine to the next
+# Systems cannot change, so a drive is computed once. Weak keys: the table keeps no system alive.
 _KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
 
 
@@ -43,6 +44,7 @@ class Drive:
         if system in _KNOWN:
             return _KNOWN[system]
         leaves = [leaf for function in system.time_functions for leaf in parts_of(function)]
+        # Frequencies are distinguished by their exact values, see the docstring of the class.
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
         return _KNOWN.setdefault(system, cls(tuple(sorted(frequencies.values())), tuple(records)))
@@ -70,6 +72,7 @@ class Drive:
         Every SPAN-th by sine and cosine and those between by e^(i (a + b)) = e^(i a) e^(i b): no error adds up from
         one to the next, and each is within eps (w t + 4), what rounding w t costs and the products.
         """
+        # Sines at every SPAN-th time only: they cost more than the complex product that gives the others.
         anchors = (first + SPAN * np.arange(-(-count // SPAN))) * dt
         far, near = (np.exp(1j * np.multiply.outer(t, self.frequencies)) for t in (anchors, np.arange(SPAN) * dt))
         turned = (far[:, None] * near).reshape(SPAN * len(anchors), len(self.frequencies))[:count]
@@ -101,6 +104,7 @@ class Drive:
         """
         basis, rest = np.zeros((self.size, width)), []
         for vector, function in ((factor * p, f) for p, whole in terms for factor, f in parts(whole)):
+            # The rows stand in the order of ``coefficients``: the constant, then sine and cosine of each frequency.
             if isinstance(function, Harmonic):
                 k = 1 + 2 * self.frequencies.index(function.frequency)
                 basis[k] += function.sine * vector
@@ -133,6 +137,7 @@ class Drive:
     @cached_property
     def edges(self) -> Array:
         """The times of all samples, in order: between two of them every record is a polynomial."""
+        # The empty array is for systems without records: an empty list cannot be concatenated.
         return np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
 
     def next_edge(self, t: float, t_end: float) -> float:
@@ -157,6 +162,7 @@ class Drive:
         """(..., R, P): coefficient k of s^k in every record at t + s, up to the next edge; t within the samples."""
         if not self.records:
             return np.zeros((*np.shape(t), 0, 0))
+        # At an edge the polynomial that begins there; at the last edge the one that ends there.
         k = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2)
         return moved(self.table[k], np.asarray(t - self.edges[k])[..., None])
 

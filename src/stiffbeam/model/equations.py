@@ -106,6 +106,7 @@ class SecondOrder(Equation):
         if np.ndim(c):
             rule = "be one number: the stages are solved one after the other"
             raise InputError("implicit_rate: c", f"{np.ndim(c)} dimensions", rule, FULLY_IMPLICIT)
+        # The state at the end without the acceleration; the solve gives the acceleration that it lacks.
         ahead = np.array([r[0] + c * r[1], r[1]])
         acceleration = self.solve(c, c * c, self.net_force(ahead, force))
         return np.array([r[1] + c * acceleration, acceleration])
@@ -135,6 +136,7 @@ class Matrices(SecondOrder):
 
     def solve(self, a: float, b: float, x: Array) -> Array:
         """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
+        # A run of fixed steps uses one pair (a, b) or a few: each is factorised once.
         if (a, b) not in self._factors:
             self._factors[a, b] = _inverse(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
@@ -174,11 +176,13 @@ def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
 def _inverse(matrix: Array) -> Callable[..., Array]:
     """x -> matrix^-1 x of a positive definite matrix."""
     n, (i, j) = len(matrix), np.nonzero(matrix)
+    # Cholesky's factor keeps the band: a narrow one costs n width^2 in place of n^3.
     width = int(np.max(j - i))
     if n < LARGE or width > FEW * n:
         return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
     bands = np.zeros((width + 1, n))
     for k in range(width + 1):
+        # LAPACK's storage of the upper half: diagonal k is row width - k.
         bands[width - k, k:] = np.diagonal(matrix, k)
     return partial(scipy.linalg.cho_solve_banded, (scipy.linalg.cholesky_banded(bands), False))
 
@@ -230,6 +234,7 @@ class Modal(SecondOrder):
 
     def _two_sided(self, t: float) -> Array:
         omega, c = np.sqrt(self._stiffness), self._damping
+        # For negative damping above critical only the power series of ``oscillation`` holds, both angles below 0.5.
         if np.any((c > 2.0 * omega) & ((omega * t >= 0.5) | (c * t >= 0.5))):
             remedy = "use a smaller dt, or moreau-jean"
             raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
@@ -276,6 +281,7 @@ class FirstOrder(Equation):
 
 def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
     """(e^{At}, t phi_1(At) B, t phi_2(At) B): what a state, a force and its change over t do to y' = A y + B f."""
+    # One exponential gives all three: that of [[A, B, 0], [0, 0, I], [0, 0, 0]], with A and B times t (Van Loan).
     m, k = B.shape
     whole = np.zeros((m + 2 * k, m + 2 * k))
     whole[:m, :m], whole[:m, m : m + k], whole[m : m + k, m + k :] = A * t, B * t, np.eye(k)
@@ -291,20 +297,26 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
     in t by the power series.
     """
     c, sigma = damping, 0.5 * damping
+    # Power series, where the closed form of V would divide a cancelled 1 - C by a small omega^2.
     few = (omega * t < 0.5) & (c * t < 0.5)
     S, V, X = (np.zeros_like(omega) for _ in range(3))
     term, before = np.full_like(omega, 0.5 * t * t), np.zeros_like(omega)  # of V: t^k/k! times its derivatives
+    # All modes run through it. Those with large angles may overflow, and are replaced below.
     with np.errstate(over="ignore", invalid="ignore"):
+        # 24 terms: with both angles below 0.5 the last ones are far below rounding.
         for k in range(2, 26):
             S, V, X = S + term * k / t, V + term, X + term * t / (k + 1)
             term, before = -(c * t * term + (omega * t) ** 2 * before / k) / (k + 1), term
+    # Closed form: cosine and sine below critical damping, two decaying exponentials above.
     root = sigma**2 - omega**2
     wide = np.sqrt(np.abs(root)) * t
     decay = np.exp(-sigma * t)
     safe = np.where(wide > 0.0, wide, 1.0)
+    # sigma - sqrt(root) cancels under strong damping, so the slow rate is omega^2/(sigma + sqrt(root)).
     slow = np.exp(-(omega**2) * t / np.where(sigma > 0.0, sigma + np.sqrt(np.maximum(root, 0.0)), 1.0))
     fast = np.exp(-(sigma + np.sqrt(np.maximum(root, 0.0))) * t)
     with np.errstate(over="ignore", invalid="ignore"):
+        # Near critical damping, wide < 1, the difference of the exponentials cancels: sinh does not.
         sinc = np.where(root < 0.0, np.sin(wide) / safe, np.where(wide < 1.0, np.sinh(wide) / safe, 0.0))
         sinc = np.where(wide > 0.0, sinc, 1.0)
         over = (root >= 0.0) & (wide >= 1.0)
@@ -312,12 +324,14 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
         even = np.where(
             over, 0.5 * (slow + fast), decay * np.where(root < 0.0, np.cos(wide), np.cosh(np.minimum(wide, 1.0)))
         )
+        # Undamped, 1 - cos as 2 sin^2 of half the angle, which does not cancel.
         less = np.where(
             (c == 0.0), 2.0 * np.sin(0.5 * wide) ** 2, 1.0 - even - sigma * S_wide
         )  # 1 - C, C = even + sigma S
         squares = np.where(omega > 0.0, omega**2, 1.0)
         V_wide = less / squares
         X_wide = (t - S_wide - c * V_wide) / squares
+    # Each mode by the formula that holds for it.
     S, V, X = (np.where(few, a, b) for a, b in ((S, S_wide), (V, V_wide), (X, X_wide)))
     C = np.where(few, 1.0 - omega**2 * V, even + sigma * S)
     rate = np.where(few, 1.0 - c * S - omega**2 * V, even - sigma * S)

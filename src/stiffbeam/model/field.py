@@ -17,6 +17,7 @@ from ..basics.validation import InputError, numbers
 from .problem import BeamProblem, factors
 from .time_functions import TimeFunction
 
+# Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
 ROTARY = np.array([[36, 3, -36, 3], [3, 4, -3, -1], [-36, -3, 36, -3], [3, -1, -3, 4]])  # times J/(30 h)
 BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
@@ -48,6 +49,7 @@ def shape_functions(s: Array, times: int = 0) -> Array:
 
 def interpolation(share: Array, M: int, times: int = 0) -> Array:
     """The rows of h^times d^times v/dx^times at x = share L, for all 2 M + 2 unknowns: share.shape + (2 M + 2,)."""
+    # The tip belongs to the last element.
     cell = np.minimum((share * M).astype(int), M - 1)
     values = shape_functions(share * M - cell, times)
     rows = np.zeros((*np.shape(share), 2 * M + 2))
@@ -88,12 +90,14 @@ def _derivative(problem: BeamProblem, form: str, q: Array, x: ArrayLike, slopes:
     if np.any((x < 0.0) | (x > L)):
         raise InputError("x", x, f"lie in [0, {L:g}]", "for example half of that")
     share = x / L
+    # 1 - (x/L)^2 and its derivatives by x/L, up to the third.
     lift = np.multiply.outer(phi, (1.0 - share**2, -2.0 * share, -2.0 + 0.0 * share, 0.0 * share)[slopes])
     if form == "hermite":
         # n = 2 M + 2 unknowns less those that are held
         M = (q.shape[-1] + sum({"free": 0, "pinned": 1, "clamped": 2}[end] for end in problem.ends)) // 2 - 1
         rows = interpolation(share, M, slopes)[..., free_unknowns(problem.ends, M)]
         return (np.tensordot(q, rows, axes=(-1, -1)) * float(M) ** slopes + lift) / L**slopes
+    # The forms of the paper have no slopes as unknowns: a spline gives them.
     from scipy.interpolate import CubicSpline
 
     M = q.shape[-1]

@@ -83,6 +83,7 @@ class FirstOrderSystem:
 
     def is_of_its_system(self) -> bool:
         """Return True if it is, number by number, the first-order form of ``system``."""
+        # By content: a pickled copy has other arrays with the same numbers.
         again = self.system.first_order()
         arrays = [(getattr(self, x), getattr(again, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
         if len(self.loads) != len(again.loads) or len(self.contacts) != len(again.contacts):
@@ -119,6 +120,7 @@ class FirstOrderSystem:
         for c in self.contacts:
             slope, to_rate = c.contact.stops.tangent(*self.contact_motion(c, t, y))
             jacobian -= slope * np.outer(c.column, c.row)
+            # Zero without damping: its outer product is left out.
             if to_rate:
                 jacobian -= to_rate * np.outer(c.column, self.velocity_row(c))
         return jacobian
@@ -160,6 +162,7 @@ def interleaved(system: System, inverse: Callable[[Array], Array] | None = None)
         out[q] = vector
         return out
 
+    # ``divide`` acts on the rows of q'' only: those of q' are exact.
     matrix = np.zeros((2 * n, 2 * n))
     matrix[q, v] = np.eye(n)
     matrix[v, q] = -divide(system.stiffness)
@@ -183,6 +186,7 @@ def interleaved(system: System, inverse: Callable[[Array], Array] | None = None)
 
 def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
     diagonal = np.diag(mass)
+    # A diagonal mass divides entry by entry, with one rounding each.
     if not np.any(mass - np.diag(diagonal)):
         return lambda x: (x.T / diagonal).T
     inverse = np.linalg.inv(mass)

@@ -36,6 +36,7 @@ def graded_eigenpairs(
     Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
     slow = len(X)
+    # The solver errs by n eps of the largest square: squares below this one have more than ENOUGH of error.
     if slow > SMALL:
         slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
         if not slow:
@@ -48,21 +49,27 @@ def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) 
     """The pairs in the space of the columns of X (n, k)."""
     squares = rounding = np.zeros(X.shape[1])
     for _ in range(PASSES):
+        # S = X^T K X, and the size of the terms that it sums, from which its rounding follows.
         S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
+        # Springs one by one: a stiff spring summed into K would round its soft entries away.
         for row, kappa in springs:
             along = product(row[None], X)[0][0]
             S += kappa * np.outer(along, along)
             terms += kappa * along**2
+        # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
         R = congruence(mass, X)
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
+        # The Jacobi method, and its vectors back in the space of X.
         rounding = rounding_of_zero(terms, len(S))
         squares, turned = jacobi(0.5 * (S + S.T), rounding)
         X = X @ scipy.linalg.solve_triangular(upper, turned)
+        # Graded already: the Jacobi method had its digits, and no better start is needed.
         size = np.sqrt(np.maximum(np.abs(np.diag(S)), rounding))
         if not np.any(np.abs(S - np.diag(np.diag(S))) > GRADED * np.outer(size, size)):
             break
+    # A rigid motion has the square zero, not its rounding.
     squares[np.abs(squares) < rounding] = 0.0
     order = np.argsort(squares, kind="stable")
     return squares[order], X[:, order]
@@ -77,6 +84,7 @@ def uncoupled(A: Any, X: Array, projected: Array, rigid: Array) -> Array:
     """``projected`` = X^T A X (k, k) without the rounding of zero: entries beside the diagonal, and those of rigid
     motions (k,). Those on the diagonal stay: of slow motions they can be that small. A: (n, n), dense or sparse."""
     terms, n = np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X)
+    # Between modes by the statistics of rounding, sqrt(n). Rigid motions by the full bound, diagonal included.
     least = np.where(np.eye(len(projected), dtype=bool), 0.0, SUMMED * EPS * np.sqrt(n) * terms)
     least = np.where(rigid[:, None] | rigid, rounding_of_zero(terms, n), least)
     return np.where(np.abs(projected) <= least, 0.0, projected)
@@ -94,10 +102,13 @@ def product(A: Array, B: Array) -> tuple[Array, Array]:
     """A B as the unrounded sum of two matrices: the dot products of Ogita, Rump and Oishi (SIAM J. Sci. Comput.
     26, 2005), with an error of eps^2 |A| |B|."""
     high, low = np.zeros((2, len(A), B.shape[1]))
+    # Column by row: the sum of n rank-one products, whose roundings are summed beside it.
     for a, b in zip(A.T[:, :, None], B[:, None, :], strict=True):
         term = a * b
+        # The rounding of every product, exactly (Dekker).
         (a1, a2), (b1, b2) = _halves(a), _halves(b)
         lost = a2 * b2 - (((term - a1 * b1) - a2 * b1) - a1 * b2)
+        # The rounding of every sum, exactly (Knuth).
         total = high + term
         back = total - high
         low += ((high - (total - back)) + (term - back)) + lost
@@ -124,19 +135,23 @@ def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
         rotated = False
         for i, j in _rounds(n):
             a, b, c = S[i, i], S[j, j], S[i, j]
+            # Relative to both diagonals, not to the largest one: this is what keeps the digits of the small ones.
             size = np.sqrt(np.maximum(np.abs(a), least[i])) * np.sqrt(np.maximum(np.abs(b), least[j]))
             on = np.abs(c) > EPS * size
             if not np.any(on):
                 continue
             rotated = True
             i, j, a, b, c = i[on], j[on], a[on], b[on], c[on]
+            # The smaller of the two angles, by the formula that does not cancel.
             half = (b - a) / (2.0 * c)
             tangent = np.where(half < 0.0, -1.0, 1.0) / (np.abs(half) + np.hypot(1.0, half))
             cosine = 1.0 / np.hypot(1.0, tangent)
             sine = tangent * cosine
+            # Columns of the matrix and of the vectors, then the rows.
             for x in (S, V):
                 x[:, i], x[:, j] = cosine * x[:, i] - sine * x[:, j], sine * x[:, i] + cosine * x[:, j]
             S[i], S[j] = cosine[:, None] * S[i] - sine[:, None] * S[j], sine[:, None] * S[i] + cosine[:, None] * S[j]
+            # The diagonals from their old values: the products above would round the small one off.
             S[i, i], S[j, j] = a - tangent * c, b + tangent * c
             S[i, j] = S[j, i] = 0.0
         if not rotated:

@@ -81,6 +81,7 @@ def massless_contacts(
     """
     one_of("redistribute", redistribute, REDISTRIBUTIONS)
     one_of("damping", damping, DAMPINGS)
+    # Which unknowns lose their mass, and whether stops, loads and ``observe`` allow it.
     if not system.contacts:
         raise InputError("system", "no contact", "have contacts for massless ones", "give the problem stops")
     rows = np.array([contact.row for contact in system.contacts])
@@ -89,6 +90,7 @@ def massless_contacts(
     for c, contact in enumerate(system.contacts):
         _require_condensable(contact, c, bool(np.any(rows[c, massless])))
     _require_unseen(system, massless)
+    # Nodes at rest under their forces. K_bb is symmetric: S is the transpose of one solution.
     K, held = system.stiffness, _held(system, massless)
     to_inner = -np.linalg.solve(held, K[np.ix_(massless, inner)])  # q_b from q_i, (b, i)
     lever = np.linalg.solve(held, rows[:, massless].T).T  # S
@@ -98,10 +100,12 @@ def massless_contacts(
     if not inner:
         remedy = "refine the grid, or pass nodes= of one side of the contact"
         raise InputError("contacts", "all unknowns", "leave unknowns with mass", remedy)
+    # Damping, mass and contacts of what stays.
     C, late = _damping(system, rows, massless, damping)
     mass = (_to_neighbours if redistribute == "neighbour" else _nearest)(system, massless)
     loads = [(p[massless], f) for p, f in system.loads]
     follow = rows[:, inner] + rows[:, massless] @ to_inner  # r
+    # A contact that reads no node keeps its stops: its compliance in G is zero.
     contacts = tuple(
         _condensed(contact, row, to_node, float(node_compliance), float(beta), loads)
         if node_compliance
@@ -110,6 +114,7 @@ def massless_contacts(
             system.contacts, follow, lever, np.diag(compliance), late, strict=True
         )
     )
+    # A condensed system is no beam on its grid, so it has no origin.
     return replace(
         system,
         mass=mass[np.ix_(inner, inner)],
@@ -126,6 +131,7 @@ def massless_contacts(
 
 def _nodes(system: System, rows: Array, nodes: Sequence[int] | None) -> list[int]:
     """The unknowns without mass, in increasing order."""
+    # Coupling counts beside both diagonals: what is stiff elsewhere must not hide a soft coupling.
     size = np.sqrt(np.diag(system.stiffness).clip(0.0))
     coupled = np.count_nonzero(np.abs(system.stiffness) > ROUNDING * np.outer(size, size), axis=1) > 1
     able = np.flatnonzero(np.any(rows != 0.0, axis=0) & (size > 0.0) & coupled).tolist()
@@ -172,6 +178,7 @@ def _require_unseen(system: System, nodes: list[int]) -> None:
 def _held(system: System, nodes: list[int]) -> Array:
     """K_bb, where the others hold the nodes."""
     held = system.stiffness[np.ix_(nodes, nodes)]
+    # Scaled to a diagonal of ones, so that stiff nodes do not hide a soft one.
     size = np.sqrt(np.diag(held))
     if not np.linalg.eigvalsh(held / np.outer(size, size))[0] > ROUNDING * len(nodes):
         rule = "hold the nodes without mass by unknowns that have mass"
@@ -188,6 +195,7 @@ def _require_independent(compliance: Array, linked: NDArray[np.bool_]) -> None:
     pairs = np.argwhere(np.triu(np.abs(compliance) > ROUNDING * np.outer(size, size), 1))
     if not len(pairs):
         return
+    # For the message: contacts that can stand together, the first ones first.
     apart: list[int] = []
     for c in range(len(compliance)):
         if not np.any(linked[c, apart]):
@@ -204,6 +212,7 @@ def _damping(system: System, rows: Array, nodes: list[int], damping: str) -> tup
     for b in nodes:
         if damping != "condensed" and np.any(system.damping[b]):
             beta[b] = _relaxation_time(system, b, damping)
+        # Eliminate the rate of a node without force. What earlier nodes have left of C_bb may be rounding of zero.
         if C[b, b] > ROUNDING * system.damping[b, b]:
             C -= np.outer(C[b], C[b]) / C[b, b]
     late = [_common(contact, beta[[b for b in nodes if contact.row[b]]]) for contact in system.contacts]
@@ -278,13 +287,16 @@ def _nearest(system: System, nodes: list[int]) -> Array:
         raise InputError("stiffness", "a body that is held", rule, "use redistribute='neighbour'")
     kept = np.array(system.mass)
     kept[nodes], kept[:, nodes] = 0.0, 0.0
+    # M~ may have entries only where the rest of M has them.
     pattern = (kept != 0.0).astype(float)
     lost = X.T @ (system.mass - kept) @ X
+    # A symmetric multiplier L_ij and one equation for each pair of motions.
     pairs = [(i, j) for i in range(X.shape[1]) for j in range(i + 1)]
     units = [pattern * (np.outer(X[:, i], X[:, j]) + np.outer(X[:, j], X[:, i])) for i, j in pairs]
     matrix = np.array([[(X.T @ unit @ X)[i, j] for unit in units] for i, j in pairs])
     share = np.linalg.lstsq(matrix, np.array([lost[i, j] for i, j in pairs]))[0]
     nearest = kept + np.tensordot(share, np.array(units), 1)
+    # Least squares give a result even where the entries have too little room.
     if not np.max(np.abs(X.T @ nearest @ X - X.T @ system.mass @ X)) <= 1e-9 * np.max(np.abs(X.T @ system.mass @ X)):
         remedy = "use redistribute='neighbour'"
         raise InputError("mass", "too few entries", "have room for the mass of the nodes", remedy)
@@ -296,6 +308,7 @@ def _rigid_motions(system: System) -> Array:
     if system.form == "displacement" and system.cells:
         x = np.arange(1, system.size + 1) / system.cells
         return np.stack([np.ones_like(x), x], axis=1)
+    # Motions without strain have squares that are zero to rounding.
     squares, vectors = scipy.linalg.eigh(system.stiffness)
     X = vectors[:, squares <= ROUNDING * system.size * squares[-1]]
     return X
@@ -310,10 +323,12 @@ def _condensed(
     loads: list[tuple[Array, LoadFunction]],
 ) -> Contact:
     """The contact at u_f = row q + offset, ``to_node`` its row of S; loads: on the nodes, with their functions."""
+    # Node and stop in series: compliances add.
     stop_compliance = 0.0 if contact.stops.rigid else 1.0 / float(contact.stops.stiffness)
     stops = replace(contact.stops, stiffness=1.0 / (compliance + stop_compliance), damping=beta / compliance)
     terms: list[tuple[float, LoadFunction | None]] = [(1.0, contact.offset)]
     for vector, function in loads:
+        # A load moves the node, and so the position that the stop meets.
         if moved := float(to_node @ vector):
             terms += [(moved * factor, _late(part, beta)) for factor, part in parts(function)]
     return Contact(row, stops, combined(*terms))

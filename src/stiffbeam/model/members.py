@@ -138,6 +138,7 @@ class EnsembleMembers(Sequence[System]):
         n, vectors = self.system.size, self.fields.get(field)
         if vectors is None:
             return np.tile(getattr(self.system, field), (len(self), 1))
+        # Arrays of floats are checked together; anything else one by one, for its own message.
         if all(type(x) is np.ndarray and x.dtype == float and x.shape == (n,) for x in vectors):
             values = np.array(vectors)
             if np.all(np.isfinite(values)):
@@ -163,6 +164,7 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
     if not isinstance(members, EnsembleMembers):
         rule, remedy = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
         systems = sequence("members", members, rule, remedy)
+        # What systems of a list must share, and the fields in which they differ.
         for member in systems:
             require_system(member, "members")
             shared = [(getattr(system, x), getattr(member, x)) for x in ("mass", "damping", "stiffness")]
@@ -177,6 +179,7 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
         columns = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
         fields = {name: x for name, x in columns.items() if any(each is not getattr(system, name) for each in x)}
         members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), fields)
+    # By fingerprint: a copy from another process is equal without being the same object.
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
         raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
@@ -267,6 +270,7 @@ def perturbed_members(
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
         raise InputError("scale", motion.speed, rule, "give the scale, a modal velocity")
+    # A stream for each member, so that more members leave the first ones as they are.
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     scale = motion.speed
@@ -323,6 +327,7 @@ def varied_members(
         )
     if stops is not None:
         return _with_stops(system, stops)
+    # Values of every path, as many for each.
     grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
     name, values = next(iter(grid.items()))
     for other, along in grid.items():
@@ -370,6 +375,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
             continue
         keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
         try:
+            # findall skips what it cannot read. Such a path does not read back as it was.
             if "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
                 raise LookupError(path)
             system = _placed(system, keys, value)
@@ -434,6 +440,7 @@ def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
         return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]
+    # One form for none, one and several stops, so that paths lead through the same list.
     root = replace(system.problem, stops=system.problem.all_stops or None)
     single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
     return root, ["stops", *keys[2:]] if single else keys
@@ -465,6 +472,7 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
     if not is_dataclass(thing) or key not in [x.name for x in fields(thing)]:
         raise LookupError(key)
     new = _replaced(getattr(thing, key), others, value)
+    # The constructor of a Superposition takes functions, not terms.
     return (
         Superposition.weighted(new) if isinstance(thing, Superposition) else replace(cast("Any", thing), **{key: new})
     )
@@ -485,6 +493,7 @@ def _paths(thing: Any, path: str = "") -> list[str]:
         return [each for i, entry in enumerate(thing) for each in _paths(entry, f"{path}[{i}]")]
     if is_dataclass(thing):
         start = path + "." if path else ""
+        # The origin and the units hold no numbers to vary.
         parts = [x.name for x in fields(thing) if x.name not in ("origin", "units")]
         return [each for name in parts for each in _paths(getattr(thing, name), start + name)]
     return [path] if isinstance(thing, (Real, Decimal)) and not isinstance(thing, bool) else []
@@ -515,6 +524,7 @@ def _driven(system: System, name: str, value: float) -> System:
     else:
         motions = [stops.motion for stops in problem.all_stops]
         places = [[problem.base], [load.time for load in problem.loads], motions]
+    # The drive: the first place in this order that has a Harmonic.
     leading = [[h for f in place for h in parts_of(f) if isinstance(h, Harmonic)] for place in places]
     drive = next((harmonics for harmonics in leading if harmonics), [])
     distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
@@ -548,6 +558,7 @@ def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Pr
     profile, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
     if profile is None or before == 0.0 or before == after:
         return profile
+    # Nine points along the beam decide whether it starts with the speed of its base.
     speeds = np.broadcast_to(np.asarray(profile(np.linspace(0.0, problem.length, 9)), float), 9)
     same_speed = np.abs(speeds - before) <= 1e-6 * abs(before)
     if np.all(same_speed):

@@ -104,20 +104,24 @@ def slowest(system: System, count: int) -> Modes | None:
     import scipy.sparse.linalg
 
     G = system.stiffness_factor
+    # Only proportional damping can be judged by few modes: other damping may couple them to those left out.
     if G is None or G.shape[0] != G.shape[1]:
         return None
     ratio = _multiple(system.damping, system.stiffness)
     if ratio is None and not _proportional(system):
         return None
+    # Sparse LU of G: two triangular solves stand for K^-1.
     factor, mass = scipy.sparse.csc_array(G), scipy.sparse.csc_array(system.mass)
     try:
         solve = scipy.sparse.linalg.splu(factor).solve
     except RuntimeError:  # singular
         return None
+    # A fixed start gives the same modes in every process.
     shape, start = G.shape, np.random.default_rng(0).normal(size=len(G))
     operator: Any = scipy.sparse.linalg.LinearOperator  # whose stubs lack the arguments of a plain one
     inverse = operator(shape, matvec=lambda x: solve(solve(x, "T")))
     stiffness = scipy.sparse.csc_array(system.stiffness)
+    # Shifted to zero and inverted, the slowest modes are the largest, which Lanczos' method yields first.
     _, x = scipy.sparse.linalg.eigsh(stiffness, count, mass, sigma=0.0, OPinv=inverse, v0=start)
     x = x / np.sqrt(np.sum(x * (mass @ x), axis=0))
     omega = np.linalg.norm(factor @ x, axis=0)
@@ -130,6 +134,7 @@ def slowest(system: System, count: int) -> Modes | None:
 def _multiple(a: Array, b: Array) -> float | None:
     """The factor c of a = c b, to the rounding of every entry; None where there is none."""
     largest = np.unravel_index(np.argmax(np.abs(a)), a.shape)
+    # A zero in b gives factor 0, which only a zero a passes below.
     factor = float(a[largest] / (b[largest] or np.inf))
     return factor if np.all(np.abs(a - factor * b) <= 4.0 * EPS * np.abs(a)) else None
 
@@ -138,8 +143,10 @@ def _multiple(a: Array, b: Array) -> float | None:
 def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
     basis = undamped_modes(system, springs)
     damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
+    # Couplings below the rounding of the entries are none.
     damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
     diagonal = np.diag(damping).copy()
+    # Springs change the modes: alpha M + beta K then couples them as any other damping does.
     if np.any(damping != np.diag(diagonal)) and (springs or not _proportional(system)):
         return None
     return replace(basis, damping=diagonal)
@@ -150,6 +157,7 @@ def _proportional(system: System) -> bool:
     of shapes."""
     C, on = system.damping, system.damping != 0.0
     for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
+        # Every entry relative to its size: entries of C may differ by orders of magnitude.
         columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]
         size = np.linalg.norm(columns, axis=0)
         share = np.linalg.lstsq(columns / np.where(size > 0.0, size, 1.0), np.sign(C[on]))[0]
@@ -163,16 +171,19 @@ def _proportional(system: System) -> bool:
 def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
     into, back = _root(system.mass)
     name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
+    # With a factor of K by singular values, which lose w_max/w_1 instead of its square.
     if system.stiffness_factor is not None:
         factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
         _, omega, vectors = scipy.linalg.svd(_within_float64(name, into(factor.T).T), full_matrices=False)
         omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
+    # Without one by eigenvalues, whose slow ones are refined afterwards.
     else:
         stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
         scaled = 0.5 * into(into(stiffness).T)
         squares, vectors = scipy.linalg.eigh(_within_float64(name, scaled + scaled.T))
+        # Rounding makes zeros slightly negative; a larger negative square is in the matrix.
         if squares[0] < -1e-9 * squares[-1]:
             remedy = "look at the signs and the supports it was made with"
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
@@ -197,6 +208,7 @@ def _within_float64(name: str, scaled: Array) -> Array:
 def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
     """x -> R^-T x and x -> R^-1 x of M = R^T R."""
     diagonal = np.diag(mass)
+    # n entries of a definite matrix stand on its diagonal, which has none that is zero.
     if np.count_nonzero(mass) == len(mass):
         root = np.sqrt(diagonal)[:, None]
         return lambda x: x / root, lambda x: x / root

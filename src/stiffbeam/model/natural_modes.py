@@ -108,6 +108,7 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
 
 def _complex_modes(system: System) -> NaturalModes:
     """Modes from the eigenvalues of the first-order form in undamped modal coordinates, scaled by their frequencies."""
+    # In undamped modes the matrices are diagonal but for the damping.
     basis = decoupled.undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
     # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.
@@ -116,13 +117,16 @@ def _complex_modes(system: System) -> NaturalModes:
     A[n:, :n] = -np.diag(basis.omega**2 / scale)
     A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
     values, vectors = (np.asarray(part, complex) for part in np.linalg.eig(A))
+    # One of each conjugate pair, and the real ones.
     kept = np.imag(values) >= 0.0
     values, vectors = values[kept], vectors[:, kept]
     x = vectors[:n] / scale[:, None]
+    # Twice: a step of Newton's method leaves the square of the error.
     for _ in range(2):
         values = values + eigenvalues_off(values, x, -A[n:, n:], basis.omega)
     order = np.argsort(np.abs(values), kind="stable")
     values, shapes = values[order], basis.shapes @ (vectors[:n, order] / scale[:, None])
+    # Unit norm in M, and the phase at which the largest entry is real and positive.
     norms = np.sqrt(np.real(np.sum(np.conj(shapes) * (system.mass @ shapes), axis=0)))
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
@@ -138,6 +142,7 @@ def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array) -> Any:
     An algorithm errs by eps of the largest in all of them. The form is stationary at an eigenvector, so that its zero
     is as good as a slow motion is slow. 0 where two that meet make it flat.
     """
+    # x^T and not x^H: the left eigenvector of symmetric matrices is x^T.
     a, b, c = np.sum(x * x, axis=0), np.sum(x * (damping @ x), axis=0), np.sum(x * (omega[:, None] ** 2 * x), axis=0)
     slope = 2.0 * a * values + b
     single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
@@ -187,11 +192,13 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
         factor = scipy.linalg.cho_factor(system.stiffness)
     except np.linalg.LinAlgError:
         factor = None
+    # A pivot that has lost 14 digits is the rounding of zero: a motion without strain.
     if factor is None or np.any(np.diag(factor[0]) ** 2 < 1e-14 * np.diag(system.stiffness)):
         return _on_its_stops(system, load, at)
     free = scipy.linalg.cho_solve(factor, load)
     if not system.contacts:
         return free
+    # The compliances at the contacts, and one complementarity problem for the forces.
     rows = np.array([contact.row for contact in system.contacts])
     gives = scipy.linalg.cho_solve(factor, rows.T)  # K^-1 row^T
     offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
@@ -227,10 +234,13 @@ def _on_its_stops(system: System, load: Array, t: float) -> Array:
     q = system.q0
     for _ in range(STEPS):
         K = stiffness(q)
+        # In the metric of M: a motion that neither K nor a closed stop holds has eigenvalue zero.
         values, shapes = scipy.linalg.eigh(K, system.mass)
         rigid = values <= 1e-12 * max(float(values[-1]), 0.0)
+        # Forces on the modes, and the sizes that they sum: a force below their rounding is none.
         pushed = shapes.T @ force(q)
         push = np.sum(np.abs(shapes.T) * (np.abs(load) + np.abs(system.stiffness @ q)), axis=1)
+        # A force on a free motion drives along it until a stop closes; otherwise Newton's step.
         free = rigid & (np.abs(pushed) > 1e-12 * push)
         step = shapes @ (np.where(free, pushed, 0.0) if np.any(free) else pushed / np.where(rigid, np.inf, values))
         if not np.any(free) and np.max(np.abs(step)) <= 1e-14 * np.max(np.abs(q + step)):
@@ -241,6 +251,7 @@ def _on_its_stops(system: System, load: Array, t: float) -> Array:
         def along(share: float, q: Array = q, step: Array = step) -> float:
             return float(step @ force(q + share * step))
 
+        # Twice as far until the energy rises: its least point is bracketed then.
         far = 1.0
         while along(far) > 0.0 and far < FARTHEST:
             far *= 2.0

@@ -71,6 +71,7 @@ class ODE:
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
         self.mass: Array = np.eye(self._n) if mass is None else np.asarray(mass)
+        # A segment between events has its sides; without them every contact follows its law.
         if sides is not None:
             given = np.asarray(sides)
             if given.shape != self._rhs.regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
@@ -129,6 +130,7 @@ class ODE:
         """Times at which a load or an offset is not smooth."""
         times: set[float] = set()
         for part in (part for function in self.system.time_functions for part in parts_of(function)):
+            # A record breaks at its samples; of other functions only those times count that they state.
             stated = part.t if isinstance(part, Sampled) else breakpoints_of(part)
             times |= {float(t) for t in (() if stated is None else stated)}
         return tuple(sorted(times))
@@ -143,6 +145,7 @@ class ODE:
         if self._rhs.in_python:
             rule = "be made of Harmonic, Constant and Sampled for compiled code"
             raise InputError("time function", "a callable", rule, "sample it: Sampled(t, values, 'cubic')")
+        # Kept by the object, since C reads these numbers at every call.
         self._data = np.array([self._rhs.block.ctypes.data, self._rhs.block.size, self._n, self._rhs.size], np.int64)
         return _called.address, self._data.ctypes.data
 
@@ -204,6 +207,7 @@ class Event:
 @called_from_c(types.void(types.float64, types.int64, types.int64, types.int64))
 def _called(t: float, y: int, rate: int, data: int) -> None:
     """Write f(t, y), (n,), to ``rate``; data: block, its length, n and the length of z."""
+    # The kernel computes the integrals of the ledger too: they start at zero and are left out.
     user = integers(data, 4)
     n = user[2]
     z, out = np.zeros(user[3]), np.empty(user[3])

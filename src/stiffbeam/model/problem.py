@@ -308,6 +308,7 @@ class BeamProblem:
 
     def __post_init__(self) -> None:
         itself("problem", self, BeamProblem)
+        # Numbers first, then what they must be to each other.
         for name, rule in (
             ("stiffness", positive), ("viscosity", non_negative), ("length", positive), ("mass_per_length", positive),
             ("tip_mass", non_negative), ("mass_damping", non_negative), ("rotary_inertia", non_negative),
@@ -320,6 +321,7 @@ class BeamProblem:
             raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
         if not isinstance(self.units, Units):
             raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        # Supports, stops, base and loads: their kind, and where they act.
         self._check_supports()
         self._check_stops()
         if self.base is not None and not isinstance(self.base, TimeFunction):
@@ -339,6 +341,7 @@ class BeamProblem:
             if isinstance(load, PointLoad) and load.position > self.length:
                 rule = f"lie on the beam, 0 < position <= {self.length:g}"
                 raise InputError("load.position", load.position, rule, "its end is the length")
+        # Functions of x: a wrong one shows only when it is called.
         self._check_profiles()
         self._check_clamp()
 
@@ -381,6 +384,7 @@ class BeamProblem:
     def _check_stops(self) -> None:
         """Checked stops: one Stops as it is, several as a tuple."""
         argument = self.stops
+        # One Stops of a list is stored by itself: equal problems are equal however their stops were given.
         if isinstance(argument, (list, tuple)):
             object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)
         each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
@@ -391,6 +395,7 @@ class BeamProblem:
             itself("stops", stops, Stops)
             left, right = self.ends
             position = self.length if stops.position is None else stops.position
+            # A free left end may meet a stop at x = 0, which counts as outside the beam below.
             if position == 0.0 and left == "free":
                 continue
             if right != "free" and position == self.length:

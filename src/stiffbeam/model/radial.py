@@ -100,6 +100,7 @@ def two_planes(
         raise InputError("sides", sides, "be even", "opposite sides are one contact")
     if second is None:
         second = replace(problem, loads=(), initial_displacement=None, initial_velocity=None)
+    # The holes are the same in both planes: ``second`` needs no stops.
     planes = [semidiscretise(replace(x, stops=problem.stops), cells, form) for x in (problem, second)]
     if planes[0].size != planes[1].size:
         raise InputError("second", second, "be a beam with the same supports", "change loads and initial data only")
@@ -113,6 +114,7 @@ def two_planes(
             )
     x, y = planes
     nothing = np.zeros(x.size)
+    # Half the directions: opposite sides are the two stops of one contact.
     turns = 2.0 * np.pi / sides * np.arange(sides // 2)
     normals, tangents, contacts = [], [], []
     for contact in x.contacts:

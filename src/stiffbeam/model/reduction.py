@@ -151,6 +151,7 @@ def reduce_model(
     M, K = (scipy.sparse.csc_array(x, dtype=float) for x in (mass, stiffness))
     n = int(M.shape[0])  # type: ignore[index]
     integer("modes", modes, 1)
+    # SuperLU raises for an exactly singular K only: small pivots show the others.
     try:
         factor = scipy.sparse.linalg.splu(K)
         pivots = np.abs(factor.U.diagonal())
@@ -158,6 +159,7 @@ def reduce_model(
         factor, pivots = None, np.zeros(1)
     if factor is None or np.min(pivots) < HELD * np.max(pivots):
         raise InputError("stiffness", "a motion without strain", "hold the system", "support it")
+    # Natural modes, and the static deflection of every force.
     squares, shapes = _lowest(M, K, factor.solve, modes)
     forces = [np.asarray(p, float) for p, _ in loads] + [contact.row for contact in contacts]
     forces += [] if observe is None else [np.asarray(observe, float)]
@@ -166,6 +168,7 @@ def reduce_model(
             remedy = "give one number per unknown of the matrices"
             raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)", remedy)
     rows = np.array(forces).reshape(len(forces), n).T
+    # Append what each deflection has beside the basis so far, in the metric of M.
     T = shapes[:, :modes]
     statics = factor.solve(rows)
     for static in statics.T:
@@ -174,9 +177,11 @@ def reduce_model(
         size = np.sqrt(left @ (M @ left))
         if size > INDEPENDENT * np.sqrt(static @ (M @ static)):
             T = np.column_stack([T, left / size])
+    # A diagonal system again: the appended deflections are no modes.
     small = T.T @ (K @ T)
     omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
     T = T @ turn
+    # Initial data by projection, and the share that is lost.
     states = [np.zeros(n) if x is None else np.asarray(x, float) for x in (initial_displacement, initial_velocity)]
     z = [T.T @ (M @ x) for x in states]
     lost = [_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True)]
@@ -191,6 +196,7 @@ def reduce_model(
         initial_velocity=z[1],
         units=units,
     )
+    # Strain energy of each static deflection, p^T K^-1 p, and the part of it in T.
     strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
     static_lost = float(
         np.max(1.0 - np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0), initial=0.0)
@@ -202,12 +208,14 @@ def reduce_model(
 def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:
     """The squares of the lowest ``modes`` + 1 natural frequencies and their shapes, x^T M x = 1; solve: b -> K^-1 b."""
     n, moved = M.shape[0], np.unique(M.nonzero()[0])
+    # Lanczos' method, where it has room for more vectors than it looks for.
     if len(moved) > DENSE and modes < len(moved) // 4:
         inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve)  # type: ignore[call-arg]
         start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
         squares, shapes = scipy.sparse.linalg.eigsh(K, modes + 1, M, sigma=0.0, OPinv=inverse, v0=start)
         order = np.argsort(squares)
         return squares[order], shapes[:, order]
+    # All modes, of the unknowns that have mass.
     afford("modes", modes, "ask for fewer", floats=3.0 * n * len(moved))
     masses, R = np.linalg.eigh(M[moved][:, moved].toarray())
     if masses[0] < -MASSLESS * masses[-1]:
@@ -223,6 +231,7 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tupl
     forces = np.zeros((n, np.count_nonzero(massive)))
     forces[moved] = R[:, massive] * np.sqrt(masses[massive])
     deflections = solve(forces)
+    # The largest compliances are the lowest frequencies.
     flexibility = forces.T @ deflections
     compliances, y = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     compliances, y = compliances[::-1][: modes + 1], y[:, ::-1][:, : modes + 1]

@@ -56,6 +56,7 @@ class RightHandSide:
         self.compile_seconds = 0.0  # of what a solver compiles for it
         self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
 
+        # Functions of time: amplitudes for the kernels, and those that Python has to call.
         drive = Drive.of(system)
         loads, self._called = _compiled_part(drive, first_order.loads, n)
         powers = [(first_order.to_v.T @ p, f) for p, f in system.loads]
@@ -67,13 +68,16 @@ class RightHandSide:
         for i in self._called_offsets:  # a sum that is called in part is called whole
             offsets[:, i] = 0.0
 
+        # Rows of the viscous power, and of the velocity and acceleration of every contact.
         damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, 0))
         velocity_rows = np.array([first_order.to_v.T @ c.contact.row for c in contacts]).reshape(m, n)
         acceleration_rows = velocity_rows
         inertia = np.zeros((0, 0))
+        # With E on the left the kernel has E y': the rows take E^-1 along.
         if self._mass is not None and mass is not None:
             acceleration_rows = np.ascontiguousarray(scipy.linalg.lu_solve(self._mass, velocity_rows.T, trans=1).T)
             inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
+        # Arrays to which a solver writes later.
         self.regime = np.full(m, THROUGH, np.int64)
         self._window = np.array([-math.inf, math.inf])
         self.lengths = np.ones(m)
@@ -98,6 +102,7 @@ class RightHandSide:
             levels=np.zeros(self.roots),
             window=self._window,
         )
+        # Contiguous arrays stay the same objects, so that writing to ``regime`` or ``window`` reaches the kernels.
         self.equations = Equations(*map(np.ascontiguousarray, arrays))
         self.block = block_of(self.equations)
         self(0.0, self.z0.copy(), np.empty(self.size))
@@ -118,6 +123,7 @@ class RightHandSide:
 
     def __call__(self, t: float, z: Array, out: Array) -> None:
         """Write f(t, z) into ``out``."""
+        # Offsets before the kernel, which reads their shifts; the other callables after it, added to its rates.
         self._call_offsets(t)
         right_hand_side(t, _writable(z), out, self.block)
         if self._called:
@@ -199,6 +205,7 @@ class RightHandSide:
     def bandwidths(self) -> tuple[int, int] | None:
         """Lower and upper bandwidth of E and df/dz, None where a banded solver does not pay."""
         lower, upper = self.first_order.bandwidths
+        # With a mass the band must hold E too.
         if self.equations.mass_columns.size:
             e = self.equations
             below = np.repeat(np.arange(self.size), np.diff(e.mass_row_starts)) - e.mass_columns
@@ -229,6 +236,7 @@ class RightHandSide:
 def _compiled_part(drive: Drive, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
     """Amplitudes (d + R, width) of the harmonics and records in ``terms``, and the terms that Python has to call."""
     basis, rest = drive.split(terms, width)
+    # A bare callable has no amplitudes: it stays a term.
     records = [(vector, f) for vector, f in rest if isinstance(f, Sampled)]
     return np.concatenate([basis, drive.recorded(records, width)]), [
         (vector, f) for vector, f in rest if not isinstance(f, Sampled)
@@ -306,6 +314,7 @@ def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     import jax.numpy as jnp
 
     w = numbers.frequencies
+    # Sines and cosines in the order of ``Drive.coefficients``, with their rates.
     s, c = jnp.sin(w * t), jnp.cos(w * t)
     g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
     values = rates = jnp.zeros(numbers.records.shape[1])
@@ -335,8 +344,10 @@ def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[A
         kappa, g1, g2, _, damping, dissipation = numbers.law[c]
         stop = Law(kappa, g1, g2, p, damping, dissipation)  # type: ignore[arg-type]
         force: Any = 0.0
+        # The regime is data, not structure: one compiled program computes both sides and selects.
         for side in (1, -1):
             bound = g2 if side > 0 else g1
+            # A side without a stop counts as open, its infinite bound outside the arithmetic.
             there = jnp.isfinite(bound)
             depth = jnp.where(there, side * (positions[c] - jnp.where(there, bound, 0.0)), -1.0)
             rate = side * velocities[c]

@@ -112,6 +112,7 @@ def _matrix(block: IntArray, k: int) -> Array:
 
 def block_of(arrays: Equations) -> IntArray:
     """Return the block of ``arrays``, which have to outlive it."""
+    # Kernels read bare addresses: another kind or layout would give wrong numbers and no error.
     block = np.zeros((len(arrays), 3), np.int64)
     for row, name, array in zip(block, Equations._fields, arrays, strict=True):
         kind = np.int64 if name in INTEGERS else np.float64
@@ -126,6 +127,7 @@ def functions_of_time(t: float, order: int, block: IntArray) -> Array:
     """Return the derivative of the given order, 0 to 2, of the d + R functions of time at t."""
     frequencies = _vector(block, FREQUENCIES)
     d = 1 + 2 * frequencies.size
+    # The constant first: its derivatives are zero.
     g = np.zeros(block[3 * OFFSETS + 1])
     g[0] = 1.0 if order == 0 else 0.0
     for k in range(frequencies.size):
@@ -149,6 +151,7 @@ def _add_records(t: float, order: int, out: Array, block: IntArray) -> None:
     inside = min(max(t, window[0]), window[1])
     # At the end of a window the polynomial before it holds.
     until = np.nextafter(window[1], -np.inf)
+    # The last edge at or before t, by bisection.
     low, high = 0, edges.size - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -160,6 +163,7 @@ def _add_records(t: float, order: int, out: Array, block: IntArray) -> None:
     P = records.shape[1] // out.size
     for r in range(out.size):
         value = 0.0
+        # Horner's scheme on the derivative, whose factors are p (p - 1) ...
         for p in range(P - 1, order - 1, -1):
             factor = 1.0
             for q in range(order):
@@ -184,10 +188,12 @@ def _motion(c: int, z: Array, g: Array, g_rate: Array, block: IntArray) -> tuple
     """Return position and velocity of contact c relative to its stop, and the offset's part of the velocity."""
     offsets, shifts = _matrix(block, OFFSETS), _matrix(block, SHIFTS)
     rows, velocity_rows = _matrix(block, POSITION_ROWS), _matrix(block, VELOCITY_ROWS)
+    # The offset, from Python where it is not compiled, then its harmonics and records.
     u, rate = shifts[0, c], shifts[1, c]
     for k in range(g.size):
         u += offsets[k, c] * g[k]
         rate += offsets[k, c] * g_rate[k]
+    # The motion of the contact point.
     v = rate
     for i in range(rows.shape[1]):
         u += rows[c, i] * z[i]
@@ -212,12 +218,15 @@ def right_hand_side(t: float, z: Array, out: Array, block: IntArray) -> None:
     g, g_rate = functions_of_time(t, 0, block), functions_of_time(t, 1, block)
     taken, absorbed = 0.0, 0.0
     out[:] = 0.0
+    # The viscous power y^T D y, with ``out`` as its work space.
     if block[3 * DAMPING_ENTRIES + 1]:
         _add_product(DAMPING_ROW_STARTS, 1.0, z, out, block)
         for i in range(n):
             taken += out[i] * z[i]
             out[i] = 0.0
+    # The linear part.
     _add_product(ROW_STARTS, 1.0, z, out, block)
+    # Loads, and the power that they supply.
     given = 0.0
     for k in range(g.size):
         weight = 0.0
@@ -225,6 +234,7 @@ def right_hand_side(t: float, z: Array, out: Array, block: IntArray) -> None:
             out[i] += loads[k, i] * g[k]
             weight += power[k, i] * z[i]
         given += weight * g[k]
+    # Contacts: force, power of moving stops, impulse, and what damped stops take.
     for c in range(m):
         stop = law_of(law, c)
         u, v, rate = _motion(c, z, g, g_rate, block)
@@ -238,6 +248,7 @@ def right_hand_side(t: float, z: Array, out: Array, block: IntArray) -> None:
             if damps(stop):
                 absorbed -= force * v
         out[n + 2 + c] = push
+    # The integrals of the ledger, behind the state.
     out[n], out[n + 1] = given, taken
     if out.size > n + 2 + m:
         out[n + 2 + m] = absorbed
@@ -262,12 +273,14 @@ def jacobian(t: float, z: Array, cj: float, sign: float, J: Array, first: int, s
     pushes, law = _matrix(block, PUSHES), _matrix(block, LAW)
     rows, velocity_rows = _matrix(block, POSITION_ROWS), _matrix(block, VELOCITY_ROWS)
     n = pushes.shape[1]
+    # E and A, by their nonzero entries.
     J[:] = 0.0
     for matrix, factor in ((MASS_ROW_STARTS, cj), (ROW_STARTS, sign)):
         starts, columns, entries = _indices(block, matrix), _indices(block, matrix + 1), _vector(block, matrix + 2)
         for i in range(starts.size - 1):
             for k in range(starts[i], starts[i + 1]):
                 J[first + i + columns[k] * stride] += factor * entries[k]
+    # Contacts that press: the slopes of their forces in positions and velocities.
     g, g_rate = functions_of_time(t, 0, block), functions_of_time(t, 1, block)
     for c in range(law.shape[0]):
         stop = law_of(law, c)
@@ -278,6 +291,7 @@ def jacobian(t: float, z: Array, cj: float, sign: float, J: Array, first: int, s
         for i in range(n):
             for j in range(n):
                 weight = pushes[c, i] * (slope * rows[c, j] + to_rate * velocity_rows[c, j])
+                # Outside a band J has no place for a zero.
                 if weight != 0.0:
                     J[first + i + j * stride] -= sign * weight
 
@@ -289,6 +303,7 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
     Of a damped stop, instead of its gap, what is > 0 where it presses: the lesser of gap and force, as a length. With
     one among the stops a third row follows: the rates of the forces of the damped ones, else of the gaps.
     """
+    # Rows of the output: two, or three where a stop damps.
     law, levels = _matrix(block, LAW), _vector(block, LEVELS)
     damped = False
     for c in range(law.shape[0]):
@@ -299,6 +314,7 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
     for c in range(law.shape[0]):
         stop = law_of(law, c)
         u, v, _ = _motion(c, z, g, g_rate, block)
+        # The acceleration takes another right-hand side: only a damped stop needs it.
         acceleration = _acceleration(c, t, z, block) if damps(stop) else 0.0
         for side in (1.0, -1.0):
             if not np.isfinite(stop.g2 if side > 0.0 else stop.g1):
@@ -310,6 +326,7 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
                 if damps(stop):
                     to_depth, to_rate = slopes(gap, rate, stop)
                     out[2 * sides + k] = to_depth * rate + to_rate * side * acceleration
+                    # A damped stop lets go before its gap opens: its event is the lesser of gap and force.
                     out[k] = min(gap, pull(gap, rate, _vector(block, LENGTHS)[c], stop))
             k += 1
     for k in range(out.size):
@@ -321,6 +338,7 @@ def _acceleration(c: int, t: float, z: Array, block: IntArray) -> float:
     """Return the acceleration of contact c relative to its stop."""
     offsets, rows = _matrix(block, OFFSETS), _matrix(block, ACCELERATION_ROWS)
     forces, g = np.empty(z.size), functions_of_time(t, 2, block)
+    # From the forces of the regime, as the right-hand side has them.
     right_hand_side(t, z, forces, block)
     total = _matrix(block, SHIFTS)[2, c]
     for k in range(g.size):

@@ -79,6 +79,7 @@ class Sampled:
         if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
+        # Slopes that overflow are refused once, here, and not at every evaluation.
         with np.errstate(over="ignore", invalid="ignore"):
             if not np.all(np.isfinite(self.pieces)):
                 remedy = "check the times: two lie so close that slopes overflow"
@@ -137,6 +138,7 @@ class Sampled:
     @cached_property
     def pieces(self) -> Array:
         """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1, of the ``derivative``-th."""
+        # Hermite's cubics from values and slopes; a polygon has its rise alone.
         h, pieces = np.diff(self.t), np.zeros((len(self.t) - 1, 4))
         rise = np.diff(self.values) / h
         pieces[:, 0], pieces[:, 1] = self.values[:-1], rise
@@ -147,6 +149,7 @@ class Sampled:
             pieces[:, 3] = (m[:-1] + m[1:] - 2.0 * rise) / h**2
         for _ in range(self.derivative):
             pieces = pieces[:, 1:] * np.arange(1, pieces.shape[1])
+        # Four columns for every kind, so that records of different kinds stand in one table.
         return np.pad(pieces, ((0, 0), (0, 4 - pieces.shape[1])))
 
     def piece_at(self, t: ArrayLike) -> NDArray[np.int64]:
@@ -194,6 +197,7 @@ class Sampled:
         if t.ndim == 0 and self.t[0] <= t <= self.t[-1]:  # one time, as an adaptive solver asks
             i = min(bisect_right(self._times, t) - 1, len(self._times) - 2)
             return np.asarray(_horner(self._rows[order][i], float(t) - self._times[i]))
+        # Arrays, and times outside the samples, for which ``piece_at`` raises.
         i = self.piece_at(t)
         c = self._columns[order][i]
         return _horner([c[..., k] for k in range(c.shape[-1])], t - self.t[i])
@@ -231,6 +235,7 @@ def _horner(c: Any, s: Any) -> Any:
 
 def moved(c: Array, s: ArrayLike) -> Array:
     """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
+    # On a copy: coefficient k collects s times the one above it, the last ones first.
     c, last = np.array(c), np.shape(c)[-1] - 1
     for first in range(last):
         for k in range(last - 1, first - 1, -1):
@@ -277,16 +282,21 @@ def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sam
     """
     base = 2.0 * np.pi / positive("t_end", t_end)
     low, high = non_negative("band", band[0]), positive("band", band[1])
+    # A band that ends at a multiple of the base holds it, however the quotient is rounded.
     count = PER_PERIOD * np.floor(high / base * (1 + 1e-12))
+    # Before the conversion to an integer: a quotient may be infinite.
     afford("band", tuple(band), "lower its upper end, or shorten t_end", floats=NUMBERS * count)
     count = int(count)
+    # From 1: the mean stays zero.
     k = np.arange(max(1, int(np.ceil(low / base))), count // PER_PERIOD + 1)
     if not len(k):
         raise InputError("band", tuple(band), f"hold a multiple of 2 pi/t_end = {base:.6g}", "widen it")
     phases = np.random.default_rng(integer("seed", seed, 0)).uniform(0.0, 2.0 * np.pi, len(k))
     spectrum = np.zeros(count // 2 + 1, complex)
     spectrum[k] = 0.5 * count * np.exp(1j * phases)  # irfft gives sum_k cos(2 pi j k/count + phase_k) at sample j
+    # n cosines have the mean square n/2.
     values = positive("rms", rms) * np.sqrt(2.0 / len(k)) * np.fft.irfft(spectrum, count)
+    # The last sample repeats the first: the sum of cosines has the period t_end.
     return Sampled(np.linspace(0.0, t_end, count + 1), np.append(values, values[0]), "cubic")
 
 
@@ -322,11 +332,13 @@ def random_phases(record: Sampled, seed: int) -> Sampled:
     True
     """
     step = np.diff(record.t)
+    # The FFT takes equal steps.
     if len(step) < 3 or np.ptp(step) > 1e-6 * step[0]:
         raise InputError("record", record, "have equidistant samples", "sample it: Sampled(t, record.value(t), kind)")
     values = record.value(record.t)[:-1]
     spectrum = np.fft.rfft(values)
     phases = np.random.default_rng(integer("seed", seed, 0)).uniform(0.0, 2.0 * np.pi, len(spectrum))
+    # The mean keeps its value.
     phases[0] = 0.0
     if len(values) % 2 == 0:
         phases[-1] = 0.0  # a real record has a real last line

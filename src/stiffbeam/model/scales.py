@@ -57,13 +57,16 @@ def scales(system: System, t_end: float = np.inf, speed: float | None = None) ->
     """The scales of a run of ``system`` to t_end, inf where it is not known; ``speed`` in place of its V."""
     basis = undamped_modes(system)
     held = np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
+    # Constant loads in modal coordinates: a mode flies against them with the speed V.
     constant = np.zeros(len(basis.omega))
     for vector, function in system.loads:
         levels = (factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
         constant = constant + basis.force(vector) * sum(levels)
     largest = _speed(system, held, t_end) if speed is None else speed
+    # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end
+    # Modes that neither turns within the run: gaps, contacts and drives do.
     if np.any(drifts):
         others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
         least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
@@ -89,12 +92,14 @@ def _speed(system: System, held: Array, t_end: float) -> float:
     """V of ``Scales``."""
     basis = undamped_modes(system)
     omega = basis.omega
+    # Speeds of the start.
     speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
     driven = np.zeros(len(omega))
     for vector, function in system.loads:
         amplitude, frequency, impulse = _amplitude(function)
         if amplitude:
             force = np.abs(basis.force(vector))
+            # The load acts one way until the fastest of these turns the mode, or the run ends.
             fastest = np.maximum(np.maximum(omega, held), frequency)
             with np.errstate(divide="ignore"):
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
@@ -104,6 +109,7 @@ def _speed(system: System, held: Array, t_end: float) -> float:
                 fall = np.min([_fall(system, basis.force(vector), amplitude, sign) for sign in signs], axis=0)
                 gained = np.minimum(gained, fall)
             driven += gained
+    # Speeds that stops give: by the energy in them at the start, and by their own motion.
     stored = float(system.contact_energy(np.zeros(()), system.q0))
     least = float(np.finfo(float).tiny)  # a share may underflow
     moving = [_offset_speed(contact) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts]
@@ -116,6 +122,7 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
     basis = undamped_modes(system)
     square = np.full(len(force), np.inf)
     f = sign * amplitude * force
+    # The nearest stop ahead of each mode, on either side of a contact.
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
         along, stops = basis.force(contact.row), contact.stops
         for side, gap in ((1.0, stops.upper_bound - u), (-1.0, u - stops.lower_bound)):

@@ -135,6 +135,7 @@ def _displacement(problem: BeamProblem, M: int) -> System:
     L, m = problem.length, problem.mass_per_length
     weights = np.full(M, L / M)
     weights[-1] = 0.5 * L / M
+    # The stencil is whole numbers, scaled once: equal on every machine.
     bending = bending_stencil(M) * (M / L) ** 3
     factor = np.vstack([np.zeros(M), (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]])
     factor[0, 0] = np.sqrt(2.0)  # sqrt(1/2) kappa_0
@@ -289,6 +290,7 @@ def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
     matrix = np.zeros((size, size))
     matrix[w, s], matrix[s, w] = L, -(problem.stiffness / m) * R
     matrix[-1, 2 * M - 1] = 1.0  # v_M' = s_M (Remark 4)
+    # No signed zeros, as in ``interleaved``.
     matrix += 0.0
     mass = scipy.linalg.cho_factor(system.mass)
 
@@ -297,6 +299,7 @@ def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
         out[s] = scipy.linalg.cho_solve(mass, vector)
         return out
 
+    # The push of a tip contact is (3/h) sigma e_M of the docstring, over m.
     h = problem.length / M
     tip, push = np.zeros(size), np.zeros(size)
     tip[-1], push[2 * M - 1] = 1.0, 3.0 / (m * h)
@@ -306,6 +309,7 @@ def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
     to_q[:, w], to_v[:, s] = np.linalg.inv(L), np.eye(M)
 
     def row(vector: Array) -> Array:
+        # The tip is a separate unknown; other points follow from the curvatures.
         return tip if np.array_equal(vector, _tip(M)) else vector @ to_q
 
     def contact(c: Contact) -> FirstOrderContact:
@@ -401,6 +405,7 @@ def hermite(problem: BeamProblem, M: int) -> System:
     def row(share: float) -> Array:
         return interpolation(np.array(share), M)[free]
 
+    # Element matrices, summed over the elements.
     factor = np.zeros((2 * M + 2, 2 * M + 2))  # two zero rows, so that a free beam has its rigid motions
     gram, inertia, bending = np.zeros((3, 2 * M + 2, 2 * M + 2))
     for e in range(M):
@@ -411,8 +416,10 @@ def hermite(problem: BeamProblem, M: int) -> System:
         inertia[here, here] += heavier[e] * (MASS * (h / 420.0))
         if problem.rotary_inertia:
             inertia[here, here] += heavier[e] * problem.rotary_inertia / problem.mass_per_length / (30.0 * h) * ROTARY
+    # Without the unknowns that the supports hold.
     factor = np.sqrt(problem.stiffness / h**3) * factor[:, free]
     gram, inertia, bending = (matrix[np.ix_(free, free)] for matrix in (gram, inertia, bending))
+    # Where the end at x = L is held, the middle of the beam is observed.
     tip = row(1.0) if problem.ends[1] == "free" else row(0.5)
     slope = interpolation(np.array(1.0), M, times=1)[free] * (M / L)  # v_x(L)
     mass = problem.mass_per_length * inertia
@@ -446,6 +453,7 @@ def hermite(problem: BeamProblem, M: int) -> System:
         paper_form=_first_order,
         tip=tip,
     )
+    # Modal damping takes the modes of the system, which is therefore built without it first.
     if not problem.modal_damping:
         return known(system)
     damping = system.damping + damping_of(undamped_modes(known(system)), problem.modal_damping)
@@ -478,6 +486,7 @@ def _element_loads(
     phi, L, m = problem.base, problem.length, problem.mass_per_length
     if phi is not None:  # of a clamped-free beam
         stiffer, heavier = along
+        # The inertia of the base motion, its rotary parts included, see the docstring.
         inertia = -m * integral(lambda x: 1.0 - (x / L) ** 2, factor=heavier)
         if problem.rotary_inertia or problem.tip_inertia:
             inertia = inertia + 2.0 * problem.rotary_inertia / L**2 * integral(lambda x: x, 1, heavier)

@@ -48,6 +48,7 @@ from .contact_law import (
 LINEAR, BY_LAW, MEAN, AVERAGED = range(4)
 RATED = (BY_LAW, AVERAGED)  # these need the velocity at the node
 ITERATIONS = 200
+# Roundings of f(F), as ``_alone`` adds them up, within which a force counts as solved.
 ROUNDINGS = 16.0
 
 
@@ -55,6 +56,7 @@ ROUNDINGS = 16.0
 def secant(u: float, u0: float, law: Law) -> float:
     """(U(u) - U(u0))/(u - u0), U'(u0) where they are equal."""
     a, b = depth(u0, law.g1, law.g2), depth(u, law.g1, law.g2)
+    # Both ends in one stop: the mean of the law, without the difference of two energies.
     if a > 0.0 and b > 0.0:
         return mean_elastic(a, b, law)
     if a < 0.0 and b < 0.0:
@@ -67,12 +69,15 @@ def secant(u: float, u0: float, law: Law) -> float:
 @compiled
 def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
     """P = -F on one stop that is a spring, from the depths rho = r - g2 and d0 = u0 - g2 < 0 outside; P >= 0."""
+    # Inside at the start: inside at the end too, or off the stop there.
     if d0 > 0.0:
         P = kappa * (rho + d0) / (2.0 + kappa * s)  # inside at both ends
         if rho - s * P >= 0.0:
             return P
+        # Off the stop at the end: all its energy goes into the motion.
         out, held = d0 - rho, 0.5 * kappa * d0 * d0  # s P^2 + (d0 - rho) P = U(u0)
         root = math.sqrt(out * out + 4.0 * s * held)
+        # Of the two forms of the root the one that does not cancel.
         return 2.0 * held / (out + root) if out > 0.0 else (root - out) / (2.0 * s)
     if rho <= 0.0:
         return 0.0
@@ -85,9 +90,11 @@ def _linear(rho: float, d0: float, s: float, kappa: float) -> float:
 def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
     """(F, dF/dr): in closed form on one stop that is a spring, else by Newton's method inside its bracket."""
     slope = secant(r, u0, law)
+    # Without a force the energy does not change: zero is the one solution.
     if slope == 0.0:
         return 0.0, 0.0
     F, in_range = 0.0, False
+    # The closed form has one stop: it holds while the end stays short of the other.
     if is_spring(law):
         if slope > 0.0 and u0 >= law.g1:
             F = -_linear(r - law.g2, u0 - law.g2, s, law.kappa)
@@ -102,17 +109,20 @@ def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
         for _ in range(NEWTON):
             u = r - sign * s * P
             value = sign * secant(u, u0, law)
+            # |F| at the trial falls as P grows, which gives the side of the root.
             if value > P:
                 left = P
             else:
                 right = P
             new = P + (value - P) / (1.0 + s * _secant_slope(u, u0, sign * value, law))
+            # Newton's step, or bisection where it leaves the bracket.
             if not left <= new <= right:
                 new = 0.5 * (left + right)
             change, P = abs(new - P), new
             if change <= 2e-16 * P or left >= right:
                 break
         F = -sign * P
+    # The slope of F in r: the secant's slope over a node that gives way by s.
     stiff = _secant_slope(r + s * F, u0, -F, law)
     return F, -stiff / (1.0 + s * stiff)
 
@@ -120,9 +130,11 @@ def mean_force(r: float, u0: float, s: float, law: Law) -> tuple[float, float]:
 @compiled
 def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     """d secant/du, to what Newton's method needs."""
+    # The quotient loses its digits as the ends meet: its limit is U''/2.
     if abs(u - u0) <= 1e-7 * (abs(u) + abs(u0)):
         d = abs(depth(0.5 * (u + u0), law.g1, law.g2))
         return 0.5 * elastic_slope(d, law) if d > 0.0 else 0.0
+    # U is convex: a negative slope is rounding.
     return max(0.0, (elastic(depth(u, law.g1, law.g2), law) - slope) / (u - u0))
 
 
@@ -135,6 +147,7 @@ def averaged_force(r: float, w: float, s: float, s_rate: float, law: Law) -> tup
     sign = math.copysign(1.0, mean)
     left, right, P = 0.0, abs(mean), 0.0
     to_depth = to_way = 0.0
+    # As in ``mean_force``, with two slopes.
     for _ in range(NEWTON):
         u, h = r - sign * s * P, w - sign * s_rate * P
         value = sign * secant(u + h, u - h, law)
@@ -157,6 +170,7 @@ def averaged_force(r: float, w: float, s: float, s_rate: float, law: Law) -> tup
 def _averaged_slopes(u: float, h: float, mean: float, law: Law) -> tuple[float, float]:
     """Derivatives of (U(u + h) - U(u - h))/(2 h) by u and by h."""
     d = depth(u, law.g1, law.g2)
+    # The quotient's limit as h goes to zero is U''.
     if abs(h) <= 1e-7 * abs(d) or h == 0.0:
         return (elastic_slope(abs(d), law) if d != 0.0 else 0.0), 0.0
     ahead, behind = elastic(depth(u + h, law.g1, law.g2), law), elastic(depth(u - h, law.g1, law.g2), law)
@@ -185,16 +199,19 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     own f_c in turn (Gauss-Seidel), which for forces that have an energy cannot fail.
     """
     m = law.shape[0]
+    # One contact is solved by its law alone.
     F, f = np.zeros(m), np.zeros(m)
     if m == 1:
         F[0] = one(r[0], w[0], S[0, 0], S_rate[0, 0], u0[0], rule, law, 0)[0]
         return F
     tolerance, trial, trial_f, step = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     J, J_trial = np.zeros((m, m)), np.zeros((m, m))
+    # F starts at zero, where no contact presses.
     merit = _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J)
     for _ in range(ITERATIONS):
         if not np.isfinite(merit):
             break
+        # Solved where every force is its own f_c to rounding.
         done = True
         for c in range(m):
             done = done and abs(F[c] - f[c]) <= tolerance[c]
@@ -203,6 +220,7 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
         lowered, new = False, merit
         for c in range(m):
             step[c] = F[c] - f[c]
+        # Newton's step, halved until |H|^2 falls by Armijo's rule with the usual 1e-4.
         if solve_in_place(J, step):
             share = 1.0
             for _ in range(6):
@@ -214,6 +232,7 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
                     break
                 share *= 0.5
         if not lowered:
+            # No share of the step lowers |H|: each contact takes its f_c, with the newest forces of the others.
             for c in range(m):
                 trial[c] = F[c]
             for c in range(m):
@@ -224,7 +243,9 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
                         rate += S_rate[c, e] * trial[e]
                 trial[c] = one(here, rate, S[c, c], S_rate[c, c], u0[c], rule, law, c)[0]
             new = _alone(r, w, S, S_rate, u0, rule, law, trial, trial_f, tolerance, J_trial)
+        # Buffers change places: the loop makes no arrays.
         F, trial, f, trial_f, J, J_trial, merit = trial, F, trial_f, f, J_trial, J, new
+    # The search failed: NaN shows it, which a force from the last iteration would not.
     for c in range(m):
         F[c] = np.nan
     return F

@@ -49,6 +49,7 @@ _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  
 
 def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     """``matrix`` as a read-only float array (n, n); InputError where it is not square, finite and symmetric."""
+    # Checked before, and read-only. ``is`` guards against an id that is used again.
     if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
@@ -116,6 +117,7 @@ def _factorises(matrix: Array, size: Array | None = None, shift: float = 0.0) ->
     n, width = len(matrix), scipy.linalg.bandwidth(matrix)[0]
     size = np.ones(n) if size is None else size
     try:
+        # A small matrix is factorised as fast in full, and a wide band saves nothing.
         if n < BANDED or 8 * width > n:
             scaled = matrix / size / size[:, None]
             np.linalg.cholesky(scaled + shift * np.eye(n) if shift else scaled)
@@ -290,6 +292,7 @@ class System:
             itself("origin", self.origin, Origin)
         if not isinstance(self.units, Units):
             raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        # The checked copies take the place of the arguments.
         checked: dict[str, Any] = {
             "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
             "observe": None if self.observe is None else finite_vector("observe", self.observe, n),

@@ -141,6 +141,7 @@ def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemDa
     columns: list[SystemData] = []
     bounds: list[float] = []
     for path in wrt:
+        # Initial data: the derivative is a unit vector, exact.
         start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
         if start and (start[2] is None or int(start[2]) < system.size):
             for i in range(system.size) if start[2] is None else [int(start[2])]:
@@ -177,6 +178,7 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     value = _value(system, path)
     if OF_STOPS.fullmatch(path):
         system = replace(system, origin=None)  # no beam has to be made anew
+    # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
     if not np.allclose(data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0):
         raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
     return slope_of(lambda x: with_values(system, {path: x}), system, value, path)
@@ -200,19 +202,24 @@ def slope_of(
         return data_of(member).vector()
 
     problem: InputError | None = None
+    # Widest first: the rounding of a difference falls as the width grows.
     for width in WIDTHS:
         h = width * scale
         try:
             near, far = (at(h) - at(-h)) / (2.0 * h), (at(2.0 * h) - at(-2.0 * h)) / (4.0 * h)
         except InputError as error:
+            # Outside the range of the parameter there is no system: a narrower width may fit.
             problem = error
             continue
         largest = np.maximum(np.abs(centre), h * np.abs(near)) / h
+        # Two widths agree for data that are linear or quadratic: the difference is exact.
         if np.all(np.abs(near - far) <= EXACT * largest):
             return base.of_vector(near), float(np.finfo(float).eps / width)
         break
     else:
+        # No width fits on both sides: the value is at the end of the range.
         return _one_sided(base, at, centre, scale, name, problem)
+    # Four steps, the last as far as the width at which the system exists.
     steps = np.arange(1, 5) * min(NARROW, width / 2.0) * scale
     pairs = np.array([(at(h) - at(-h)) / steps[0] for h in steps])
     best, other = ORDER_8 @ pairs, ORDER_6 @ pairs
@@ -232,6 +239,7 @@ def _one_sided(
         for width in WIDTHS:
             h = direction * width * scale
             try:
+                # From one side, where three values are exact for a quadratic, and four check it.
                 y = [centre, *(at(k * h) for k in (1, 2, 3))]
             except InputError as error:
                 problem = problem or error

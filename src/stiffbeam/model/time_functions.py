@@ -86,6 +86,7 @@ class Harmonic:
         itself("time function", self, Harmonic)
         object.__setattr__(self, "amplitude", number("amplitude", self.amplitude, exact=True))
         object.__setattr__(self, "frequency", positive("frequency", self.frequency, exact=True))
+        # The acceleration of a base is a load: it has to fit in float64.
         if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
             pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
             raise InputError("amplitude and frequency", pair, rule, "use other units")
@@ -205,6 +206,7 @@ class Superposition:
     @property
     def breakpoints(self) -> Array | None:
         """Times at which a term is not smooth; None where a term does not state them."""
+        # One term that does not state its times leaves those of the sum open.
         stated = [breakpoints_of(f) for _, f in self.terms]
         known = [times for times in stated if times is not None]
         return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
@@ -252,6 +254,7 @@ KNOWN = (Harmonic, Constant, Sampled)  # what closed forms are made of
 def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ...]:
     """The (factor, f) that a Superposition, of others too, adds up; any other function itself, none for None."""
     if isinstance(function, Superposition):
+        # Nested sums are flattened, their factors multiplied.
         return tuple((factor * inner, f) for factor, term in function.terms for inner, f in parts(term))
     return () if function is None else ((1.0, function),)
 
@@ -280,6 +283,7 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
     if order == 0:
         return function
     if isinstance(function, Harmonic):
+        # In closed form again, so that the exact solution accepts the derivative.
         if order == 2:
             return Harmonic(-function.amplitude * function.frequency**2, function.frequency, function.phase)
         return Harmonic(function.amplitude * function.frequency, function.frequency, function.phase + np.pi / 2)
@@ -322,7 +326,9 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     """f(t) of a TimeFunction or of a bare callable, as a float array of the shape of ``t``."""
     t = np.asarray(t, float)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
+    # A function of the user may raise, or return anything.
     try:
+        # Known classes first: the test for a protocol looks at every method.
         result = function.value(t) if isinstance(function, (*KNOWN, Superposition, TimeFunction)) else function(t)
     except InputError:
         raise
@@ -330,6 +336,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
         raise InputError("a time function", repr(error), "take an array of times", remedy) from None
     try:
         values = np.asarray(result)
+        # Kind O are objects such as Fractions, which astype makes floats.
         if values.dtype.kind not in "biufO":
             raise TypeError
         values = values.astype(float)
@@ -370,6 +377,7 @@ def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
     if isinstance(offset, TimeFunction):
         return offset.rate(t)
     t = np.asarray(t, float)
+    # A bare callable: one-sided differences of second order, backwards where that stays at t >= 0.
     step = 1e-6 * float(np.max(np.abs(t))) or 1e-8
     step = np.where(t < 2.0 * step, step, -step)  # forwards there, else backwards
     here, next_, last = (offset_values(offset, t + k * step) for k in range(3))
@@ -382,6 +390,7 @@ def combined(*terms: tuple[float, LoadFunction | None]) -> LoadFunction | None:
     if not kept:
         return None
     factor, f = kept[0]
+    # One Harmonic or Constant stays one, so that the closed forms see it.
     if len(kept) == 1 and isinstance(f, Harmonic):
         return Harmonic(factor * f.amplitude, f.frequency, f.phase)
     if all(isinstance(f, Constant) for _, f in kept):

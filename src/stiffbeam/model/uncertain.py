@@ -53,6 +53,7 @@ class Uncertain:
         if len(stated) != 1:
             remedy = "for example tolerance=0.01, 1 % of the value to either side"
             raise InputError("uncertain", " and ".join(stated) or None, f"state one of {', '.join(KINDS)}", remedy)
+        # A tolerance of 1 or more would let a value reach zero or change its sign.
         if self.tolerance is not None and not positive("tolerance", self.tolerance) < 1.0:
             raise InputError("tolerance", self.tolerance, "be below 1, relative to the value", "1 % is 0.01")
         for name in ("tolerance", "deviation"):
@@ -149,6 +150,7 @@ def uncertain_members(
     if nominal is not None:
         raise InputError("nominal", nominal, "be left out with a System, which has its values", "leave it out")
     afford("members", members, "take fewer", floats=4.0 * members * system.size * (system.size + 20))
+    # One column of values for each number, though one draw may stand for several.
     columns: dict[str, Array] = {}
     for (path, one), drawn in zip(known.items(), draws.T, strict=True):
         for place in _places(system, path):
@@ -225,10 +227,12 @@ def _built(
         if name not in nominal:
             remedy = f"pass nominal={{{name!r}: ...}}, or state it between two values"
             raise InputError("nominal", name, "be given for a parameter of a function", remedy)
+    # The nominal system is the centre: a distribution between two values has its middle there.
     middle = {name: 0.5 * sum(one.between) for name, one in known.items() if one.between is not None}
     centre = middle | {name: number(f"nominal {name}", x) for name, x in nominal.items()}
     factors = np.array([1.0 if one.between is not None else centre[name] for name, one in known.items()])
     rows = (draws * factors).tolist()
+    # The nominal system first, then one for each draw.
     systems = [build(dict(zip(known, row, strict=True))) for row in [[centre[name] for name in known], *rows]]
     for each in systems:
         require_system(each, "what the function builds")
