@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
+import socket
 import subprocess
 import sys
 import time
@@ -94,6 +96,16 @@ def _partials(folder: Path, name: str):
     finally:
         os.replace = real
     return seen
+
+
+def test_a_long_name_in_any_alphabet_is_written_and_its_left_overs_go(tmp_path):
+    name = 120 * "\N{LATIN SMALL LETTER U WITH DIAERESIS}" + ".json"  # 245 bytes of the 255 that a name may have
+    dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True)
+    host = re.sub(r"[^\w]", "_", socket.gethostname())
+    left = tmp_path / f".{name[:75]}.{host}-{dead.stdout.strip()}-01234567.partial"
+    left.write_text("half", encoding="utf-8")
+    assert write_whole(tmp_path / name, "all").read_text(encoding="utf-8") == "all"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.slow

@@ -86,7 +86,7 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
     data = content.encode("utf-8") if isinstance(content, str) else content
     # A number of a process holds on one machine only, and several may share a disk.
     host = re.sub(r"[^\w]", "_", socket.gethostname())
-    partial = path.parent / f".{path.name[:150]}.{host}-{os.getpid()}-{secrets.token_hex(4)}.partial"
+    partial = path.parent / f".{_beginning(path.name)}.{host}-{os.getpid()}-{secrets.token_hex(4)}.partial"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_left_over(path, host)
@@ -107,16 +107,23 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
     return path
 
 
+def _beginning(name: str) -> str:
+    """The first 150 bytes of a name: file systems allow 255 in all, and the rest is needed."""
+    return name.encode("utf-8")[:150].decode("utf-8", errors="ignore")
+
+
 def _remove_left_over(path: Path, host: str) -> None:
     for left in path.parent.glob(".*.partial"):
         match = PARTIAL.fullmatch(left.name)
         # Only what a dead process of this machine left: a living one is still writing.
-        if match and match[1] == path.name[:150] and match[2] == host and not _lives(int(match[3])):
+        if match and match[1] == _beginning(path.name) and match[2] == host and not _lives(int(match[3])):
             left.unlink(missing_ok=True)
 
 
 def _lives(process: int) -> bool:
-    """Return True if a process with that number exists."""
+    """Return True if a process with that number exists, or may exist."""
+    if os.name == "nt":  # there the signal 0 would interrupt the process
+        return True
     # Signal 0 sends nothing: it tests whether the process exists.
     try:
         os.kill(process, 0)

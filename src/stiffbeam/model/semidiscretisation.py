@@ -362,7 +362,7 @@ def _weighted(weights: Array, values: Array) -> Array:
 def _loads(problem: BeamProblem, weights: Array, clamp: Array) -> tuple[tuple[Array, LoadFunction], ...]:
     """Base motion -m weights (1 - (x/L)^2) (phi'' + a phi') and clamp (EI phi + eta phi'), then the loads weights f.
 
-    A Dirac load is spread on the two nodes beside it as the generalised force (1 - theta, theta), see frame.hat.
+    A Dirac load is spread on the two nodes beside it as the generalised force (1 - theta, theta), see ``hat``.
     """
     M = len(weights)
     x, lift = _nodes(problem, M)

@@ -546,7 +546,8 @@ def area(
         z = x * x
         # tau - sin(omega tau)/omega cancels for short times: there its series.
         if x < 0.5:
-            T = tau**3 / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * (1.0 - z / 72.0 * (1.0 - z / 110.0))))
+            tail = 1.0 - z / 72.0 * (1.0 - z / 110.0 * (1.0 - z / 156.0))
+            T = tau**3 / 6.0 * (1.0 - z / 20.0 * (1.0 - z / 42.0 * tail))
         else:
             T = (tau - speeds[S, k]) / speeds[SQUARE, k]
         total += terms[0, END + 2, k] * speeds[S, k] + terms[0, END + 3, k] * speeds[V, k] + terms[0, LEVEL, k] * T

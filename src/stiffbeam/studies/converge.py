@@ -115,17 +115,14 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     error = tip_error(run.tip, exact.at(run.t)[0])
     fastest = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
     # Reasons that keep a point out of the slope.
-    left_out = ""
-    if point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end:
-        left_out = "impacts differ"
-    if error.rms > ASYMPTOTIC:
-        left_out = left_out or "error above 10 %"
-    elif fastest * dt > RESOLVED:
-        left_out = "motion not resolved"
-    elif error.rms < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))):
-        left_out = "rounding"
-    elif t_end > exact.horizon:
-        left_out = "past the horizon"
+    reasons = {
+        "impacts differ": point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end,
+        "error above 10 %": error.rms > ASYMPTOTIC,
+        "motion not resolved": fastest * dt > RESOLVED,
+        "rounding": error.rms < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))),
+        "past the horizon": t_end > exact.horizon,
+    }
+    left_out = next((reason for reason, holds in reasons.items() if holds), "")
     impacts = int(np.sum(impact_times(exact) <= t_end))
     return [{"dt": dt, "error_rms": error.rms, "error_max": error.max, "left_out": left_out, "impacts": impacts}]
 

@@ -176,8 +176,8 @@ def observe(
 ) -> int:  # fmt: skip
     """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
 
-    means: the reactions (M, steps, m) where they are means over the steps, else of no length. found: the forces
-    (M, steps, m) that nodes found, see ``force_of_node``, or of no length.
+    means: the reactions (M, steps, m) where they are means over the steps, else of no length. node_forces: the
+    forces (M, steps, m) that nodes compute, see ``force_of_node``, or of no length.
     position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
     impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
     first free row.
