@@ -154,9 +154,10 @@ def by_enumeration(r, S, stops):
             force[closed] = np.linalg.solve(matrix, np.array(gaps) - r[closed])
         v = r + S @ force
         wrong = 0.0
-        for x, k, stop in zip(v, regime, stops, strict=True):
+        for x, k, stop, push in zip(v, regime, stops, force, strict=True):
+            # A closed contact is off its stop by F/kappa: the difference of its position and the stop would lose that.
             inside = max(stop.lower_bound - x, x - stop.upper_bound, 0.0)
-            wrong = max(wrong, inside if k == 0 else max(0.0, stop.upper_bound - x if k > 0 else x - stop.lower_bound))
+            wrong = max(wrong, inside if k == 0 else max(0.0, k * push / stop.stiffness))
         if wrong < best:
             best, found = wrong, force
     # One regime is consistent, up to the rounding of its positions.
