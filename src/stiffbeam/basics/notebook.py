@@ -1,4 +1,4 @@
-"""What a notebook shows of a result: tables in HTML, and pictures, which objects call by name."""
+"""Results in a notebook: tables in HTML, and pictures, which objects call by name."""
 
 from __future__ import annotations
 

@@ -369,7 +369,7 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
 
 
 def _places(beam: BeamProblem) -> list[float]:
-    """Where along a beam its stops are."""
+    """Places of the stops along a beam."""
     return [beam.length if stops.position is None else float(stops.position) for stops in beam.all_stops]
 
 
