@@ -45,7 +45,7 @@ VALUES = 3  # of the parameter at which it is looked for
 STEPS = (20, 50)  # least and most of a branch over the range, to start with
 DOUBLED = 2  # branches of twice the period that are followed
 PORTRAIT, PORTRAITS = 1200, 3  # samples of a portrait, and how many
-LINES, TOLD = 24, 3  # bifurcations in the table, in the verdict
+LINES, TOLD = 24, 4  # bifurcations in the table, in the verdict
 COLOUR = {"stable": "#0072B2", "marginal": "#7F7F7F", "unstable": "#D55E00"}
 MARKER = {"fold": "s", "flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
 
@@ -323,7 +323,8 @@ def answer(rows: Rows, case: Case) -> Answer:
     changes = [row for row in at if row["length"] == main and row["below"] != row["above"] and row["what"] != "grazing"]
     changes.sort(key=lambda row: "stable" not in (row["below"], row["above"]))  # those of unstable orbits last
     told = "; ".join(f"{row['what']} at {value(row, '.6g')}: {_said(row)}" for row in changes[:TOLD])
-    more = f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
+    rest = len(changes) - TOLD
+    more = f"; {rest} more change{'s' if rest > 1 else ''}" if rest > 0 else ""
     if not told:
         kind = max(zip(shares, COLOUR, strict=True))[1]
         told = f"{kind} all along" if max(shares) == len(first) else "no located bifurcation changes their stability"
