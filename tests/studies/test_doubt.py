@@ -153,7 +153,7 @@ def test_the_source_that_is_large_by_construction_is_named(source):
 
 
 BRACKETED = {  # least share of exact motions whose mesh error is inside the bracket, on 8 cells
-    "displacement": {"tip": 0.97, "peak_force": 0.9, "energy": 0.82, "impulse": 0.76, "fraction": 0.78},
+    "displacement": {"tip": 0.97, "peak_force": 0.9, "energy": 0.82, "impulse": 0.76, "fraction": 0.78, "impacts": 0.8},
     "hermite": dict.fromkeys(("tip", "peak_force", "energy", "impulse", "fraction"), 0.9),
 }
 
@@ -180,11 +180,13 @@ def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cel
         for i in range(len(motions[0].contacts)):
             for name in ("peak_force", "impulse", "fraction"):
                 columns[f"{name} {i}"] = [getattr(x.contacts[i], name) for x in motions]
+            columns[f"impacts {i}"] = [float(x.contacts[i].impacts.count) for x in motions]
         for name, (coarse, twice, eight) in columns.items():
             if eight != coarse:
                 part = share(shift(np.full(8, twice), np.full(8, coarse)).on_twice_the_cells(form), 1.0)
                 inside.setdefault(name.split()[0], []).append(part.low <= abs(eight - coarse) <= part.high)
-    shares = {name: np.mean(each) for name, each in inside.items()}
+    shares = {name: float(np.mean(each)) for name, each in inside.items()}
+    print(form, cells, {name: round(each, 3) for name, each in shares.items()})
     assert np.mean(np.concatenate(list(inside.values()))) > (0.8 if cells == 8 or form == "hermite" else 0.65), shares
     if cells == 8:
         assert all(shares[name] >= least for name, least in BRACKETED[form].items()), shares
@@ -205,7 +207,7 @@ def test_the_span_of_a_rate_is_its_deviation_over_other_records():
     means = [stationary_mean(np.histogram(x, edges)[0] * (len(edges) - 1) / 80.0) for x in many]
     assert share(of_span(means), 1.0).value == pytest.approx(wanted, rel=0.25)
     each = [share(of_span([x]), 1.0) for x in means]
-    assert np.mean([x.low <= wanted <= x.high for x in each]) >= 0.84  # 0.87; of other oscillators to 0.99
+    assert np.mean([x.low <= wanted <= x.high for x in each]) >= 0.84  # 0.87
 
 
 def test_the_rate_has_the_shares_of_the_impacts_and_its_span():
