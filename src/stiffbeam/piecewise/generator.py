@@ -342,6 +342,17 @@ class RegimeFlow:
         """exp(A tau), (N, N)."""
         return self.ahead(np.eye(self.generators.N), tau)
 
+    def flows(self, tau: Array) -> Array:
+        """``flow`` of each of tau (k,), (k, N, N)."""
+        if self.eigen is None:
+            return np.array([self.flow(x) for x in tau.tolist()])
+        # One of two conjugates, twice its real part, in one real product.
+        rates, V, W = self.eigen
+        upper = rates.imag >= 0.0
+        V = V[:, upper] * np.where(rates[upper].imag > 0.0, 2.0, 1.0)
+        left = V * np.exp(np.multiply.outer(tau, rates[upper]))[:, None]
+        return np.concatenate([left.real, left.imag], axis=2) @ np.concatenate([W[upper].real, -W[upper].imag])
+
     def series(self, Z: Array) -> Array:
         """Taylor series of the motions from Z (..., N): coefficients (ORDER + 1, ..., N) of the powers of tau."""
         C = np.empty((ORDER + 1, *Z.shape))

@@ -89,14 +89,19 @@ class Tangent:
     def _follow(self, dZ: Array) -> Array:
         """Fill dZ at the starts of all segments; return those at the end of the last."""
         # The part of dA first, all segments of a regime at once; then from event to event.
-        driven = np.empty((len(self.Z), self.generators.N, self.parameters))
+        k, N = self.Z.shape
+        driven, wide = np.empty((k, N, self.parameters)), 2 * self.count > N
+        flows = np.empty((k, N, N) if wide else 0)
         for members in self.groups.values():
-            driven[members] = self.regimes[members[0]].seen(None, self.Z[members], None, self.lengths[members])[1]
+            regime, tau = self.regimes[members[0]], self.lengths[members]
+            driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
+            if wide:
+                flows[members] = regime.flows(tau)
         for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
             if i:
                 dZ = self.across(i, dZ)
             self.dZ[i] = dZ
-            dZ = regime.ahead(dZ, tau)
+            dZ = flows[i] @ dZ if wide else regime.ahead(dZ, tau)
             dZ[:, : self.parameters] += driven[i]
             self.ends[i] = dZ
         return dZ
