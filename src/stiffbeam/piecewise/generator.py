@@ -30,6 +30,7 @@ from ..model.sampled import Sampled, moved
 from ..model.system import System
 from ..model.system_data import SystemData, data_of, load_terms, offset_terms
 from ..model.time_functions import Constant, Harmonic
+from .spectrum import KEPT
 
 WORST = 1e5  # condition of the eigenvectors, in units of energy, up to which they are used
 NEAR = 0.05  # of the lowest frequency: eigenvalues that lie closer have their difference by sinh(x)/x
@@ -282,7 +283,9 @@ class RegimeFlow:
         if basis.records:
             return None
         matrices = self.A[:h, :h], self.stiffness, self.generators.data.mass
-        free, right, left, energy, lowest, condition = vibrations(*(np.ascontiguousarray(x).tobytes() for x in matrices))
+        of_matrices = vibrations if h <= 2 * KEPT else vibrations.__wrapped__
+        made = of_matrices(*(np.ascontiguousarray(x).tobytes() for x in matrices))
+        free, right, left, energy, lowest, condition = made
         if not condition < WORST:
             return None
         # R has the rates 0 and +- i w, with the vectors (1) and (-+ i, 1)/sqrt 2 of (sin, cos).

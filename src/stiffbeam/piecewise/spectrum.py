@@ -36,6 +36,7 @@ from ..model.natural_modes import eigenvalues_off
 
 CONDITION_LIMIT = 1e8  # of the bases: beyond it eight digits are lost
 SENSITIVE = 300.0  # 1/|cosine| between left and right eigenvector: from there on the pair has a partner to be found
+KEPT = 100  # modes up to which groups are kept for the next system
 TOGETHER = 0.05  # |difference|/|eigenvalue| of two sensitive ones that are one group
 Complex = Any  # arrays of complex128
 
@@ -64,7 +65,7 @@ def groups(
     eigenvalues are taken: what the algorithm loses, in small entries as in large. Raises InputError where no
     such bases are well-conditioned.
     """
-    if rng is None:  # systems that differ by their loads share them
+    if rng is None and len(omega) <= KEPT:  # systems that differ by their loads share them
         return _exact_groups(omega.tobytes(), damping.tobytes(), span)
     return _groups(omega, damping, span, size, rng)
 

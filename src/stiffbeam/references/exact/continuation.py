@@ -18,34 +18,25 @@ of Applied Bifurcation Theory (2004), section 10.2.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import krogh_interpolate
 from scipy.optimize import brentq
 
 from ...basics.arrays import Array
 from ...basics.resources import afford
 from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
-from ...model.system_data import ORDER_8, SystemData, data_of, slope_of
+from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
-from .orbit import (
-    ALONE,
-    Orbit,
-    PeriodMap,
-    distances,
-    events,
-    periodic_orbit,
-    rigid_grazing,
-    shallowest,
-    turn,
-)  # fmt: skip
+from .orbit import ALONE, Orbit, PeriodMap, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
@@ -331,10 +322,8 @@ class _Follower:
             # A chord of close points is rounding: there a parabola along both directions.
             chord = apart / h - rate if np.linalg.norm(apart) > CLOSE else 0.5 * (u - rate)
             guess = -((step / h) * (rate - u + 3.0 * chord) + (step / h) ** 2 * (rate - u + 2.0 * chord)) * step
-        z, value = (
-            start.z + ds * start.direction[:N] * self.scale,
-            start.value + ds * float(start.direction[N]) * self.span,
-        )
+        z = start.z + ds * start.direction[:N] * self.scale
+        value = start.value + ds * float(start.direction[N]) * self.span
         point, count = self.point(z, value, normal, start.direction, guess)
         off = np.append((point.z - z) / self.scale, (point.value - value) / self.span)
         if np.linalg.norm(off) > OFF * ds:
@@ -452,14 +441,9 @@ class _Follower:
         """The branch of twice the period that leaves at a flip, along the vector that a period turns round."""
         period = self.period
         follower = _Follower(
-            self.make_system,
-            lambda x: 2.0 * period(x),
-            self.parameter,
-            self.limits,
-            self.first_step,
-            self.most,
+            self.make_system, lambda x: 2.0 * period(x), self.parameter, self.limits, self.first_step, self.most,
             self.grazings,
-        )
+        )  # fmt: skip
         follower.scale = self.scale
         with within_float64("continuation", period(flip.value)):
             _, D, _, _ = self.flow(flip.z, flip.value)
@@ -478,9 +462,11 @@ class _Follower:
         reason = "no orbit of twice the period is found beside the flip"
         raise SolverFailure("continuation", flip.value, reason, "start periodic_orbit from a run beside it")
 
-    def inside(self, one: _Point, other: _Point, share: float, guess: Array | None = None) -> tuple[_Point, Array]:
+    def inside(
+        self, one: _Point, other: _Point, share: float, guess: Array | None = None, closed: float = CLOSED
+    ) -> tuple[_Point, Array]:
         """The point between two neighbours, in the plane across the cubic through them at a share of the way, and the
-        step (2n + 1,) to it in the plane. guess: of that step."""
+        step (2n + 1,) to it in the plane. guess: of that step. closed: see ``point``."""
         apart = np.append((other.z - one.z) / self.scale, (other.value - one.value) / self.span)
         length, s = float(np.linalg.norm(apart)), share
         along = s * s * (3.0 - 2.0 * s) * apart
@@ -488,7 +474,7 @@ class _Follower:
         rate = 6.0 * s * (1.0 - s) * apart
         rate += length * ((1.0 - s) * (1.0 - 3.0 * s) * one.direction + s * (3.0 * s - 2.0) * other.direction)
         z, value = one.z + along[:-1] * self.scale, one.value + float(along[-1]) * self.span
-        point = self.point(z, value, rate / np.linalg.norm(rate), one.direction, guess, LOCATED)[0]
+        point = self.point(z, value, rate / np.linalg.norm(rate), one.direction, guess, closed)[0]
         return point, np.append((point.z - z) / self.scale, (point.value - value) / self.span)
 
     def located(
@@ -496,32 +482,27 @@ class _Follower:
     ) -> _Point | None:
         """The point between two neighbours where a test function vanishes, None where it is not reached. crossed: by
         another branch, along which rounding moves points that are closer than BESIDE."""
-        none = np.zeros(len(one.direction))
-        known = {0.0: (one, none), 1.0: (other, none)}
+        known = {s: (point, np.zeros(len(one.direction))) for s, point in ((0.0, one), (1.0, other))}
         # Tolerance of the place: 1e-13 of the parameter, as a share of the way between the points.
-        near = float(np.clip(1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300), 1e-14, 1e-9))
+        size = 1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300)
+        near = BESIDE if crossed else float(np.clip(size, 1e-14, 1e-9))
 
-        def at(s: float) -> _Point:
+        def at(s: float, closed: float = CLOSED if crossed else LOCATED) -> _Point:
             if s not in known:
-                # The step in the plane, from those at the nearest points.
-                places = sorted(known, key=lambda x: abs(x - s))[:4]
-                known[s] = self.inside(one, other, s, interpolated(s, places, [known[x][1] for x in places]))
+                places = sorted(known, key=lambda x: abs(x - s))[:4]  # of the nearest points
+                step = krogh_interpolate(places, [known[x][1] for x in places], s)
+                known[s] = self.inside(one, other, s, step, closed)
             return known[s][0]
 
         try:
-            share: Any = brentq(lambda s: test(at(s)), 0.0, 1.0, xtol=BESIDE if crossed else near, rtol=np.float64(1e-14))
+            share: Any = brentq(lambda s: test(at(s)), 0.0, 1.0, xtol=near, rtol=np.float64(1e-14))
             if crossed:
                 places = sorted(known, key=lambda x: abs(x - share))[:4]
-                share = interpolated(0.0, [test(known[x][0]) for x in places], places)
-            return at(float(share))
+                share = float(krogh_interpolate([test(known[x][0]) for x in places], places, 0.0))
+            # Where another branch crosses, the corrector is singular: the interpolated point is the better one.
+            return at(share, BESIDE**2 if crossed else LOCATED)
         except (SolverFailure, np.linalg.LinAlgError, ValueError):
             return None
-
-
-def interpolated(x: float, places: Sequence[float], values: Sequence[Any]) -> Any:
-    """Lagrange's polynomial through values at different places."""
-    weights = [np.prod([(x - b) / (a - b) for b in places if b != a]) for a in places]
-    return sum(w * y for w, y in zip(weights, values, strict=True))
 
 
 def _units(path: Path) -> Array:
@@ -544,13 +525,6 @@ def _reached(kind: str, point: _Point) -> bool:
         m = m[np.abs(m.imag) > REACHED]
         return bool(len(m)) and bool(np.min(np.abs(np.abs(m) - 1.0)) <= REACHED * max(1.0, point.size))
     return bool(np.min(np.abs(m - (1.0 if kind == "fold" else -1.0))) <= REACHED * max(1.0, point.size))
-
-
-def slope_of_period(period: Callable[[float], float], value: float) -> float:
-    """dT/da by differences of order 8 of a function in closed form."""
-    h = 2.0**-6 * (abs(value) or 1.0)
-    pairs = np.array([(period(value + k * h) - period(value - k * h)) / h for k in range(1, 5)])
-    return float(ORDER_8 @ pairs)
 
 
 def continuation(
