@@ -282,10 +282,10 @@ class _Scan:
             nodes = np.stack([values[k * stride : k * stride + last : 4 * stride] for k in range(9)])
             error = np.max(np.abs(self.WEIGHTS @ nodes[::2] - nodes[1::2]), axis=0)
             # Every window takes the errors of the two that straddle its edges.
-            own, between = error[::2].copy(), error[1::2]
-            np.maximum(own[:-1], between, out=own[:-1])
-            np.maximum(own[1:], between, out=own[1:])
-            levels.append(own)
+            errors, between = error[::2].copy(), error[1::2]
+            np.maximum(errors[:-1], between, out=errors[:-1])
+            np.maximum(errors[1:], between, out=errors[1:])
+            levels.append(errors)
         return t, levels
 
 
