@@ -231,8 +231,8 @@ def waits(quick: bool, repetitions: int) -> Rows:
     def fresh() -> sb.System:
         return sb.semidiscretise(case.problem, case.cells)
 
-    def branch(make_system: Callable[[float], sb.System], *ends: float) -> Callable[[], object]:
-        values = np.linspace(*ends, 2 * orbits if make_system is one_mass else 100)
+    def branch(make_system: Callable[[float], sb.System], low: float, high: float) -> Callable[[], object]:
+        values = np.linspace(low, high, 2 * orbits if make_system is one_mass else 100)
         return lambda: sb.continuation(make_system, "frequency", values, lambda w: 2.0 * np.pi / w, most=orbits)
 
     def sweep(parameter: str, low: float, high: float) -> Callable[[], object]:
