@@ -156,7 +156,7 @@ def picture(records: Records) -> Picture:
             line = fit(1.0 / column(near, "kappa"), order, style | {"linestyle": dashed(i)})
             marks += [Curve(1.0 / curve.x, curve.y, look=curve.look) for curve in line]
         panels.append(Panel(title, kappa, axis, marks, legend="inside"))
-    return Picture([panels[:3], panels[3:]], 8.0)
+    return Picture([panels[:2], panels[2:]], 8.0)
 
 
 STUDY = declared(
