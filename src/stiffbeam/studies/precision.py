@@ -46,7 +46,7 @@ def points(
     """Schemes and functions at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10
     (the dense ones at two), and those only that stand among ``schemes`` or ``methods``; recorded runs at their steps.
 
-    The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
+    The error is taken until the first ``impacts`` impacts are over (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon. Left out are functions with so many
     steps, and solvers that are not named, that a run would take more than 10 seconds by an estimate.
 

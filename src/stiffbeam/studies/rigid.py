@@ -32,8 +32,7 @@ def points(
     factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
     impacts: ImpactCount = 3,
 ) -> list[Point]:
-    """The case's kappa times 4^0 .. 4^9, until the first impacts of the rigid solution are over, as many as
-    ``impacts`` says."""
+    """The case's kappa times 4^0 .. 4^9, until the first ``impacts`` impacts of the rigid solution are over."""
     system = system_of(case, form)
     if len(system.contacts) != 1:
         count = f"{len(system.contacts)} contacts"
