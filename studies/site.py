@@ -83,7 +83,9 @@ SETTINGS = {
 }
 
 
-WIDE = ".bd-main .bd-content .bd-article-container {max-width: 80em}"  # a line of code fits
+WIDE = """.bd-main .bd-content .bd-article-container {max-width: 80em}
+@media (min-width: 60em) {.bd-sidebar-primary {flex: 0 0 16rem}}
+"""  # more of a line of code fits
 
 
 class Pages:
@@ -224,7 +226,7 @@ class Pages:
 def entry(page: str, text: str) -> str:
     """Return what the page of a chapter shows of a page: its title, first sentence and first picture."""
     title, *parts = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE).strip().split("\n\n")
-    words = next((part for part in map(str.strip, parts) if part[:1].isalpha()), "")
+    words = next((part for part in (each.strip("\n") for each in parts) if re.match(r"[A-Za-z`[]", part)), "")
     sentence = LINK.sub("]", re.split(r"(?<=[.?:])\s", words.replace("\n", " "))[0]).replace("[", "").replace("]", "")
     shown = [f"## [{title.removeprefix('# ')}](/{page})", sentence.rstrip(":")]
     if picture := PICTURE.search(text):

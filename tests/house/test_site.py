@@ -72,7 +72,7 @@ def test_a_chapter_shows_sentence_and_picture_of_its_pages(site):
 
 def test_what_a_chapter_shows_of_a_page():
     entry = runpy.run_path(str(ROOT / "studies" / "site.py"))["entry"]
-    page = "# Head\n\n```python\nx\n\ny\n```\n\nSee [a page](b.md): one. Two.\n\n![words](c/d.png)"
+    page = "# Head\n\n    python x.py\n\n```python\nx\n\ny\n```\n\nSee [a page](b.md): one. Two.\n\n![words](c/d.png)"
     picture = "```{image} /studies/c/d.png\n:width: 480px\n:alt: words\n```"
     assert entry("studies/e.md", page) == f"## [Head](/studies/e.md)\n\nSee a page\n\n{picture}"
 
