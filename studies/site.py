@@ -232,7 +232,7 @@ def entry(page: str, text: str) -> str:
     if picture := PICTURE.search(text):
         address = os.path.normpath(PurePosixPath(page).parent / picture[2])
         shown.append(f"```{{image}} /{address}\n:width: 480px\n:alt: {picture[1]}\n```")
-    return "\n\n".join(shown)
+    return "\n\n".join(filter(None, shown))
 
 
 def names(topic: str) -> str:

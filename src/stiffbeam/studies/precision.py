@@ -224,8 +224,8 @@ def answer(rows: Rows, case: Case) -> Answer:
     if tracked:
         notes.append(f"Impacts can be followed to t = {units.measure(rows[0]['horizon'], 'time', '.3g')}.")
     if shares := {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}:
-        parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
-        notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
+        parts = [f"{short(method)} {100 * share:.0f} %" for method, share in shares.items()]
+        notes.append(f"Python's calls of the right-hand side take at least these shares: {', '.join(parts)}.")
     notes += [f"The exact solution takes {1e3 * r['seconds']:.2g} ms." for r in rows if r["method"] == "exact"]
     verdict = f"Fewest solves or evaluations: {', '.join(best)}." if best else "No method reached a tip error of 0.001."
     return Answer(verdict, [{"method": short(method)} | cells for method, cells in table.items()], " ".join(notes))
