@@ -178,7 +178,7 @@ def test_the_tables_use_the_width_of_the_terminal(compared, width):
     assert any(line.startswith("SDIRK(gamma=0.4359) ") for line in lines)
     start, end = lines.index(next(line for line in lines if line.startswith("Match to:"))), lines.index("")
     notes = lines[start:end]
-    assert len(notes) <= (9 if width == 80 else 6)
+    assert len(notes) <= (9 if width == 80 else 7)
     assert max(map(len, notes)) <= min(width, 100)
     assert "exact for this mesh; `stiffbeam space`" in " ".join(notes)
     assert "s of computing" not in text.getvalue()

@@ -235,14 +235,17 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
     units, common = first.units, common_window(comparisons)
     while_matched = "" if common == first.window else ", while the impacts of all runs match"
     to = units.measure(number(common), "time")
+    events = any(contact.reference_totals.events for c in comparisons for contact in c.contacts)
+    by_events = "; of the reference, like force and impulse, by events, not sampled" if events else ""
     lines = [
         "Match to: up to this time, the impacts are those of the reference. "
         f"Tip error: rms to t = {to}{while_matched}, over max |u|. "
         "Lag: positive if late; in brackets, the median delay of the impacts. "
         "Loss: numerical dissipation, over the energy put in. "
-        "Impacts: seen at the time steps, [all by events]. Contact: share of the time."
+        f"Impacts: seen at the time steps, [all by events]. Contact: share of the time{by_events}."
     ]
-    if first.reference.partition("@")[0] in ("exact", "multiprecision"):
+    system = None if first.pair is None else first.pair[1].system
+    if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         lines.append("The exact solution is exact for this mesh; `stiffbeam space` measures the error of the mesh.")
     lines += [
         f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}."
@@ -253,6 +256,11 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
         lines.append(f"Times, forces and impulses are {units.note}.")
     if any(map(_several, comparisons)):
         lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
+    for c in comparisons:
+        lengths = np.diff(c.times)
+        if np.ptp(lengths) > EVEN * c.dt:
+            least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
+            lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
     if in_numpy:
         lines += [
@@ -263,7 +271,7 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
 
 
 def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
-    """Horizons and cost of the references, treatment of events, lengths of steps, set-up."""
+    """Horizons and cost of the references, treatment of events, set-up."""
     lines = [
         f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
         f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
@@ -271,16 +279,9 @@ def _details(comparisons: Sequence[Comparison], references: Sequence[Reference])
         for r in references
     ]
     lines.append("Loss is – if the time step does not resolve the dissipation of dampers.")
-    if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):
-        lines.append("Contact, peak force and impulse of the reference: by events, not sampled.")
     for treatment, words in (("restart", "integration restarts at each event"), ("through", "steps cross events")):
         of_these = [name for name, c in zip(_names(comparisons), comparisons, strict=True) if c.switches == treatment]
         lines += [f"{', '.join(dict.fromkeys(of_these))}: {words}."] if of_these else []
-    for c in comparisons:
-        lengths = np.diff(c.times)
-        if np.ptp(lengths) > EVEN * c.dt:
-            least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
-            lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
     if steps:
         # Set-up is what the run takes beyond its steps, in milliseconds.

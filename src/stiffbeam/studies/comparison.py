@@ -68,7 +68,7 @@ class _Solver:
         end, asked = (t_end, times) if span is None else span
         solution = free(system, end, method, asked)
         if end < t_end:
-            solution.provenance["budget"] = f"to t = {end:.3g} of {t_end:.3g}, where the budget of seconds ended"
+            solution.provenance["budget"] = f"to t = {end:.3g} of {t_end:.3g}: the budget ends there"
         return solution
 
     def seconds(self, system: System, t_end: float, method: str, outputs: int) -> float:
