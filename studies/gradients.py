@@ -7,8 +7,8 @@ Value: error of the tip at the end over the largest displacement. Gradient: larg
 the parameters that the problem knows. diffrax: jax.grad through the solve, the contact a penalty force. SciPy: central
 differences of solve_ivp, through the contacts or restarted at events. heyoka: variational equations, restarted at
 events. CasADi: forward sensitivities, through the contacts or with its events. MJX: jax.jacfwd through MuJoCo's steps.
-Schemes: central differences of their runs. CasADi and MJX (`pip install casadi mujoco-mjx`) are needed only for
-their records.
+nosnoc: variational equations, every contact the end of an element. Schemes: central differences of their runs. CasADi,
+MJX and nosnoc (`pip install casadi mujoco-mjx nosnoc`) are needed only for their records.
 """
 
 from __future__ import annotations
@@ -33,7 +33,14 @@ PAGE = Path(__file__).parent / "guide" / "derivatives.md"
 RECORDS = Path(__file__).with_suffix(".json")
 BEGIN, END = "<!-- made by studies/gradients.py -->", "<!-- end -->"
 COMPLIANT = ("bilinear-gap", "two-mass-chain", "hertz")
-LIBRARIES = {"diffrax": "diffrax", "SciPy": "scipy", "heyoka": "heyoka", "CasADi": "casadi", "MJX": "mujoco-mjx"}
+LIBRARIES = {
+    "diffrax": "diffrax",
+    "SciPy": "scipy",
+    "heyoka": "heyoka",
+    "CasADi": "casadi",
+    "MJX": "mujoco-mjx",
+    "nosnoc": "nosnoc",
+}
 RIGID = ("impact-oscillator", "impact-transient")
 HALF_PERIOD = 8.0  # of the spring in the place of a rigid stop of MuJoCo, in steps
 SOLIMP = "0.9999 0.9999 0.001 0.5 2"  # almost all of the force at a limit is that of this spring
@@ -235,6 +242,47 @@ def by_casadi(solver: str, rtol: float, events: bool = False) -> Callable[[Probl
     return engine
 
 
+def by_nosnoc(windows: int) -> Callable[[Problem], Found]:
+    """Variational equations as further states of nosnoc, whose elements (Radau IIA, three stages) end at the switch.
+
+    windows: boundary problems that are solved one after the other, with two elements each.
+    """
+
+    def engine(problem: Problem) -> Found:
+        import casadi as ca
+        import nosnoc
+
+        model, (paths, theta) = Model(problem), tip_by_theta(problem)
+        n, columns = model.n, len(paths)
+        y, S, p = ca.SX.sym("y", 2 * n), ca.SX.sym("S", 2 * n, columns), ca.SX.sym("p", columns)
+        named = dict(zip(paths, ca.vertsplit(p), strict=True))
+        depth = ca.dot(ca.DM(model.row), y[:n]) - model.law(named, "upper")
+        press = model.law(named, "stiffness") * depth
+        if (exponent := model.law(named, "exponent")) != 1.0:
+            press *= ca.if_else(depth > 0.0, depth, 0.0) ** (exponent - 1.0)
+        flows = []
+        for force in (0.0, press):  # open, closed
+            rate = ca.vertcat(y[n:], ca.DM(model.inverse) @ (-(ca.DM(model.K) @ y[:n]) - ca.DM(model.row) * force))
+            moved = ca.jacobian(rate, y) @ S + ca.jacobian(rate, p)
+            flows.append(ca.substitute(ca.vertcat(rate, ca.vec(moved)), p, ca.DM(theta)))
+        names = [f"{x}0[{i}]" for x in "qv" for i in range(n)]
+        start = np.concatenate([model.start({}, np), np.ravel([[a == b for a in names] for b in paths])])
+        options = nosnoc.NosnocOpts()
+        options.irk_scheme, options.n_s, options.N_finite_elements = nosnoc.IrkSchemes.RADAU_IIA, 3, 2
+        options.terminal_time, options.comp_tol, options.sigma_N = problem.t_end / windows, 1e-6, 1e-6
+        equations = nosnoc.NosnocModel(
+            x=ca.vertcat(y, ca.vec(S)), F=[ca.horzcat(*flows)], S=[np.array([[-1], [1]])],
+            c=[ca.substitute(depth, p, ca.DM(theta))], x0=start,
+        )  # fmt: skip
+        run = nosnoc.NosnocSimLooper(nosnoc.NosnocSolver(options, equations), start, windows)
+        run.run()
+        end = np.array(run.get_results()["X_sim"])[-1]
+        gradient = model.row @ end[2 * n :].reshape(columns, 2 * n)[:, :n].T
+        return float(model.row @ end[:n]), dict(zip(paths, gradient.tolist(), strict=True))
+
+    return engine
+
+
 def by_mjx(steps: int) -> Callable[[Problem], Found]:
     """Forward derivatives through MuJoCo's steps (RK4), with the model of `engines/mujoco_engine.py`.
 
@@ -348,6 +396,7 @@ ENGINES: dict[str, Callable[[Problem], Found]] = {
     "CasADi CVODES, rtol 1e-10": by_casadi("cvodes", 1e-10),
     "CasADi erk, rtol 1e-9": by_casadi("erk", 1e-9),
     "CasADi erk, rtol 1e-12, with events": by_casadi("erk", 1e-12, events=True),
+    "nosnoc, Radau IIA, 100 elements, variational equations": by_nosnoc(50),
     "MJX RK4, 1000 steps, jax.jacfwd": by_mjx(1000),
     "MJX RK4, 16 000 steps": by_mjx(16_000),
     "trapezoidal, 16 000 steps, differences": by_scheme(sb.Trapezoidal(), 16_000),

@@ -225,8 +225,15 @@ def waits(quick: bool, repetitions: int) -> Rows:
     scheme, t_end, values = SCHEMES["HHT"], 0.02 if quick else T_END, 16 if quick else 200
     whole = sb.integrate(system, scheme, dt, (100 if quick else 20_000) * dt)
 
+    run, orbits = sb.reference(system, t_end), 20 if quick else 1000
+    parameters = ["stops.stiffness", "stops[0].upper", "base.amplitude", "base.frequency"]
+
     def fresh() -> sb.System:
         return sb.semidiscretise(case.problem, case.cells)
+
+    def branch(make_system: Callable[[float], sb.System], low: float, high: float) -> Callable[[], object]:
+        values = np.linspace(low, high, 2 * orbits if make_system is one_mass else 100)
+        return lambda: sb.continuation(make_system, "frequency", values, lambda w: 2.0 * np.pi / w, most=orbits)
 
     def sweep(parameter: str, low: float, high: float) -> Callable[[], object]:
         grid = np.linspace(low, high, values).tolist()
@@ -255,6 +262,11 @@ def waits(quick: bool, repetitions: int) -> Rows:
         "sweep of the drive frequency, a value": ("ms", 1e3 / values, sweep("frequency", 8.0, 12.0), 1.0),
         f"`semidiscretise`, {cells} cells": ("s", 1.0, semidiscretised(cells), None),
         f"`semidiscretise` and `modes`, {cells} cells": ("s", 1.0, modes_of(cells), None),
+        f"derivative of that reference by {len(parameters)} parameters": (
+            "ms", 1e3, lambda: run.derivative(parameters), None,
+        ),
+        f"branch of {orbits} orbits of a mass with a stop, one flip": ("s", 1.0, branch(one_mass, 2.4, 2.8), 5.0),
+        f"branch of {orbits} orbits of a beam of 8 cells, folds and flips": ("s", 1.0, branch(beam, 33.0, 32.5), 5.0),
         "multiprecision to 2": (
             "s", 1.0, lambda: sb.reference(system, 0.1 if quick else 2.0, method="multiprecision"), None,
         ),
@@ -266,6 +278,18 @@ def waits(quick: bool, repetitions: int) -> Rows:
     for name, (unit, scale, _, goal) in works.items():
         rows[name] = {"unit": unit, "amount": scale * seconds[name], "goal": goal}
     return rows | _records_of_a_sweep(16 if quick else 200)
+
+
+def one_mass(frequency: float) -> sb.System:
+    """A mass with one stop, driven by a force."""
+    stop, load = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0)), sb.Harmonic(1.0, frequency)
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[([1.0], load)], contacts=[stop])
+
+
+def beam(frequency: float) -> sb.System:
+    """A damped beam of 8 cells between stops on a moving base."""
+    stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, frequency)
+    return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
 
 
 def _records_of_a_sweep(values: int) -> Rows:
@@ -329,6 +353,9 @@ def ratios_of(record: dict[str, Any]) -> dict[str, float]:
         cost = {name: row["ms"] for name, row in rows.items()}
         ratios |= {f"{name} / exact": x / cost["exact"] for name, x in cost.items() if name != "exact"}
         ratios |= {f"{m} / {m}, Python callbacks": cost[m] / cost[f"{m}, Python callbacks"] for m in SUNDIALS}
+    if rows := record.get("waits"):
+        derivative, exact = (next(x for x in rows if x.startswith(name)) for name in ("derivative", "exact"))
+        ratios[f"{derivative} / exact"] = rows[derivative]["amount"] / rows[exact]["amount"]
     return ratios
 
 

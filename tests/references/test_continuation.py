@@ -66,18 +66,28 @@ def test_without_contact_it_is_the_linear_response():
     assert len(branch.folds) + len(branch.flips) == 0
 
 
+def damped_beam(frequency: float) -> sb.System:
+    stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, frequency)
+    return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
+
+
 @pytest.mark.slow
 def test_the_flip_of_the_beam():
     """Where the multiplier of the 90-event orbit is -1: 32.975300288681 by a prototype."""
-
-    def beam(frequency: float) -> sb.System:
-        stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, frequency)
-        return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
-
-    branch = sb.continuation(beam, "frequency", [33.0, 32.97, 32.94], turn)
+    branch = sb.continuation(damped_beam, "frequency", [33.0, 32.97, 32.94], turn)
     assert np.allclose(branch.flips, 32.975300288681, rtol=0.0, atol=1e-9)
     assert len(branch.flips) == 1
     assert list(branch.stable[[0, -1]]) == [False, True]
+
+
+@pytest.mark.slow
+def test_a_branching_of_the_beam():
+    """Of branches with different points; without the search's distance from the place they differ by 5e-9."""
+    places = [
+        sb.continuation(damped_beam, "frequency", np.linspace(49.63, 49.58, count), turn).at("branching")
+        for count in (6, 7, 9)
+    ]
+    assert np.allclose(places, [[49.59984875508]], rtol=0.0, atol=5e-10)
 
 
 def grazed(gap: float, stiffness: float) -> sb.System:
@@ -150,6 +160,9 @@ def test_a_branch_that_loses_its_symmetry():
     branch = sb.continuation(symmetric, "frequency", np.linspace(4.0, 1.5, 20), turn)
     assert [x.kind for x in branch.bifurcations] == ["branching"]
     point = branch.bifurcations[0]
+    # The place does not depend on the points beside it, although the corrector is singular there.
+    other = sb.continuation(symmetric, "frequency", np.linspace(2.0, 1.5, 13), turn)
+    assert abs(other.at("branching")[0] - point.value) < 1e-12
     half = 0.5 * turn(point.value)
 
     def turned(z: np.ndarray) -> np.ndarray:

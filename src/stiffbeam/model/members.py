@@ -441,7 +441,9 @@ def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]
     # One form for none, one and several stops, so that paths lead through the same list.
-    root = replace(system.problem, stops=system.problem.all_stops or None)
+    root = system.problem
+    if keys[:1] == ["stops"]:
+        root = replace(root, stops=root.all_stops or None)
     single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
     return root, ["stops", *keys[2:]] if single else keys
 
@@ -450,7 +452,8 @@ def _rebuilt(system: System, new: BeamProblem) -> System:
     """The system of a changed problem: a beam that starts with the speed of its base starts with the new one."""
     problem = system.problem
     if problem is not None and problem.base is not None and new.base is not None and new.base != problem.base:
-        new = replace(new, initial_velocity=_with_base(problem, new.base, problem.base))
+        profile = _with_base(problem, new.base, problem.base)
+        new = new if profile is new.initial_velocity else replace(new, initial_velocity=profile)
     return semidiscretise(new, system.cells or system.size, system.form)
 
 

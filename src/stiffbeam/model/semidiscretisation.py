@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.linalg
@@ -135,29 +136,47 @@ def _displacement(problem: BeamProblem, M: int) -> System:
     L, m = problem.length, problem.mass_per_length
     weights = np.full(M, L / M)
     weights[-1] = 0.5 * L / M
-    # The stencil is whole numbers, scaled once: equal on every machine.
-    bending = bending_stencil(M) * (M / L) ** 3
-    factor = np.vstack([np.zeros(M), (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]])
-    factor[0, 0] = np.sqrt(2.0)  # sqrt(1/2) kappa_0
-    factor *= np.sqrt((M / L) ** 3)
     clamp = np.zeros(M)  # (2.5) in v: EI v_xx + eta v_xxt = 2 (EI phi + eta phi')/L^2
     clamp[-2:] = (-2.0 * M / L**3, 2.0 * M / L**3)
-    mass = m * weights
-    mass[-1] += problem.tip_mass
-    damping = problem.viscosity * bending
-    if problem.mass_damping > 0:  # a sum with zero would change the sign of zeros, and so the fingerprint
-        damping = damping + problem.mass_damping * np.diag(mass)
-    return _made(
-        mass=np.diag(mass),
-        damping=damping,
-        stiffness=problem.stiffness * bending,
+    # Beams that differ by base, loads, stops and starts share their matrices, and what is derived from these.
+    key = (M, L, m, problem.stiffness, problem.viscosity, problem.tip_mass, problem.mass_damping)
+    other = _CANTILEVERS.get(key)
+    arrays = _matrices(problem, M, weights) if other is None or other.origin is None else {
+        name: getattr(other.origin, name) for name in ("mass", "damping", "stiffness", "stiffness_factor")
+    }  # fmt: skip
+    system = _made(
+        **arrays,
         loads=_loads(problem, np.diag(weights), clamp),
         **_initial(problem, M),
-        stiffness_factor=np.sqrt(problem.stiffness) * factor,
         form="displacement",
         problem=problem,
         paper_form=_paper_displacement,
     )
+    _CANTILEVERS.setdefault(key, system)
+    return system
+
+
+_CANTILEVERS: WeakValueDictionary[tuple[float, ...], System] = WeakValueDictionary()  # by the numbers of the matrices
+
+
+def _matrices(problem: BeamProblem, M: int, weights: Array) -> dict[str, Array]:
+    # The stencil is whole numbers, scaled once: equal on every machine.
+    L = problem.length
+    bending = bending_stencil(M) * (M / L) ** 3
+    factor = np.vstack([np.zeros(M), (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]])
+    factor[0, 0] = np.sqrt(2.0)  # sqrt(1/2) kappa_0
+    factor *= np.sqrt((M / L) ** 3)
+    mass = problem.mass_per_length * weights
+    mass[-1] += problem.tip_mass
+    damping = problem.viscosity * bending
+    if problem.mass_damping > 0:  # a sum with zero would change the sign of zeros, and so the fingerprint
+        damping = damping + problem.mass_damping * np.diag(mass)
+    return {
+        "mass": np.diag(mass),
+        "damping": damping,
+        "stiffness": problem.stiffness * bending,
+        "stiffness_factor": np.sqrt(problem.stiffness) * factor,
+    }
 
 
 def _made(

@@ -158,28 +158,29 @@ def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemDa
     return names, columns, np.array(bounds)
 
 
-def _value(system: System, path: str) -> float:
-    """The number at a path; of "stops" without an index and of the drive's short names that of the first."""
+def _value(system: System, path: str) -> tuple[float, bool]:
+    """The number at a path, of the drive's short names that of the first; and whether the path stands for it alone."""
     if path in ("frequency", "amplitude"):
         leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
         drives = [leaf for leaf in leaves if isinstance(leaf, Harmonic)]
         if system.problem is not None and isinstance(system.problem.base, Harmonic):
             drives = [system.problem.base]
-        return float(getattr(drives[0], path)) if drives else 1.0
-    path = re.sub(r"^stops\.", "stops[0].", path)
+        return float(getattr(drives[0], path)) if drives else 1.0, False
     try:
-        return value_at(system, path)
+        return value_at(system, path), True
     except (LookupError, TypeError):
-        return 0.0  # with_values says what is wrong with it, or the number is a text
+        return 0.0, False  # with_values says what is wrong with it, or the number is a text
 
 
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
     """Derivative of the data at a path, and its relative bound."""
-    value = _value(system, path)
+    value, alone = _value(system, path)
     if OF_STOPS.fullmatch(path):
         system = replace(system, origin=None)  # no beam has to be made anew
     # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
-    if not np.allclose(data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0):
+    if not alone and not np.allclose(
+        data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0
+    ):
         raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
     return slope_of(lambda x: with_values(system, {path: x}), system, value, path)
 
@@ -206,13 +207,16 @@ def slope_of(
     for width in WIDTHS:
         h = width * scale
         try:
-            near, far = (at(h) - at(-h)) / (2.0 * h), (at(2.0 * h) - at(-2.0 * h)) / (4.0 * h)
+            # The slope at the middle of three values, and that of the parabola through the outer one and a fourth.
+            right, left, beyond = at(h), at(-h), at(2.0 * h)
+            near = (right - left) / (2.0 * h)
+            far = (beyond - centre) / (2.0 * h) - (right + left - 2.0 * centre) / h
         except InputError as error:
             # Outside the range of the parameter there is no system: a narrower width may fit.
             problem = error
             continue
         largest = np.maximum(np.abs(centre), h * np.abs(near)) / h
-        # Two widths agree for data that are linear or quadratic: the difference is exact.
+        # Both agree for data that are linear or quadratic: the difference is exact.
         if np.all(np.abs(near - far) <= EXACT * largest):
             return base.of_vector(near), float(np.finfo(float).eps / width)
         break
@@ -220,7 +224,7 @@ def slope_of(
         # No width fits on both sides: the value is at the end of the range.
         return _one_sided(base, at, centre, scale, name, problem)
     # Four steps, the last as far as the width at which the system exists.
-    steps = np.arange(1, 5) * min(NARROW, width / 2.0) * scale
+    steps = np.arange(1, 5) * min(NARROW, width / 4.0) * scale
     pairs = np.array([(at(h) - at(-h)) / steps[0] for h in steps])
     best, other = ORDER_8 @ pairs, ORDER_6 @ pairs
     size = np.max(np.abs(best), initial=1e-300)
@@ -229,6 +233,13 @@ def slope_of(
         rule = f"be a parameter in which the system's data are smooth (two differences disagree by {bound:.1g})"
         raise InputError("wrt", name, rule, "take another parameter")
     return base.of_vector(best), bound
+
+
+def slope_of_period(period: Callable[[float], float], value: float) -> float:
+    """dT/da by differences of order 8 of a function in closed form."""
+    h = 2.0**-6 * (abs(value) or 1.0)
+    pairs = np.array([(period(value + k * h) - period(value - k * h)) / h for k in range(1, 5)])
+    return float(ORDER_8 @ pairs)
 
 
 def _one_sided(

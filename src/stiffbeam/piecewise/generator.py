@@ -19,17 +19,18 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh, expm, solve_triangular
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, IntArray
 from ..model.sampled import Sampled, moved
 from ..model.system import System
 from ..model.system_data import SystemData, data_of, load_terms, offset_terms
 from ..model.time_functions import Constant, Harmonic
+from .spectrum import KEPT
 
 WORST = 1e5  # condition of the eigenvectors, in units of energy, up to which they are used
 NEAR = 0.05  # of the lowest frequency: eigenvalues that lie closer have their difference by sinh(x)/x
@@ -77,12 +78,14 @@ class TimeBasis:
 
     def values(self, t: float, interval: int) -> Array:
         """g(t), (d,)."""
-        g = np.zeros(self.size)
-        g[0] = 1.0
-        phase = self.frequencies * t
-        g[1 : 1 + 2 * self.F : 2], g[2 : 2 + 2 * self.F : 2] = np.sin(phase), np.cos(phase)
+        return self.all_values(np.array([t]), [interval])[0]
+
+    def all_values(self, t: Array, intervals: Sequence[int]) -> Array:
+        """g at times (k,), (k, d)."""
+        g, phase = np.ones((len(t), self.size)), np.multiply.outer(t, self.frequencies)
+        g[:, 1 : 1 + 2 * self.F : 2], g[:, 2 : 2 + 2 * self.F : 2] = np.sin(phase), np.cos(phase)
         if self.records:
-            g[1 + 2 * self.F :] = (t - self.edges[interval]) ** np.arange(1, 1 + RECORD_TERMS)
+            g[:, 1 + 2 * self.F :] = (t - self.edges[intervals])[:, None] ** np.arange(1, 1 + RECORD_TERMS)
         return g
 
     def terms(self, data: SystemData, interval: int, by: SystemData | None = None) -> Array:
@@ -246,12 +249,11 @@ class RegimeFlow:
         X = solve(right)
         self.acceleration, self.reactions = X[:n], X[n:]
         self.A = self._generator(X[:n], basis.R, 1.0)
-        self.dA, self.reaction_slopes = [], []
-        for slope, x, dR in zip(slopes, generators.columns, basis.dR, strict=True):
-            dX = solve(slope - saddle_times(x.mass, x.rows[self.held], X)) if np.any(slope) or np.any(x.mass) else None
-            dX = np.zeros_like(X) if dX is None else dX
-            self.dA.append(self._generator(dX[:n], dR, 0.0))
-            self.reaction_slopes.append(dX[n:])
+        each = zip(slopes, generators.columns, strict=True)
+        rights = [slope - saddle_times(x.mass, x.rows[self.held], X) for slope, x in each]
+        dX = np.split(solve(np.hstack(rights)), len(rights), axis=1) if rights else []
+        self.dA = [self._generator(x[:n], dR, 0.0) for x, dR in zip(dX, basis.dR, strict=True)]
+        self.reaction_slopes = [x[n:] for x in dX]
 
     @staticmethod
     def _curve(basis: TimeBasis, own: Forms, derived: list[Forms], i: int) -> tuple[Array, list[Array]]:
@@ -274,37 +276,36 @@ class RegimeFlow:
     def eigen(self) -> tuple[Complex, Complex, Complex] | None:
         """(l, V, W) with A = V diag(l) W, None where eigenvectors are no basis.
 
-        In coordinates of energy, |L_K^T q|^2 + |L_M^T q'|^2, those of a conservative regime are orthogonal.
+        A = [A_h, F; 0, R]: the eigenvectors of A_h, and beside each one of R the answer to it.
         """
-        n, N, basis = self.generators.n, self.generators.N, self.generators.basis
+        h, N, basis = 2 * self.generators.n, self.generators.N, self.generators.basis
         # The powers of time are a Jordan chain.
         if basis.records:
             return None
-        # Coordinates of energy need a positive definite stiffness. Where a motion strains nothing, a small shift is
-        # added for the coordinates alone: A is unchanged.
-        M = self.generators.data.mass
-        squares = eigh(self.stiffness, M, eigvals_only=True)
-        rigid = squares[0] < 1e-9 * squares[-1] or not squares[-1] > 0.0  # a motion that strains nothing
-        shift = (1e-6 * max(float(squares[-1]), 0.0) or 1.0) if rigid else 0.0
-        a, b = np.linalg.cholesky(self.stiffness + shift * M).T, np.linalg.cholesky(M).T
-        T, back = np.zeros((N, N)), np.zeros((N, N))
-        T[:n, :n], T[n : 2 * n, n : 2 * n] = a, b
-        back[:n, :n], back[n : 2 * n, n : 2 * n] = (solve_triangular(x, np.eye(n)) for x in (a, b))
-        lowest = float(np.sqrt(max(squares[0], 0.0) + shift))
+        matrices = self.A[:h, :h], self.stiffness, self.generators.data.mass
+        of_matrices = vibrations if h <= 2 * KEPT else vibrations.__wrapped__
+        made = of_matrices(*(np.ascontiguousarray(x).tobytes() for x in matrices))
+        free, right, left, energy, lowest, condition = made
+        if not condition < WORST:
+            return None
+        # R has the rates 0 and +- i w, with the vectors (1) and (-+ i, 1)/sqrt 2 of (sin, cos).
+        waves = np.sqrt(0.5) * np.array([[-1j, 1j], [1.0, 1.0]])
+        G = np.eye(N - h, dtype=complex)
+        G[1:, 1:] = np.kron(np.eye(basis.F), waves)
+        rates = np.concatenate([[0.0], *np.multiply.outer(basis.frequencies, [1j, -1j])])
+        # (rate - A_h) x = F g; nothing answers a force of zero.
+        pushed = left @ (self.A[:h, h:] @ G)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            answer = np.where(pushed == 0.0, 0.0, pushed / (rates - free[:, None]))
         # Units of the time functions that bring forces to the size of the lowest frequency.
-        force = float(np.max(np.abs(T @ self.A)[: 2 * n, 2 * n :], initial=0.0)) / lowest
-        at = range(2 * n, N)
-        T[at, at], back[at, at] = force or 1.0, 1.0 / (force or 1.0)
-        values, V = (np.asarray(x, complex) for x in np.linalg.eig(T @ self.A @ back))
-        try:
-            W = np.linalg.inv(V)
-        except np.linalg.LinAlgError:
+        force = float(np.max(np.abs(energy @ self.A[:h, h:]), initial=0.0)) / lowest or 1.0
+        # A bound of |V| |W|, the vectors in energy and of length one.
+        if not condition * (1 + N - h) * (1.0 + 1.5 * answer.size**0.5 * np.max(np.abs(answer)) / force) < WORST:
             return None
-        if not np.linalg.norm(V, 2) * np.linalg.norm(W, 2) < WORST:
-            return None
-        # A positive real part is rounding, and would grow.
-        values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
-        return values, back @ V, W @ T
+        V, W = np.zeros((2, N, N), complex)
+        V[:h, :h], V[:h, h:], V[h:, h:] = right, right @ answer, G
+        W[:h, :h], W[:h, h:], W[h:, h:] = left, -answer @ G.conj().T, G.conj().T
+        return np.concatenate([free, rates]), V, W
 
     @cached_property
     def balance(self) -> Array:
@@ -322,24 +323,38 @@ class RegimeFlow:
         return float(np.max(np.abs(np.imag(rates)), initial=0.0))
 
     @cached_property
-    def coupling(self) -> tuple[Complex, Any, Complex]:
-        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, and which pairs (j, l) are near, with their G (p, k).
-        Only of the columns that change A."""
+    def coupling(self) -> tuple[Complex, Complex, tuple[IntArray, IntArray], Complex]:
+        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, the diagonals of G (p, N), and which other pairs (j, l)
+        are near, with their G (p, k)."""
         assert self.eigen is not None
         values, V, W = self.eigen
-        G = np.array([W @ dA @ V for dA in self.dA]).reshape(len(self.dA), len(values), len(values))
+        G = np.zeros((len(self.dA), len(values), len(values)), complex)
+        for each, dA in zip(G, self.dA, strict=True):  # most columns change few entries
+            rows, columns = np.flatnonzero(np.any(dA, axis=1)), np.flatnonzero(np.any(dA, axis=0))
+            each[:] = (W[:, rows] @ dA[np.ix_(rows, columns)]) @ V[columns]
         # Differences of near eigenvalues cancel: their pairs are left to sinh(x)/x. Zeros do not count as lowest.
         apart = values[:, None] - values
         sizes = np.abs(values)
         lowest = float(np.min(sizes[sizes > 1e-6 * np.max(sizes)], initial=np.max(sizes)))
         near = np.abs(apart) < max(NEAR * lowest, 1e-300)
-        B = np.where(near, 0.0, G / np.where(near, 1.0, apart))
-        j, k = np.nonzero(near)
-        return B, (j, k), G[:, j, k]
+        B = G * np.divide(1.0, apart, out=np.zeros_like(apart), where=~near)
+        j, k = np.nonzero(near & ~np.eye(len(values), dtype=bool))
+        return B, G.diagonal(axis1=1, axis2=2), (j, k), G[:, j, k]
 
     def flow(self, tau: float) -> Array:
         """exp(A tau), (N, N)."""
         return self.ahead(np.eye(self.generators.N), tau)
+
+    def flows(self, tau: Array) -> Array:
+        """``flow`` of each of tau (k,), (k, N, N)."""
+        if self.eigen is None:
+            return np.array([self.flow(x) for x in tau.tolist()])
+        # One of two conjugates, twice its real part, in one real product.
+        rates, V, W = self.eigen
+        upper = rates.imag >= 0.0
+        V = V[:, upper] * np.where(rates[upper].imag > 0.0, 2.0, 1.0)
+        left = V * np.exp(np.multiply.outer(tau, rates[upper]))[:, None]
+        return np.concatenate([left.real, left.imag], axis=2) @ np.concatenate([W[upper].real, -W[upper].imag])
 
     def series(self, Z: Array) -> Array:
         """Taylor series of the motions from Z (..., N): coefficients (ORDER + 1, ..., N) of the powers of tau."""
@@ -363,48 +378,90 @@ class RegimeFlow:
         values, V, W = self.eigen
         return (V @ (np.exp(values * tau)[:, None] * (W @ dZ))).real
 
-    def seen(self, forms: Array, Z: Array, tau: Array) -> Array:
-        """Contribution of dA to the derivatives of forms (f, N) at tau (k,) later than Z (k, N): (k, f, columns)."""
-        k, columns = len(tau), len(self.dA)
-        if not columns or not k:
-            return np.zeros((k, len(forms), columns))
+    def seen(
+        self, forms: Array | None, Z: Array, dZ: Array | None, tau: Array, start: IntArray | None = None
+    ) -> tuple[Array, Array]:
+        """Values (k, f) of forms (f, N) at tau (k,) later than the starts Z (s, N), and derivatives (k, f, D).
+
+        forms: None for all of Z.
+        dZ: (s, N, D) at the starts, of which the first columns are those of dA; None for zeros. start: (k,), numbers of
+        the starts.
+        """
+        start = np.arange(len(tau)) if start is None else start
+        D = len(self.dA) if dZ is None else dZ.shape[2]
         if self.eigen is None:
-            out = np.zeros((k, len(forms), columns))
-            # Without eigenvectors: Van Loan's block exponential, balanced.
-            N, scale = len(self.A), self.balance
-            block, turn = np.zeros((2 * N, 2 * N)), scale / scale[:, None]
-            block[:N, :N] = block[N:, N:] = self.A * turn
-            for p, dA in enumerate(self.dA):
-                if np.any(dA):
-                    block[:N, N:] = dA * turn
-                    # The result is linear in dA: at the size of A it does not determine how often expm squares.
-                    size = np.max(np.abs(block[:N, N:])) / max(np.max(np.abs(block[:N, :N])), 1e-300)
-                    block[:N, N:] /= size
-                    for i in range(k):
-                        E = expm(block * tau[i])[:N, N:]
-                        out[i, :, p] = size * ((forms * scale) @ (E @ (Z[i] / scale)))
-            return out
+            forms = np.eye(len(self.A)) if forms is None else forms
+            values, slopes = np.empty((len(tau), len(forms))), np.empty((len(tau), len(forms), D))
+            for i, (s, x) in enumerate(zip(start.tolist(), tau.tolist(), strict=True)):
+                E, moved = self._blocks(x)
+                values[i], slopes[i] = forms @ (E @ Z[s]), 0.0 if dZ is None else forms @ (E @ dZ[s])
+                for p, dE in moved.items():
+                    slopes[i, :, p] += forms @ (dE @ Z[s])
+            return values, slopes
+        rates, V, W = self.eigen
+        B, same, (j, m), near = self.coupling
+        E, c, U = np.exp(np.multiply.outer(tau, rates)), Z @ W.T, (V if forms is None else forms @ V).T
+        carried, slopes = E * c[start], np.empty((len(tau), U.shape[1], D))
         # L of near pairs: (exp(l_j tau) - exp(l_m tau))/(l_j - l_m) = tau exp of the mean times sinh(half)/half.
-        values, V, W = self.eigen
-        B, (j, m), near = self.coupling
-        E = np.exp(np.multiply.outer(tau, values))
-        c = Z @ W.T
-        half = np.multiply.outer(tau, 0.5 * (values[j] - values[m]))
+        half = np.multiply.outer(tau, 0.5 * (rates[j] - rates[m]))
         with np.errstate(invalid="ignore", divide="ignore"):
             # Below 1e-4 the series errs by half^4/120 < 1e-18.
             ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
-        between = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (values[j] + values[m]))) * ratio
-        out = np.zeros((k, len(forms), columns))
-        U = forms @ V
-        moved_by = between * c[:, m]
-        place = np.zeros((len(j), len(values)))
-        place[range(len(j)), j] = 1.0
-        for p in range(columns):
-            if np.any(self.dA[p]):
-                # Pairs apart as a difference of two products, near ones by ``between``.
-                y = E * (c @ B[p].T) - (E * c) @ B[p].T + (moved_by * near[p]) @ place
-                out[:, :, p] = (y @ U.T).real
-        return out
+        beside = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (rates[j] + rates[m]))) * ratio * c[start][:, m]
+        for p, y in enumerate(np.zeros((D, 1, len(rates))) if dZ is None else np.moveaxis(W @ dZ, 2, 0)):
+            if p >= len(self.dA) or not np.any(self.dA[p]):
+                slopes[:, :, p] = ((E * y[start * (dZ is not None)]) @ U).real
+                continue
+            # Pairs apart are a difference of two products, an eigenvalue with itself tau exp(l tau).
+            total = (E * (y + c @ B[p].T)[start]) @ U - np.linalg.multi_dot([carried, B[p].T, U])
+            total += (tau[:, None] * carried) @ (same[p][:, None] * U) + (beside * near[p]) @ U[j]
+            slopes[:, :, p] = total.real
+        return (carried @ U).real, slopes
+
+    def _blocks(self, tau: float) -> tuple[Array, dict[int, Array]]:
+        """exp(A tau) and its derivatives in the columns that change it, by Van Loan's block exponential, balanced."""
+        N, scale = len(self.A), self.balance
+        block, turn, E, moved = np.zeros((2 * N, 2 * N)), scale / scale[:, None], None, {}
+        block[:N, :N] = block[N:, N:] = self.A * turn
+        for p, dA in enumerate(self.dA):
+            if np.any(dA):
+                block[:N, N:] = dA * turn
+                # The result is linear in dA: at the size of A it does not determine how often expm squares.
+                size = float(np.max(np.abs(block[:N, N:]))) / max(float(np.max(np.abs(block[:N, :N]))), 1e-300)
+                block[:N, N:] /= size
+                E, moved[p] = (x / turn for x in np.split(expm(block * tau)[:N], 2, axis=1))
+                moved[p] *= size
+        return self.flow(tau) if E is None else E, moved
+
+
+@lru_cache(maxsize=16)
+def vibrations(motion: bytes, stiffness: bytes, mass: bytes) -> tuple[Complex, Complex, Complex, Array, float, float]:
+    """(l, V, W) of A_h (2n, 2n), the coordinates of energy, its lowest frequency and the condition of V in energy.
+
+    In coordinates of energy, |L_K^T q|^2 + |L_M^T q'|^2, eigenvectors of a conservative regime are orthogonal. Systems
+    that differ by their loads share these.
+    """
+    M, K = np.frombuffer(mass), np.frombuffer(stiffness)
+    n = math.isqrt(len(M))
+    M, K, A = M.reshape(n, n), K.reshape(n, n), np.frombuffer(motion).reshape(2 * n, 2 * n)
+    # Coordinates of energy need a positive definite stiffness. Where a motion strains nothing, a small shift is added
+    # for the coordinates alone: A is unchanged.
+    squares = eigh(K, M, eigvals_only=True)
+    rigid = squares[0] < 1e-9 * squares[-1] or not squares[-1] > 0.0  # a motion that strains nothing
+    shift = (1e-6 * max(float(squares[-1]), 0.0) or 1.0) if rigid else 0.0
+    a, b = np.linalg.cholesky(K + shift * M).T, np.linalg.cholesky(M).T
+    T, back = np.zeros((2, 2 * n, 2 * n))
+    T[:n, :n], T[n:, n:] = a, b
+    back[:n, :n], back[n:, n:] = (solve_triangular(x, np.eye(n)) for x in (a, b))
+    values, V = (np.asarray(x, complex) for x in np.linalg.eig(T @ A @ back))
+    try:
+        W = np.linalg.inv(V)
+        condition = float(np.linalg.norm(V, 2) * np.linalg.norm(W, 2))
+    except np.linalg.LinAlgError:
+        W, condition = V, np.inf
+    # A positive real part is rounding, and would grow.
+    values = np.minimum(np.real(values), 0.0) + 1j * np.imag(values)
+    return values, back @ V, W @ T, T, float(np.sqrt(max(squares[0], 0.0) + shift)), condition
 
 
 def saddle(M: Array, H: Array) -> Callable[[Array], Array]:

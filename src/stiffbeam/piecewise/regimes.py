@@ -159,7 +159,7 @@ class Source:
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
         close = close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
         if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
-            span = min(self.span, t_end)
+            span = self.span if self.span < math.inf else t_end
             regime = regime_of(self.system, self.drive, sides, span, perturbation, basis)
             return of_exponentials(regime, free), basis
         force = self.loads.copy()

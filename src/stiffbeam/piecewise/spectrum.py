@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ from ..model.natural_modes import eigenvalues_off
 
 CONDITION_LIMIT = 1e8  # of the bases: beyond it eight digits are lost
 SENSITIVE = 300.0  # 1/|cosine| between left and right eigenvector: from there on the pair has a partner to be found
+KEPT = 100  # modes up to which groups are kept for the next system
 TOGETHER = 0.05  # |difference|/|eigenvalue| of two sensitive ones that are one group
 Complex = Any  # arrays of complex128
 
@@ -64,6 +65,20 @@ def groups(
     eigenvalues are taken: what the algorithm loses, in small entries as in large. Raises InputError where no
     such bases are well-conditioned.
     """
+    if rng is None and len(omega) <= KEPT:  # systems that differ by their loads share them
+        return _exact_groups(omega.tobytes(), damping.tobytes(), span)
+    return _groups(omega, damping, span, size, rng)
+
+
+@lru_cache(maxsize=16)
+def _exact_groups(omega: bytes, damping: bytes, span: float) -> tuple[Array, list[Group]]:
+    n = len(omega) // 8
+    return _groups(np.frombuffer(omega), np.frombuffer(damping).reshape(n, n), span, 0.0, None)
+
+
+def _groups(
+    omega: Array, damping: Array, span: float, size: float, rng: np.random.Generator | None
+) -> tuple[Array, list[Group]]:
     n = len(omega)
     joined = damping != 0.0
     damped = np.any(joined, axis=0) | np.any(joined, axis=1)

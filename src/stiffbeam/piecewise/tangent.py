@@ -66,13 +66,11 @@ class Tangent:
         basis, k, N = generators.basis, len(path.times), generators.N
         # Z at the start of every segment.
         self.intervals = [basis.interval(t) for t in path.times.tolist()]
-        g = [basis.values(t, i) for t, i in zip(path.times.tolist(), self.intervals, strict=True)]
-        self.Z = np.hstack([path.q, path.v, np.array(g).reshape(k, -1)])
-        self.dZ, self.ends = np.zeros((2, k, N, self.count))  # at the starts and ends of segments
+        self.Z = np.hstack([path.q, path.v, basis.all_values(path.times, self.intervals)])
+        self.dZ, self.ends = np.empty((2, k, N, self.count))  # at the starts and ends of segments
         self.lengths = np.diff(np.append(path.times, path.t_end))
-        self.regimes = [
-            generators.regime(self._regime_sides(i), path.rigid, interval) for i, interval in enumerate(self.intervals)
-        ]
+        sides = map(tuple, np.where(np.abs(path.sides) == LET_GO, 0, path.sides).tolist())
+        self.regimes = [generators.regime(x, path.rigid, i) for x, i in zip(sides, self.intervals, strict=True)]
         # Segments of one regime share its eigenvectors: most work is done a regime at a time.
         self.groups: dict[int, list[int]] = {}
         for i, regime in enumerate(self.regimes):
@@ -88,22 +86,22 @@ class Tangent:
         start[: 2 * generators.n, self.parameters :] = directions
         self.last = self._follow(start) if self.count else start
 
-    def _regime_sides(self, i: int) -> tuple[int, ...]:
-        sides = self.path.sides[i]
-        return tuple(np.where(np.abs(sides) == LET_GO, 0, sides).tolist())
-
     def _follow(self, dZ: Array) -> Array:
         """Fill dZ at the starts of all segments; return those at the end of the last."""
         # The part of dA first, all segments of a regime at once; then from event to event.
-        driven = np.zeros((len(self.Z), self.generators.N, self.parameters))
-        eye = np.eye(self.generators.N)
+        k, N = self.Z.shape
+        driven, wide = np.empty((k, N, self.parameters)), 2 * self.count > N
+        flows = np.empty((k, N, N) if wide else 0)
         for members in self.groups.values():
-            driven[members] = self.regimes[members[0]].seen(eye, self.Z[members], self.lengths[members])
+            regime, tau = self.regimes[members[0]], self.lengths[members]
+            driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
+            if wide:
+                flows[members] = regime.flows(tau)
         for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
             if i:
                 dZ = self.across(i, dZ)
             self.dZ[i] = dZ
-            dZ = regime.ahead(dZ, tau)
+            dZ = flows[i] @ dZ if wide else regime.ahead(dZ, tau)
             dZ[:, : self.parameters] += driven[i]
             self.ends[i] = dZ
         return dZ
@@ -359,25 +357,15 @@ class Tangent:
         self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array, derived: Sequence[Array]
     ) -> tuple[Array, Array]:
         """Values (k, f) and derivatives (k, f, columns) of forms in one regime."""
-        # Forms and their derivatives in one product.
-        every = np.concatenate([form, *derived])
-        f = len(form)
-        if regime.eigen is None:
-            flows = [regime.flow(x) for x in tau.tolist()]
-            seen = np.array([every @ (E @ self.Z[i]) for E, i in zip(flows, own.tolist(), strict=True)])
-            slopes = np.array([form @ (E @ self.dZ[i]) for E, i in zip(flows, own.tolist(), strict=True)])
-        else:
-            rates, V, W = regime.eigen
-            seen, U = self._values(regime, own, tau, every), form @ V
-            # dZ in eigenvectors once a segment, however many times lie in it.
-            unique, where = np.unique(own, return_inverse=True)
-            E, turned = np.exp(np.multiply.outer(tau, rates)), (W @ self.dZ[unique])[where]
-            slopes = (U @ (E[:, :, None] * turned)).real
-        # dA within the segment, then the forms' derivatives in the parameters.
-        slopes[:, :, : self.parameters] += regime.seen(form, self.Z[own], tau)
-        for p in range(len(derived)):
-            slopes[:, :, p] += seen[:, f * (p + 1) : f * (p + 2)]
-        return seen[:, :f], slopes
+        # Forms and their derivatives in one product; dZ in eigenvectors once a segment.
+        unique, start = np.unique(own, return_inverse=True)
+        values, slopes = regime.seen(form, self.Z[unique], self.dZ[unique], tau, start)
+        # The forms' derivatives in the parameters.
+        active = [p for p, x in enumerate(derived) if np.any(x)]
+        if active:
+            seen = self._values(regime, own, tau, np.concatenate([derived[p] for p in active]))
+            slopes[:, :, active] += np.moveaxis(seen.reshape(len(tau), len(active), -1), 1, 2)
+        return values, slopes
 
 
 def grazes(form: Array, regime: RegimeFlow, Z: Array, depth: float = GRAZE) -> bool:

@@ -24,31 +24,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import krogh_interpolate
 from scipy.optimize import brentq
 
 from ...basics.arrays import Array
 from ...basics.resources import afford
 from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
-from ...model.system_data import ORDER_8, SystemData, data_of, slope_of
+from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
-from .orbit import (
-    ALONE,
-    Orbit,
-    PeriodMap,
-    distances,
-    events,
-    periodic_orbit,
-    rigid_grazing,
-    shallowest,
-    turn,
-)  # fmt: skip
+from .orbit import ALONE, Orbit, PeriodMap, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
+LOCATED = 1e-13  # the same of a bifurcation
 ROUNDED = 1e-15  # of the derivative's norm: a defect that is rounding
 FAST, SLOW = 3, 6  # corrections up to which the next step is longer, from which on it is shorter
 LONGER, SHORTER, LOST = 1.4, 0.5, 0.25  # of a step: after few corrections, after many, after a failure
@@ -58,10 +50,12 @@ REACHED = 1e-6  # of the derivative's norm: distance of a multiplier from its va
 OFF = 0.3  # of a step: distance of a point from the tangent from which on it may be of another branch
 RESCALED = 3.0  # factor by which a motion grows or shrinks until it is the new unit
 TURN = 0.8  # cosine between the directions of neighbouring points, below which the step is shorter
+CLOSE = 1e-4  # distance of two points below which the way between them is rounding
 ALONG = 0.5  # of the parameter's part of the direction: where so much is left two steps on, the value is stepped
 LINEAR = 1e-9  # of the derivatives of data by the parameter: those at both limits give the others
 NOISE = 1e-9  # of a test function: below it its sign is rounding, as without damping
 NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
+BESIDE = 1e-4  # of a step: as near comes the search to a point where another branch crosses
 SPLIT = 12  # halvings of a step between two grazings
 AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
 TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
@@ -274,12 +268,12 @@ class _Follower:
         return end, D, tangent.last[: len(z), 0] + rate * longer, tangent
 
     def point(
-        self, z0: Array, value0: float, normal: Array, ahead: Array, guess: Array | None = None
+        self, z0: Array, value0: float, normal: Array, ahead: Array, guess: Array | None = None, closed: float = CLOSED
     ) -> tuple[_Point, int]:
         """The point of the branch in the plane through (z0, value0) across ``normal``, and the number of corrections.
 
-        ahead: the direction along which the branch goes on. guess: a step (2n + 1,) in the plane to start from. Raises
-        SolverFailure where no point is reached.
+        ahead: the direction along which the branch goes on. guess: a step (2n + 1,) in the plane to start from. closed:
+        relative defect at which a point counts. Raises SolverFailure where no point is reached.
         """
         z, value, N, before = z0, value0, len(z0), np.inf
         if guess is not None:
@@ -293,7 +287,7 @@ class _Follower:
             bordered[:N, :N] = (D - np.eye(N)) * self.scale / self.scale[:, None]
             bordered[:N, N] = by_value * self.span / self.scale
             bordered[N] = normal
-            if size < max(CLOSED, ROUNDED * float(np.linalg.norm(bordered))):
+            if size < max(closed, ROUNDED * float(np.linalg.norm(bordered))) or 0.5 * before < size < CLOSED:
                 # Tangent of the branch: G does not change along it.
                 direction = np.linalg.solve(bordered, np.append(np.zeros(N), 1.0))
                 direction /= np.linalg.norm(direction)
@@ -303,7 +297,7 @@ class _Follower:
                 return _Point(
                     z, value, direction, m, float(np.linalg.norm(D)), len(tangent.path.times) - 1, tangent
                 ), count
-            if count > 2 and size > before:
+            if count > 1 and size > before:
                 break
             before = size
             moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
@@ -313,20 +307,23 @@ class _Follower:
             z, value = z + step[:N] * self.scale, value + float(step[N]) * self.span
         raise SolverFailure("continuation", value, "the corrector does not converge", "take closer values")
 
-    def ahead(self, start: _Point, ds: float, bend: Array | None = None) -> tuple[_Point, int]:
-        """The point at the distance ds along the direction of another; bend: the second derivative along the branch."""
+    def ahead(self, start: _Point, ds: float, before: _Point | None = None) -> tuple[_Point, int]:
+        """The point at the distance ds along the direction of another; before: the point before that one."""
         N = len(start.z)
         normal, guess = start.direction, None
-        if bend is not None:
+        if before is not None:
+            apart = np.append((start.z - before.z) / self.scale, (start.value - before.value) / self.span)
+            bend = (start.direction - before.direction) / np.linalg.norm(apart)
             if (normal[N] + 2.0 * ds * bend[N]) * np.sign(normal[N]) > ALONG * abs(normal[N]):
                 normal = np.append(np.zeros(N), 1.0)  # one system for all corrections
-            guess = 0.5 * ds**2 * bend
-            # Back into the plane, along the branch.
-            guess -= (normal @ guess) / (normal @ start.direction) * start.direction
-        z, value = (
-            start.z + ds * start.direction[:N] * self.scale,
-            start.value + ds * float(start.direction[N]) * self.span,
-        )
+            # The cubic through both points along their directions, over the way across the plane.
+            step, h = ds * float(normal @ start.direction), float(normal @ apart)
+            u, rate = (x.direction / (normal @ x.direction) for x in (before, start))
+            # A chord of close points is rounding: there a parabola along both directions.
+            chord = apart / h - rate if np.linalg.norm(apart) > CLOSE else 0.5 * (u - rate)
+            guess = -((step / h) * (rate - u + 3.0 * chord) + (step / h) ** 2 * (rate - u + 2.0 * chord)) * step
+        z = start.z + ds * start.direction[:N] * self.scale
+        value = start.value + ds * float(start.direction[N]) * self.span
         point, count = self.point(z, value, normal, start.direction, guess)
         off = np.append((point.z - z) / self.scale, (point.value - value) / self.span)
         if np.linalg.norm(off) > OFF * ds:
@@ -337,19 +334,19 @@ class _Follower:
         """The branch from a point on. loses: it is of twice the period, and ends where it is of one."""
         low, high = self.limits
         points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
-        point, bend, end = start, None, ""
+        point, before, end = start, None, ""
         while not end:
             if point.tangent.path.rigid and len(near) < len(points):
                 near.append(distances(point.tangent))
             reason = "the branch turns sharply"
             try:
-                new, count = self.ahead(point, step, bend)
+                new, count = self.ahead(point, step, before)
             except (SolverFailure, np.linalg.LinAlgError) as error:
                 reason = error.reason if isinstance(error, SolverFailure) else "the corrector does not converge"
                 new, count = None, CORRECTIONS
             # Lost, or turning sharply: a shorter step, along the tangent alone.
             if new is None or new.direction @ point.direction < TURN:
-                step, bend = step * LOST, None
+                step, before = step * LOST, None
                 if step < SHORTEST * self.first_step:
                     end = f"at {point.value:.10g} {reason}"
                     # On rigid stops the reason may be a graze just ahead, where the flow has no derivative.
@@ -368,8 +365,7 @@ class _Follower:
                 last = self.reached(point, new, low if new.value < low else high)
                 points += [] if last is None else [last.kept]
                 break
-            bend = (new.direction - point.direction) / step
-            point, step, bend = self.rescaled(new, step, bend)
+            point, step, before = self.rescaled(new, step, point)
             points.append(point.kept)
             step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
             step = min(step, LONGEST * self.first_step)
@@ -384,11 +380,11 @@ class _Follower:
             tuple(x for x in bifurcations if low <= x.value <= high), end, self,
         )  # fmt: skip
 
-    def rescaled(self, point: _Point, step: float, bend: Array) -> tuple[_Point, float, Array | None]:
-        """A point and a step in units of its motion, where that has become another by more than a factor."""
+    def rescaled(self, point: _Point, step: float, before: _Point) -> tuple[_Point, float, _Point | None]:
+        """A point, a step and the point before, in units of its motion where that has become another by a factor."""
         factor = _units(point.tangent.path) / self.scale
         if np.all((factor < RESCALED) & (factor > 1.0 / RESCALED)):
-            return point, step, bend
+            return point, step, before
         self.scale = self.scale * factor
         direction = point.direction / np.append(factor, 1.0)
         size = float(np.linalg.norm(direction))
@@ -407,11 +403,11 @@ class _Follower:
         for kind, test in TESTS.items():
             before, after = test(one.multipliers), test(other.multipliers)
             if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
-                point = self.located(one, other, lambda x, test=test: test(x.multipliers))
+                # A multiplier of 1 is a fold only where the parameter turns back; else another branch crosses.
+                turns = one.direction[-1] * other.direction[-1] < 0.0
+                name = "branching" if kind == "fold" and not turns else kind
+                point = self.located(one, other, lambda x, test=test: test(x.multipliers), name == "branching")
                 if point is not None and _reached(kind, point):
-                    # A multiplier of 1 is a fold only where the parameter turns back; else another branch crosses.
-                    turns = one.direction[-1] * other.direction[-1] < 0.0
-                    name = "branching" if kind == "fold" and not turns else kind
                     yield Bifurcation(name, point.value, point.z)
         if self.grazings:
             yield from self.grazings_between(one, other)
@@ -435,7 +431,7 @@ class _Follower:
         # Several changes, or none that fits: look at the halves of the step.
         if depth < SPLIT:
             try:
-                middle = self.inside(one, other, 0.5)
+                middle, _ = self.inside(one, other, 0.5)
             except (SolverFailure, np.linalg.LinAlgError):
                 return
             yield from self.grazings_between(one, middle, depth + 1)
@@ -445,14 +441,9 @@ class _Follower:
         """The branch of twice the period that leaves at a flip, along the vector that a period turns round."""
         period = self.period
         follower = _Follower(
-            self.make_system,
-            lambda x: 2.0 * period(x),
-            self.parameter,
-            self.limits,
-            self.first_step,
-            self.most,
+            self.make_system, lambda x: 2.0 * period(x), self.parameter, self.limits, self.first_step, self.most,
             self.grazings,
-        )
+        )  # fmt: skip
         follower.scale = self.scale
         with within_float64("continuation", period(flip.value)):
             _, D, _, _ = self.flow(flip.z, flip.value)
@@ -471,8 +462,11 @@ class _Follower:
         reason = "no orbit of twice the period is found beside the flip"
         raise SolverFailure("continuation", flip.value, reason, "start periodic_orbit from a run beside it")
 
-    def inside(self, one: _Point, other: _Point, share: float) -> _Point:
-        """The point between two neighbours, in the plane across the cubic through them at a share of the way."""
+    def inside(
+        self, one: _Point, other: _Point, share: float, guess: Array | None = None, closed: float = CLOSED
+    ) -> tuple[_Point, Array]:
+        """The point between two neighbours, in the plane across the cubic through them at a share of the way, and the
+        step (2n + 1,) to it in the plane. guess: of that step. closed: see ``point``."""
         apart = np.append((other.z - one.z) / self.scale, (other.value - one.value) / self.span)
         length, s = float(np.linalg.norm(apart)), share
         along = s * s * (3.0 - 2.0 * s) * apart
@@ -480,20 +474,33 @@ class _Follower:
         rate = 6.0 * s * (1.0 - s) * apart
         rate += length * ((1.0 - s) * (1.0 - 3.0 * s) * one.direction + s * (3.0 * s - 2.0) * other.direction)
         z, value = one.z + along[:-1] * self.scale, one.value + float(along[-1]) * self.span
-        return self.point(z, value, rate / np.linalg.norm(rate), one.direction)[0]
+        point = self.point(z, value, rate / np.linalg.norm(rate), one.direction, guess, closed)[0]
+        return point, np.append((point.z - z) / self.scale, (point.value - value) / self.span)
 
-    def located(self, one: _Point, other: _Point, test: Callable[[_Point], float]) -> _Point | None:
-        """The point between two neighbours where a test function vanishes, None where it is not reached."""
-        ends = {0.0: one, 1.0: other}
+    def located(
+        self, one: _Point, other: _Point, test: Callable[[_Point], float], crossed: bool = False
+    ) -> _Point | None:
+        """The point between two neighbours where a test function vanishes, None where it is not reached. crossed: by
+        another branch, along which rounding moves points that are closer than BESIDE."""
+        known = {s: (point, np.zeros(len(one.direction))) for s, point in ((0.0, one), (1.0, other))}
         # Tolerance of the place: 1e-13 of the parameter, as a share of the way between the points.
-        near = float(np.clip(1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300), 1e-14, 1e-9))
+        size = 1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300)
+        near = BESIDE if crossed else float(np.clip(size, 1e-14, 1e-9))
 
-        def at(s: float) -> _Point:
-            return ends.get(s) or self.inside(one, other, s)
+        def at(s: float, closed: float = CLOSED if crossed else LOCATED) -> _Point:
+            if s not in known:
+                places = sorted(known, key=lambda x: abs(x - s))[:4]  # of the nearest points
+                step = krogh_interpolate(places, [known[x][1] for x in places], s)
+                known[s] = self.inside(one, other, s, step, closed)
+            return known[s][0]
 
         try:
             share: Any = brentq(lambda s: test(at(s)), 0.0, 1.0, xtol=near, rtol=np.float64(1e-14))
-            return at(share)
+            if crossed:
+                places = sorted(known, key=lambda x: abs(x - share))[:4]
+                share = float(krogh_interpolate([test(known[x][0]) for x in places], places, 0.0))
+            # Where another branch crosses, the corrector is singular: the interpolated point is the better one.
+            return at(share, BESIDE**2 if crossed else LOCATED)
         except (SolverFailure, np.linalg.LinAlgError, ValueError):
             return None
 
@@ -518,13 +525,6 @@ def _reached(kind: str, point: _Point) -> bool:
         m = m[np.abs(m.imag) > REACHED]
         return bool(len(m)) and bool(np.min(np.abs(np.abs(m) - 1.0)) <= REACHED * max(1.0, point.size))
     return bool(np.min(np.abs(m - (1.0 if kind == "fold" else -1.0))) <= REACHED * max(1.0, point.size))
-
-
-def slope_of_period(period: Callable[[float], float], value: float) -> float:
-    """dT/da by differences of order 8 of a function in closed form."""
-    h = 2.0**-6 * (abs(value) or 1.0)
-    pairs = np.array([(period(value + k * h) - period(value - k * h)) / h for k in range(1, 5)])
-    return float(ORDER_8 @ pairs)
 
 
 def continuation(

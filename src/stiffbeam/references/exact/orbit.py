@@ -179,7 +179,9 @@ class PeriodMap:
         self.system, self.period = system, period
         self.rigid = system.rigid
         self.generators = Generators(system, columns)
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=period)
+        # The span as a power of two: orbits along a branch share their eigenvectors.
+        span = 2.0 ** np.ceil(np.log2(period))
+        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=span)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
