@@ -277,7 +277,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
     if in_numpy:
         lines += [
             f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
-            "Systems whose modes do not decouple run without compiled code.",
+            "Systems whose modes do not decouple, and round holes, run without compiled code.",
         ]
     if any(map(_several, comparisons)):
         lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
