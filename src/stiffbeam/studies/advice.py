@@ -4,6 +4,7 @@
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
+    error(normal_work) likewise, of the rate of int |sigma| |v| dt, measured only if it is wanted
 
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
@@ -45,6 +46,7 @@ from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
+from ..measures.rates import contact_rates
 from ..model.drive import Drive
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
@@ -67,6 +69,7 @@ if TYPE_CHECKING:
     from .engine.journal import Journal
 
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
+WORK = "normal_work"  # a run that is asked for it is integrated twice, for the force at every step
 
 
 class Motion:
@@ -75,8 +78,9 @@ class Motion:
     members = 0
     scatter: Mapping[str, float] = {}
 
-    def __init__(self, exact: Reference) -> None:
+    def __init__(self, exact: Reference, work: bool) -> None:
         self.exact = exact
+        self.work = _work_rates(exact) if work else None
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -88,13 +92,15 @@ class Motion:
         errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
         for name in ("peak_force", "impulse"):
             errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+        if self.work is not None:
+            errors[WORK] = max(map(_relative, _work_rates(run), self.work), default=0.0)
         return errors, run.work.march_seconds
 
 
 class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
-    def __init__(self, system: System, t_end: float, members: int) -> None:
+    def __init__(self, system: System, t_end: float, members: int, work: bool) -> None:
         self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
         self.exact = reference_ensemble(system, t_end, self.systems)
@@ -102,6 +108,10 @@ class Statistics:
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS
         }
+        # By contact and member.
+        self.work = np.transpose([_work_rates(best_reference(x, t_end)) for x in self.systems]) if work else None
+        if self.work is not None:
+            self.scatter[WORK] = max(map(_deviation, self.work), default=0.0)
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -115,7 +125,17 @@ class Statistics:
         for name, column in COLUMNS:
             pairs = zip(many.contacts, self.exact.contacts, strict=True)
             errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
+        if self.work is not None:
+            rates = np.transpose([_work_rates(integrate(x, scheme, dt, t_end, contact)) for x in self.systems])
+            with np.errstate(all="ignore"):  # a run may have grown to 1e200
+                errors[WORK] = float(np.nan_to_num(max(map(_mean_error, rates, self.work)), nan=np.inf))
         return errors, many.work.march_seconds / len(self.systems)
+
+
+def _work_rates(run: Trajectory) -> list[float]:
+    """Normal work rate at every contact, infinite where the run has grown beyond numbers."""
+    with np.errstate(all="ignore"):
+        return [float(np.nan_to_num(each[WORK].value, nan=np.inf)) for each in contact_rates(run).rates]
 
 
 def _relative(value: float, exact: float) -> float:
@@ -140,7 +160,7 @@ def _mean_error(values: Array, exact: Array) -> float:
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
-QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS), WORK)
 
 
 @dataclass(frozen=True)
@@ -231,6 +251,8 @@ def _probe(
     dt, work = t_end / steps, steps * len(scheme.nodes)
     point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
     point["members"] = criterion.members
+    if criterion.work is not None:
+        point["work"] = True
     if journal is not None:
         point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
         if rows := journal.rows(point):
@@ -409,7 +431,7 @@ class Advice:
 
 def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
     columns = {"tip": "tip"} | dict(COLUMNS)
-    names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
+    names = [quantity for quantity, field in DOUBTED.items() if field in [columns.get(name) for name in want]]
     names += ["tip"] if "tip" in want else []
     return [x for x in budget.budgets if x.name in names]
 
@@ -448,8 +470,8 @@ def advise(
     system : System or Case
         As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
     want : mapping of str to float, optional
-        Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
-        three; of rigid stops impulse in the place of peak_force.
+        Admissible error per quantity: tip, impacts, peak_force, impulse, normal_work. By default 1e-3, 0.05 and 0.05 of
+        the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
@@ -508,7 +530,8 @@ def advise(
     exact = best_reference(system, positive("t_end", t_end))
     # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
-    criterion = Statistics(system, t_end, members) if past else Motion(exact)
+    work = WORK in wanted
+    criterion = Statistics(system, t_end, members, work) if past else Motion(exact, work)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
@@ -560,10 +583,8 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name == "peak_force" and rigid:
-            raise InputError(
-                "want", name, "be asked of compliant stops", "ask for impulse: a blow has no largest force"
-            )
+        if name in ("peak_force", WORK) and rigid:
+            raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
 
