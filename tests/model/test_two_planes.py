@@ -1,4 +1,4 @@
-"""A tube in a round hole: the polygon against the true circle, by SciPy with a radial force."""
+"""A tube in a round hole: the true circle and polygons against SciPy with a radial force."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CLEARANCE, KAPPA, T_END = 3e-4, 1e6, 0.1
 HOLE = sb.Stops(-CLEARANCE, CLEARANCE, stiffness=KAPPA)
 
 
-def tube(size: float, phase: float, stops: sb.Stops | None = HOLE) -> sb.BeamProblem:
+def tube(size: float, phase: float, stops: sb.Stops | tuple[sb.Stops, ...] | None = HOLE) -> sb.BeamProblem:
     """The tube of ``studies/loose_supports.py`` under a force of 22 Hz."""
     load = sb.PointLoad(0.9, sb.Harmonic(size, 2 * np.pi * 22, phase))
     return sb.BeamProblem(
@@ -45,6 +45,37 @@ def by_scipy(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     z = solve_ivp(rhs, (0.0, t[-1]), np.zeros(4 * n), "DOP853", t, rtol=1e-7, atol=1e-11, max_step=2e-4).y
     return z[ends], KAPPA * np.maximum(np.hypot(*z[ends]) - CLEARANCE, 0.0)
+
+
+def test_the_circle_is_that_of_scipy():
+    t = np.linspace(0.0, 0.5 * T_END, 251)
+    r, force = by_scipy(t)
+    circle = sb.two_planes(tube(12.0, 0.0), 6, tube(5.0, 1.0, None), None)
+    exact = sb.reference(circle.system, t[-1], "cvode-adams", t_eval=t)
+    ends = circle.normals[0] @ exact.states[0].T
+    np.testing.assert_allclose(ends, r, atol=1e-5 * CLEARANCE)
+    np.testing.assert_allclose(-exact.contacts[0].force, force, atol=5e-5 * np.max(force))
+    assert (circle.sides, circle.gap_error, circle.force_ratio(0.1)) == (None, 0.0, (1.0, 1.0))
+    (rate,) = sb.contact_rates(exact, tangents=list(circle.tangents)).rates
+    assert rate["sliding_work"].value > 0.0
+    # More sides approach it.
+    apart = []
+    for sides in (4, 8, 16):
+        polygon = sb.two_planes(tube(12.0, 0.0), 6, tube(5.0, 1.0, None), sides)
+        apart.append(np.sqrt(np.mean((sb.reference(polygon.system, t[-1], t_eval=t).tip - r[0]) ** 2)) / CLEARANCE)
+    assert apart[0] > 2.0 * apart[1] > 4.0 * apart[2]
+
+
+def test_two_circles_at_once():
+    """Their nodes are coupled: a scheme with small steps is near the adaptive reference."""
+    holes = (replace(HOLE, position=0.6), HOLE)
+    circles = sb.two_planes(tube(40.0, 0.0, holes), 6, tube(20.0, 1.0, None), None)
+    run = sb.integrate(circles.system, sb.Trapezoidal(), 1e-5, 0.02)
+    exact = sb.reference(circles.system, 0.02, "dop853", t_eval=run.t)
+    assert np.max(np.abs(run.tip - exact.tip)) < 0.02 * CLEARANCE
+    for one, other in zip(run.contacts, exact.contacts, strict=True):
+        assert one.impacts.count == other.impacts.count > 0
+        assert one.impulse == pytest.approx(other.impulse, rel=0.01)
 
 
 @pytest.mark.slow

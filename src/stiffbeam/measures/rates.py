@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.text import table
 from ..basics.validation import InputError, number, numbers
+from ..model.contact import channel_motion, polar
 from ..model.scales import scales
-from ..model.time_functions import offset_rate, offset_values
 from ..piecewise.measures import NODES, WEIGHTS, panels
 from ..trajectory.ensemble import record_from
 from ..trajectory.trajectory import Reference, Trajectory
@@ -180,7 +180,8 @@ def contact_rates(
     since : float
         Time after which the motion counts as stationary.
     tangents : sequence of (n,) arrays, optional
-        For each contact the row of its sliding velocity, tangent . q', or None; for a rotation of the section the row
+        For each contact the row of its sliding velocity, tangent . q', or None; of a hole its two rows, turned by a
+        right angle: (-y, x). For a rotation of the section the row
         of the slope times the radius. Without it the sliding work is NaN.
 
     Returns
@@ -264,8 +265,9 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
         raise InputError("tangents", len(tangents), rule, "give None for a contact without sliding")
     rows = [None if row is None else numbers("tangents", row) for row in tangents]
     size = run.states[1].shape[1]
-    for row in rows:
-        if row is not None and row.shape != (size,):
+    for i, row in enumerate(rows):
+        shape = (size,) if run.system is None else run.system.contacts[i].row.shape
+        if row is not None and row.shape != shape:
             raise InputError("tangents", row.shape, f"be rows of {size} numbers", "one for each unknown of the system")
     return rows
 
@@ -297,7 +299,7 @@ def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Iterato
         return "every step", _steps(run, i, tangent)
     every = int(run.provenance.get("every", 1))
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
-    sliding = np.full(len(run.t), np.nan) if tangent is None else run.states[1] @ tangent
+    sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run, i, *run.states, tangent)
     return source, iter([(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)])
 
 
@@ -311,10 +313,19 @@ def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
     assert run.system is not None
     row, offset = run.system.channels[i]
     for t, q, rate, forces in run.pieces():
-        u, v = q @ row + offset_values(offset, t), rate @ row + offset_rate(offset, t)
+        u, v = channel_motion(row, offset, t, q, rate)
         # A force that jumps is that of the node, others follow from the state.
         force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-        yield t, _trapezoidal(t), force, v, np.full(len(t), np.nan) if tangent is None else rate @ tangent
+        yield t, _trapezoidal(t), force, v, _sliding(run, i, q, rate, tangent)
+
+
+def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None) -> Array:
+    """Velocity along the tangent, of a hole along that at r; NaN without tangent."""
+    if tangent is None:
+        return np.full(len(q), np.nan)
+    if tangent.ndim == 1 or run.system is None:
+        return v @ tangent
+    return polar(q @ run.system.contacts[i].row.T, v @ tangent.T)[1]
 
 
 def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
@@ -339,5 +350,5 @@ def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str,
     sliding = np.full(len(t), np.nan)
     if tangent is not None:
         assert run.state_at is not None
-        sliding = run.state_at(t)[1] @ tangent
+        sliding = _sliding(run, i, *run.state_at(t), tangent)
     return f"events, quadrature to {max(change, 1e-15):.0e}", iter([(t, weights, force, v, sliding)])

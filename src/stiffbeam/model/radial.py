@@ -1,10 +1,11 @@
-"""A beam that bends in two planes inside round holes, each a polygon of stops.
+"""A beam that bends in two planes inside round holes: each the true circle or a polygon of stops.
 
-    gap of side k = cos(theta_k) x + sin(theta_k) y - c,   theta_k = 2 pi k/n,   k = 0 .. n - 1
+    circle:  depth |r| - c, force along r = (x, y), see ``Contact``
+    polygon: gap of side k = cos(theta_k) x + sin(theta_k) y - c,   theta_k = 2 pi k/n,   k = 0 .. n - 1
 
 with the displacements x and y of a cross-section, the radial clearance c and n sides around the circle |r| = c. The
-circle itself is no ``Stops``: its force turns with the position, so a contact has no fixed row, which all schemes and
-the exact solution need. Errors of the polygon:
+force of the circle turns with the position: schemes and adaptive references take it, the exact solution needs fixed
+rows. Errors of the polygon:
 
 * A corner lies c (sec(pi/n) - 1) outside the circle.
 * At the depth d = |r| - c every side with |theta - theta_k| < acos(c/|r|) presses. Several together are stiffer than
@@ -33,26 +34,29 @@ class TwoPlanes:
     Parameters
     ----------
     system : System
-        Its contacts are those of the first hole, one for each pair of opposite sides, then those of the next hole.
-    normals, tangents : array (contacts, n)
-        Rows of the displacement along the normal theta_k of each contact and at right angles to it. ``contact_rates``
-        takes the tangents, for the sliding work.
-    sides : int
+        Its contacts are those of the first hole, one for each pair of opposite sides, then those of the next hole. A
+        circle is one contact.
+    normals, tangents : array (contacts, n), of circles (contacts, 2, n)
+        Rows of the displacement along the normal theta_k of each contact and at right angles to it, of a circle along x
+        and y and at right angles to these. ``contact_rates`` takes the tangents, for the sliding work.
+    sides : int, None for circles
     """
 
     system: System
     normals: Array
     tangents: Array
-    sides: int
+    sides: int | None
 
     @property
     def gap_error(self) -> float:
-        """sec(pi/n) - 1, the distance of a corner from the circle over the clearance."""
-        return 1.0 / float(np.cos(np.pi / self.sides)) - 1.0
+        """sec(pi/n) - 1, the distance of a corner from the circle over the clearance; 0 of the circle."""
+        return 0.0 if self.sides is None else 1.0 / float(np.cos(np.pi / self.sides)) - 1.0
 
     def force_ratio(self, depth: float) -> tuple[float, float]:
         """Least and largest force over kappa d, of all directions, at a depth d of ``depth`` clearances."""
         radius = 1.0 + positive("depth", depth)
+        if self.sides is None:
+            return 1.0, 1.0
         directions = np.linspace(0.0, np.pi / self.sides, 201)  # from the middle of a side to a corner
         off = directions[:, None] - 2.0 * np.pi * np.arange(self.sides) / self.sides
         pressed = np.maximum(radius * np.cos(off) - 1.0, 0.0)
@@ -61,7 +65,11 @@ class TwoPlanes:
 
 
 def two_planes(
-    problem: BeamProblem, cells: int, second: BeamProblem | None = None, sides: int = 12, form: str = "displacement"
+    problem: BeamProblem,
+    cells: int,
+    second: BeamProblem | None = None,
+    sides: int | None = 12,
+    form: str = "displacement",
 ) -> TwoPlanes:
     """Return the system of a beam that bends in two planes, with a round hole for each of its stops.
 
@@ -72,8 +80,8 @@ def two_planes(
     cells : int
     second : BeamProblem, optional
         The second plane, for its loads and initial data; by default the same beam at rest without loads.
-    sides : int
-        Even, at least 4.
+    sides : int, optional
+        Even, at least 4. None for the true circle, which the exact solution does not take.
     form : str
         As in ``semidiscretise``.
 
@@ -96,7 +104,7 @@ def two_planes(
     >>> len(tube.system.contacts), round(tube.gap_error, 3)
     (4, 0.082)
     """
-    if integer("sides", sides, 4) % 2:
+    if sides is not None and integer("sides", sides, 4) % 2:
         raise InputError("sides", sides, "be even", "opposite sides are one contact")
     if second is None:
         second = replace(problem, loads=(), initial_displacement=None, initial_velocity=None)
@@ -115,14 +123,19 @@ def two_planes(
     x, y = planes
     nothing = np.zeros(x.size)
     # Half the directions: opposite sides are the two stops of one contact.
-    turns = 2.0 * np.pi / sides * np.arange(sides // 2)
+    turns = [] if sides is None else 2.0 * np.pi / sides * np.arange(sides // 2)
     normals, tangents, contacts = [], [], []
     for contact in x.contacts:
+        stops = replace(contact.stops, position=None, motion=None)
         for turn in turns:
             along, across = np.cos(turn) * contact.row, np.sin(turn) * contact.row
             normals.append(np.concatenate([along, across]))
             tangents.append(np.concatenate([-across, along]))
-            contacts.append(Contact(normals[-1], replace(contact.stops, position=None, motion=None)))
+            contacts.append(Contact(normals[-1], stops))
+        if sides is None:
+            normals.append(np.kron(np.eye(2), contact.row))
+            tangents.append(np.kron([[0.0, -1.0], [1.0, 0.0]], contact.row))
+            contacts.append(Contact(normals[-1], replace(stops, lower=None)))
     system = System.from_matrices(
         *(block_diag(getattr(x, name), getattr(y, name)) for name in ("mass", "stiffness", "damping")),
         loads=[

@@ -161,7 +161,7 @@ def reduce_model(
         raise InputError("stiffness", "a motion without strain", "hold the system", "support it")
     # Natural modes, and the static deflection of every force.
     squares, shapes = _lowest(M, K, factor.solve, modes)
-    forces = [np.asarray(p, float) for p, _ in loads] + [contact.row for contact in contacts]
+    forces = [np.asarray(p, float) for p, _ in loads] + [row for contact in contacts for row in contact.rows]
     forces += [] if observe is None else [np.asarray(observe, float)]
     for p in forces:
         if p.shape != (n,):
@@ -190,7 +190,7 @@ def reduce_model(
         np.diag(omega2),
         None if damping is None else _projected(scipy.sparse.csc_array(damping, dtype=float), T),
         loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
-        contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts],
+        contacts=[replace(contact, row=(T.T @ contact.row.T).T) for contact in contacts],
         observe=None if observe is None else T.T @ np.asarray(observe, float),
         initial_displacement=z[0],
         initial_velocity=z[1],

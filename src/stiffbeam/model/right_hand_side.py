@@ -13,7 +13,7 @@ import scipy.sparse
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from .contact import laws
+from .contact import channel_motion, channel_position, laws
 from .contact_law import Law, pressure
 from .drive import Drive, Term
 from .first_order import FirstOrderSystem
@@ -70,7 +70,15 @@ class RightHandSide:
 
         # Rows of the viscous power, and of the velocity and acceleration of every contact.
         damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, 0))
-        velocity_rows = np.array([first_order.to_v.T @ c.contact.row for c in contacts]).reshape(m, n)
+        seconds = np.full(m, -1, np.int64)
+        holes = [i for i, c in enumerate(contacts) if c.contact.radial]
+        seconds[holes] = np.arange(m, m + len(holes))
+
+        def stacked(rows: list[Array]) -> Array:
+            # One row of every contact, then the second rows of the holes.
+            return np.array([x if x.ndim == 1 else x[0] for x in rows] + [rows[i][1] for i in holes]).reshape(-1, n)
+
+        velocity_rows = stacked([first_order.velocity_row(c) for c in contacts])
         acceleration_rows = velocity_rows
         inertia = np.zeros((0, 0))
         # With E on the left the kernel has E y': the rows take E^-1 along.
@@ -90,10 +98,11 @@ class RightHandSide:
             records=drive.table.reshape(len(drive.edges), len(drive.records) * drive.order),
             loads=loads,
             power=power,
-            pushes=np.array([c.column for c in contacts]).reshape(m, n),
-            position_rows=np.array([c.row for c in contacts]).reshape(m, n),
+            pushes=stacked([c.column for c in contacts]),
+            position_rows=stacked([c.row for c in contacts]),
             velocity_rows=velocity_rows,
             acceleration_rows=acceleration_rows,
+            seconds=seconds,
             offsets=offsets,
             law=laws(system.contacts),
             lengths=self.lengths,
@@ -218,8 +227,8 @@ class RightHandSide:
         q, v = y @ self.first_order.to_q.T, y @ self.first_order.to_v.T
         positions = system.positions(t, q)
         for i, c in enumerate(self.first_order.contacts):  # (3.12) carries v_M beside w
-            positions[:, i] = y @ c.row + offset_values(c.contact.offset, t)
-        velocities = np.stack([v @ row + offset_rate(o, t) for row, o in system.channels], axis=-1)
+            positions[:, i] = channel_position(c.row, c.contact.offset, t, y)
+        velocities = np.stack([channel_motion(row, o, t, q, v)[1] for row, o in system.channels], axis=-1)
         return positions, velocities
 
     def _inside(self, t: float) -> float:
@@ -282,9 +291,11 @@ class Numbers(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Constants of a compiled program beside the shapes: the exponent of every contact, and whether stops damp."""
+    """Constants of a compiled program beside the shapes: the exponent of every contact, the index of its second row or
+    -1, and whether stops damp."""
 
     exponents: tuple[float, ...]
+    seconds: tuple[int, ...]
     damped: bool
 
 
@@ -302,7 +313,7 @@ def numbers_of(rhs: RightHandSide) -> tuple[Kind, Numbers]:
     damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, n))
     records = e.loads.shape[0] - 1 - 2 * len(e.frequencies)
     table = e.records.reshape(len(e.edges), records, -1) if records else np.zeros((0, 0, 0))
-    kind = Kind(tuple(float(p) for p in e.law[:, 3]), rhs.damped)
+    kind = Kind(tuple(float(p) for p in e.law[:, 3]), tuple(e.seconds.tolist()), rhs.damped)
     return kind, Numbers(
         first_order.matrix, damping, e.frequencies, e.edges, table, e.loads, e.power, e.pushes, e.position_rows,
         e.velocity_rows, e.offsets, e.law, rhs.regime.copy(), np.array(rhs.window),
@@ -331,16 +342,25 @@ def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
 
 
-def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[Any], list[Any], list[Any]]:
-    """Forces of the contacts on y, their velocities, and the part of these that is their offsets'."""
+def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[Any], list[Any], list[Any], list[Any]]:
+    """Forces of the contacts, their velocities, the part of these that is their offsets', and what a unit force adds to
+    y'."""
     import jax.numpy as jnp
 
     g, g_rate = functions_of_time(t, numbers)
-    positions = numbers.position_rows @ y + g @ numbers.offsets
+    m = len(kind.exponents)
+    positions = list(numbers.position_rows[:m] @ y + g @ numbers.offsets)
     offset_rates = g_rate @ numbers.offsets
-    velocities = numbers.velocity_rows @ y + offset_rates
-    forces = []
+    velocities = list(numbers.velocity_rows[:m] @ y + offset_rates)
+    forces, pushes = [], list(numbers.pushes[:m])
     for c, p in enumerate(kind.exponents):
+        if (second := kind.seconds[c]) >= 0:  # a hole: polar coordinates, with finite derivatives in the centre
+            r = jnp.stack([positions[c], numbers.position_rows[second] @ y])
+            moving = r @ r > 0.0
+            size = jnp.sqrt(jnp.where(moving, r @ r, 1.0))
+            rates = jnp.stack([velocities[c], numbers.velocity_rows[second] @ y])
+            positions[c], velocities[c] = jnp.where(moving, size, 0.0), r @ rates / size
+            pushes[c] = r / size @ jnp.stack([pushes[c], numbers.pushes[second]])
         kappa, g1, g2, _, damping, dissipation = numbers.law[c]
         stop = Law(kappa, g1, g2, p, damping, dissipation)  # type: ignore[arg-type]
         force: Any = 0.0
@@ -355,15 +375,16 @@ def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[A
             closed = jnp.where(numbers.regime[c] == side, pressure(depth, rate, stop), 0.0)
             force = force - side * jnp.where(numbers.regime[c] == THROUGH, by_law, closed)
         forces.append(force)
-    return forces, list(velocities), list(offset_rates)
+    return forces, velocities, list(offset_rates), pushes
 
 
 def rate_of_state(kind: Kind, t: Any, y: Any, numbers: Numbers) -> Any:
     """y' (n,)."""
     g, _ = functions_of_time(t, numbers)
     rate = numbers.matrix @ y + g @ numbers.loads
-    for c, force in enumerate(contact_forces(kind, t, y, numbers)[0]):
-        rate = rate + numbers.pushes[c] * force
+    forces, _, _, pushes = contact_forces(kind, t, y, numbers)
+    for push, force in zip(pushes, forces, strict=True):
+        rate = rate + push * force
     return rate
 
 
@@ -373,10 +394,10 @@ def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
 
     y = z[: numbers.matrix.shape[0]]
     g, _ = functions_of_time(t, numbers)
-    forces, velocities, offset_rates = contact_forces(kind, t, y, numbers)
+    forces, velocities, offset_rates, pushes = contact_forces(kind, t, y, numbers)
     rate, given, absorbed = numbers.matrix @ y + g @ numbers.loads, g @ numbers.power @ y, 0.0
     for c, force in enumerate(forces):
-        rate = rate + numbers.pushes[c] * force
+        rate = rate + pushes[c] * force
         given = given - force * offset_rates[c]
         dissipative = (numbers.law[c, 4] > 0.0) | (numbers.law[c, 5] > 0.0)
         absorbed = absorbed - jnp.where(dissipative, force * velocities[c], 0.0)

@@ -28,7 +28,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, itself, near
 from .contact import Contact, Stops
 from .field import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
-from .first_order import FirstOrderContact, FirstOrderSystem, interleaved
+from .first_order import FirstOrderContact, FirstOrderSystem, interleaved, of_rows
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
 from .system import BANDED, Origin, System
@@ -332,7 +332,8 @@ def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
         return tip if np.array_equal(vector, _tip(M)) else vector @ to_q
 
     def contact(c: Contact) -> FirstOrderContact:
-        return FirstOrderContact(row=row(c.row), column=push if row(c.row) is tip else column(c.row), contact=c)
+        at_tip = row(c.row) is tip
+        return FirstOrderContact(row=of_rows(row, c.row), column=push if at_tip else of_rows(column, c.row), contact=c)
 
     return FirstOrderSystem(
         matrix=matrix,

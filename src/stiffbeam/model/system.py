@@ -20,7 +20,7 @@ from ..basics.notebook import DRAW, html_facts
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, itself, numbers, sequence
-from .contact import Contact, Stops
+from .contact import Contact, Stops, channel_position
 from .field import beam_field, beam_field_rate, beam_stress
 from .first_order import FirstOrderSystem, freeze, interleaved
 from .problem import BeamProblem
@@ -33,7 +33,6 @@ from .time_functions import (
     Superposition,
     evaluate,
     load_function,
-    offset_values,
 )
 
 if TYPE_CHECKING:
@@ -271,12 +270,12 @@ class System:
         )
         rule, remedy = "hold Contact(row, stops) only", "for none write ()"
         single = isinstance(self.contacts, Contact)
-        contacts = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
+        contacts: Any = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
         for contact in contacts:
             if not isinstance(contact, Contact):
                 raise InputError("contacts", contact, rule, remedy)
             itself("contacts", contact, Contact)
-            if contact.row.shape != (n,):
+            if contact.row.shape[-1] != n:
                 raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
         loads = []
         rule = "hold pairs (vector, time function)"
@@ -284,8 +283,9 @@ class System:
             if not isinstance(load, (tuple, list)) or len(load) != 2:
                 raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
             loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
-        if self.observe is None and not contacts:
-            raise InputError("observe", None, "name the row of .tip where there is no contact", "pass observe=row")
+        if self.observe is None and all(each.radial for each in contacts[:1]):
+            rule = "name the row of .tip where there is no contact, or a round hole first"
+            raise InputError("observe", None, rule, "pass observe=row")
         if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
@@ -447,13 +447,13 @@ class System:
 
     def positions(self, t: ArrayLike, q: Array) -> Array:
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
-        return np.stack([q @ row + offset_values(offset, t) for row, offset in self.channels], axis=-1)
+        return np.stack([channel_position(row, offset, t, q) for row, offset in self.channels], axis=-1)
 
     def contact_energy(self, t: ArrayLike, q: Array) -> Array:
         """sum_c U_c(row_c q + o_c(t))."""
         total = np.zeros(np.shape(t))
         for contact in self.contacts:
-            total = total + contact.stops.energy(q @ contact.row + offset_values(contact.offset, t))
+            total = total + contact.stops.energy(channel_position(contact.row, contact.offset, t, q))
         return total
 
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:

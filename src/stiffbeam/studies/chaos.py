@@ -126,9 +126,11 @@ def before_stops(system: System, dq: Array) -> Array:
     """
     at = system.positions(0.0, system.q0)
     for contact, u in zip(system.contacts, at, strict=False):
+        if not contact.stops.rigid:
+            continue
         along = np.linalg.solve(system.mass, contact.row)
         across = contact.row @ dq
-        if contact.stops.rigid and contact.stops.penetration(u + across):
+        if contact.stops.penetration(u + across):
             dq = dq - 2.0 * across / (contact.row @ along) * along
     return dq
 

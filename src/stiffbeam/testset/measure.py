@@ -12,7 +12,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, unmasked
-from ..model.time_functions import offset_rate, offset_values
+from ..model.contact import channel_motion, channel_position
 from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import distinct_times, one_position, rebounds, sampled_impacts
 from .problem import Problem
@@ -103,8 +103,8 @@ def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | No
         u, v = u[:, None], None if v is None else v[:, None]
     if u.ndim == 2:
         states = None if v is None else (u[last], v[last])
-        position = u @ contact.row + offset_values(contact.offset, t)
-        velocity = None if v is None else v @ contact.row + offset_rate(contact.offset, t)
+        position = channel_position(contact.row, contact.offset, t, u)
+        velocity = None if v is None else channel_motion(contact.row, contact.offset, t, u, v)[1]
         u, v = u @ row, None if v is None else v @ row
     # The tip is the contact: its positions serve as both.
     elif np.array_equal(row, contact.row) and contact.offset is None:
@@ -261,8 +261,8 @@ def _energy_error(problem: Problem, motion: Motion) -> float:
     for contact in () if problem.rigid else problem.system.contacts:
         if contact.offset is not None:
             return float("nan")
-        stops, u = contact.stops, contact.row @ q
-        if stops.state(u, contact.row @ v):  # what a damped stop holds when it has let go is dissipated
+        stops, (u, rate) = contact.stops, channel_motion(contact.row, None, 0.0, q, v)
+        if stops.state(u, rate):  # what a damped stop holds when it has let go is dissipated
             energy += float(stops.energy(u))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
+from ..model.contact import channel_motion
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from .schema import LEDGER_FIELDS, frame_of
@@ -203,16 +204,17 @@ def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> 
     if not np.any(begins):
         return u, v
     row, offset = system.channels[channel]
-    u = np.where(begins, row @ system.q0 + offset_values(offset, 0.0), u)
+    at_start, moving = channel_motion(row, offset, 0.0, system.q0, system.v0)
+    u = np.where(begins, at_start, u)
     if not any(contact.stops.rigid for contact in system.contacts):
-        v = np.where(begins, row @ system.v0 + offset_rate(offset, 0.0), v)
+        v = np.where(begins, moving, v)
     return u, v
 
 
 def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
     """Position and rate of contact c; those of the given start as given, see ``as_it_starts``."""
     contact = system.contacts[c]
-    u, rate = q @ contact.row + offset_values(contact.offset, t), v @ contact.row + offset_rate(contact.offset, t)
+    u, rate = channel_motion(contact.row, contact.offset, t, q, v)
     # Only a run from the system's initial data begins with these values.
     if np.array_equal(q[0], system.q0) and np.array_equal(v[0], system.v0):
         u, rate = as_it_starts(system, c, t, u, rate)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..basics.validation import InputError, numbers
-from ..model.contact import Stops
+from ..model.contact import Stops, channel_motion
 from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
@@ -436,13 +436,11 @@ def _contacts(
     system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
 ) -> Iterator[ContactRecord]:
     """Record of every contact: from the states, or from the tip where it is the contact point; else NaN."""
-    positions = None if q is None else system.positions(t, q)
     for i, contact in enumerate(system.contacts):
         if system.reads_tip(i):
             yield sampled_record(t, u, w, contact.stops, smoothed)
-        elif positions is not None and v is not None:
-            rate = v @ contact.row + offset_rate(contact.offset, t)
-            yield sampled_record(t, positions[:, i], rate, contact.stops)
+        elif q is not None and v is not None:
+            yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:
             nothing = np.full(len(t), np.nan)
             unknown = float("nan")

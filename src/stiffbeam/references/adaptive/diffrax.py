@@ -147,7 +147,8 @@ def _march(
     from jax import lax
 
     # Between events under a linear law all but the viscous power is linear, and one iteration is exact.
-    linear = set(kind.exponents) <= {1.0} and not kind.damped and not numbers.damping.shape[0]
+    plain = set(kind.exponents) <= {1.0} and set(kind.seconds) <= {-1} and not kind.damped
+    linear = plain and not numbers.damping.shape[0]
     once = jnp.all(numbers.regime != THROUGH) if linear else False
     term = diffrax.ODETerm(partial(rate_with_integrals, kind))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)

@@ -16,7 +16,8 @@ import scipy.linalg
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...basics.validation import InputError
-from ...model.first_order import FirstOrderSystem
+from ...model.contact import most
+from ...model.first_order import FirstOrderSystem, along
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -59,7 +60,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
         o = offset_values(contact.offset, t)
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        gives = float(contact.row @ compliance @ contact.row)
+        gives = most(contact.row @ compliance @ contact.row.T)
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
             gives += 1.0 / contact.stops.secant(move)
         energy += 0.5 * move * move / gives
@@ -76,13 +77,14 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     spread = np.sum((back[:, :n] @ compliance) * back[:, :n], axis=1)
     mobility = _inverse(system.mass)
     spread += np.sum((back[:, n:] @ mobility) * back[:, n:], axis=1)
-    lengths = np.array([np.sqrt(2.0 * energy * float(c.row @ compliance @ c.row)) for c in system.contacts])
-    speeds = np.array([np.sqrt(2.0 * energy * float(c.row @ mobility @ c.row)) for c in system.contacts])
+    lengths = np.array([np.sqrt(2.0 * energy * most(c.row @ compliance @ c.row.T)) for c in system.contacts])
+    speeds = np.array([np.sqrt(2.0 * energy * most(c.row @ mobility @ c.row.T)) for c in system.contacts])
     # A square is a sum of products here, which rounding may leave slightly negative.
     unknowns = np.sqrt(2.0 * energy * np.maximum(spread, 0.0))
     for contact, length in zip(first_order.contacts, lengths, strict=True):  # (3.12) carries v_M beside w
-        alone = (contact.row != 0.0) & (unknowns <= 1e-12 * length)
-        unknowns[alone] = length / np.abs(contact.row[alone])
+        for row in np.atleast_2d(contact.row):
+            alone = (row != 0.0) & (unknowns <= 1e-12 * length)
+            unknowns[alone] = length / np.abs(row[alone])
     # A tolerance must be positive, also for an unknown that cannot move.
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
@@ -367,8 +369,9 @@ def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
     z_rate = rhs.rate(0.0, z)
     closed = []
     for (i, side), gap, rate in zip(rhs.sides, gaps, rates, strict=True):
-        contact = rhs.first_order.contacts[i].contact
-        push = side * float((rhs.first_order.to_v.T @ contact.row) @ z_rate[: rhs.states])
+        contact = rhs.first_order.contacts[i]
+        row = along(contact, z[: rhs.states], rhs.first_order.velocity_row(contact))
+        push = side * float(row @ z_rate[: rhs.states])
         # On the stop the first derivative that is not zero decides: gap, rate, acceleration.
         closed.append(bool(gap > 0.0 or (gap == 0.0 and (rate > 0.0 or (rate == 0.0 and push > 0.0)))))
     return closed
