@@ -146,11 +146,12 @@ class ContactRates:
         force, one = number("force", force), self.run.contacts[contact]
         edges, span = windows(self.run.system, self.since, self.t_end), self.t_end - self.since
         counts = np.histogram(one.impacts.times[one.impacts.peaks > force], edges)[0]
-        found = int(np.sum(counts))
-        if found >= LEAST or one.stops.rigid:
+        count = int(np.sum(counts))
+        if count >= LEAST or one.stops.rigid:
             return _rate(np.where(one.stops.rigid, np.nan, counts / np.diff(edges)))
-        low, high = chi2.ppf(0.025, 2 * found) if found else 0.0, chi2.ppf(0.975, 2 * found + 2)
-        return Mean(found / span, 0.5 * low / span, 0.5 * high / span, float(found), max(found, 1) ** 0.5 / span)
+        low = 0.5 * float(chi2.ppf(0.025, 2 * count)) if count else 0.0
+        high = 0.5 * float(chi2.ppf(0.975, 2 * count + 2))
+        return Mean(count / span, low / span, high / span, float(count), max(count, 1) ** 0.5 / span)
 
     def __str__(self) -> str:
         units, lines = self.run.units, []
