@@ -31,8 +31,10 @@ from vibro_march import solve
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.studies.advice import Probe
+from stiffbeam.studies.budget import Budget
 
 DRAWS = 32
+ALIKE = 2.0  # largest ratio of sources that may be named as alike
 CLEAR = 4.0  # a largest size so many times the second takes no further draws
 PARAMETERS = ("stiffness", "stops.stiffness", "stops[0].upper", "loads[0].time.amplitude")
 T_END = 0.9
@@ -132,10 +134,26 @@ def sizes_of(rows: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, dict[str
     return sizes
 
 
+def verdict(budget: Budget, sizes: dict[str, float]) -> tuple[str, str]:
+    """Right, alike, wrong or open, and the largest by brute force; several where the advice names them as alike.
+
+    Sources that are named as alike have to be within a factor ALIKE of the largest, which is one of them. A ranking may
+    be left open only between two within that factor.
+    """
+    first, second, _ = sorted(sizes, key=lambda x: -sizes[x])
+    if budget.alike:
+        near = first in budget.alike and all(ALIKE * sizes[x] >= sizes[first] for x in budget.alike)
+        return "alike" if near else "wrong", " and ".join(sorted(budget.alike))
+    if budget.dominant:
+        return "right" if budget.dominant == first else "wrong", first
+    return "open" if sizes[first] < ALIKE * sizes[second] else "wrong", first
+
+
 def judged(seed: int, index: int) -> Counter[str]:
     """Outcomes of one beam: right, wrong or open, by source."""
     beam, outcomes = Beam(seed, index), Counter[str]()
-    advice = sb.advise(beam.case(), beam.want, schemes=[sb.HHT(alpha=-0.1), sb.BDF2()], most_steps=2**16)
+    schemes = [sb.HHT(alpha=-0.1), sb.BDF2()]
+    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16, budget=300.0)
     if advice.recommendation is None or advice.horizon < T_END:
         print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
         return Counter(["without a run"])
@@ -144,13 +162,13 @@ def judged(seed: int, index: int) -> Counter[str]:
         if not budget.uncertain:  # a stop that no beam touches
             assert not any(x > 0.0 for x in sizes[budget.quantity].values())
             continue
-        first, second, _ = sorted(sizes[budget.quantity], key=lambda x: -sizes[budget.quantity][x])
-        near = sizes[budget.quantity][first] < 2.0 * sizes[budget.quantity][second]
-        outcome = "right" if budget.dominant == first else "wrong" if budget.dominant or not near else "open"
+        outcome, first = verdict(budget, sizes[budget.quantity])
         outcomes[f"{outcome}, {first}"] += 1
         words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
-        print(f"{index} {budget.quantity}: {budget.dominant or 'open'}, {outcome}; {words}", flush=True)
-        if outcome != "right":
+        named = " and ".join(budget.largest) + " alike" * bool(budget.alike) if budget.sure else "open"
+        third = ", by a third mesh" * budget.third
+        print(f"{index} {budget.quantity}: {named}{third}, {outcome}; {words}", flush=True)
+        if outcome in ("wrong", "open"):
             print(f"    {budget.shares}")
     return outcomes
 

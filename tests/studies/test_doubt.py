@@ -19,7 +19,8 @@ from stiffbeam.files.cases import Case, case_of
 from stiffbeam.measures.rates import stationary_mean, windows
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import energies
-from stiffbeam.studies.doubt import agreement_horizon, bootstrap, dominant, of_span, scatter, share, shift
+from stiffbeam.studies.budget import bootstrap, budget_of, of_span, ranked, scatter, share, shift
+from stiffbeam.studies.doubt import agreement_horizon
 
 CASES = 300
 LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the count, 1.26 %, and what BCa lacks at 48
@@ -79,13 +80,36 @@ def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
     noise = np.random.default_rng(5).normal(size=(3, 40))
     small, large = 0.05 + 0.02 * noise[0], 0.08 + 0.02 * noise[1]
     zero = np.zeros(40)
-    assert dominant({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == "mesh"
-    assert not dominant({"scheme": shift(small, zero), "mesh": shift(small[::-1], zero)})
-    assert dominant({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == "data"
-    assert not dominant({"scheme": shift(zero, zero), "data": scatter(zero)})
+    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == (("mesh",), True)
+    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == (("data",), True)
+    assert not ranked({"scheme": shift(zero, zero), "data": scatter(zero)})[1]
     scatters = {"rounding": scatter(noise[0]), "scheme": shift(small, zero), "data": scatter(1.02 * noise[1])}
-    assert dominant(scatters) == "rounding"
-    assert dominant(scatters | {"data": scatter(3.0 * noise[1])}) == "data"
+    assert ranked(scatters) == (("rounding",), True)
+    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == (("data",), True)
+
+
+def test_sources_are_alike_where_they_are_surely_within_a_factor_of_2():
+    """Errors whose sizes are known but for 1 %, with a bracket of the mesh that is narrow or wide."""
+    noise, zero = 0.01 * np.random.default_rng(5).normal(size=(3, 40)), np.zeros(40)
+    one, near, less = (shift(size * (1.0 + part), zero) for size, part in zip((1.0, 1.05, 0.3), noise, strict=True))
+    mesh = near.between((0.9, 1.1))
+    assert ranked({"scheme": one, "mesh": near}) == (("mesh",), True)
+    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == (("mesh", "scheme"), True)
+    assert ranked({"scheme": one, "mesh": near.between((0.4, 1.5)), "data": less}) == (("mesh", "scheme"), False)
+    third = shift(0.98 + noise[2], zero).between((0.9, 1.1))
+    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": third}, third=True)
+    assert (budget.dominant, budget.alike) == ("", ("mesh", "scheme", "data"))
+    assert budget.verdict == (
+        "tip: mesh, scheme and data alike, 10 %, 10 % and 9.8 %, by a third mesh: all must be improved."
+    )
+    # Few and scattered members leave open what more of them would decide.
+    wide = shift(np.array([0.2, 2.0, 0.4, 1.6, 0.1, 2.4, 1.2, 0.3]), np.zeros(8))
+    half = shift(np.full(8, 0.8), np.zeros(8))
+    assert ranked({"scheme": wide, "mesh": half})[1] is False
+    assert budget_of("tip", 1.0, {"scheme": wide, "mesh": half}).rankable
+    # Rounding takes the place of the data whose scatter it may be.
+    scatters = {"rounding": scatter(noise[0]), "data": scatter(1.02 * noise[1])}
+    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == (("scheme", "rounding"), True)
 
 
 def test_the_energy_of_members_that_swing_freely():

@@ -18,7 +18,8 @@ a thousandth of the motion, so they diverge as soon as a scheme diverges from th
 follow one motion of that scheme first, and their mean would contain no information on the distribution.
 
 For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
-with a few systems drawn within the tolerances, and doubles them while a ranking is open.
+with a few systems drawn within the tolerances, and doubles them while a ranking is open. A third mesh follows only for
+wanted quantities.
 """
 
 from __future__ import annotations
@@ -48,15 +49,19 @@ from ..measures.errors import stays_within, tip_error
 from ..model.drive import Drive
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
+from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
+from ..model.uncertain import Uncertain
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
+from ..references.registry import BUDGET
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from .budget import Budget
 from .common import label_of
+from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
-from .doubt import Budget, Doubt, doubt
 from .ensemble import difference
 
 if TYPE_CHECKING:
@@ -275,7 +280,6 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
 
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-FEW = 12  # drawn systems to begin a ranking with
 PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
@@ -349,7 +353,8 @@ class Advice:
     @property
     def budgets(self) -> list[Budget]:
         """Budgets of uncertainty of the wanted quantities, at every contact; none without uncertain parameters."""
-        return [] if self.doubt is None else _wanted_budgets(self.doubt, self.want)
+        names = _doubted(self.want)
+        return [] if self.doubt is None else [x for x in self.doubt.budgets if x.name in names]
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -392,7 +397,7 @@ class Advice:
             lines.append(
                 f"sources of uncertainty of this run, from {self.doubt.members} systems within the tolerances:"
             )
-            lines += [budget.verdict for budget in self.budgets]
+            lines += [*(budget.verdict for budget in self.budgets), *self.doubt.remarks]
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
 
@@ -407,26 +412,15 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {advised}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
-def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
+def _doubted(want: Mapping[str, float]) -> list[str]:
+    """Names of the wanted quantities in a budget of uncertainty."""
     columns = {"tip": "tip"} | dict(COLUMNS)
     names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
-    names += ["tip"] if "tip" in want else []
-    return [x for x in budget.budgets if x.name in names]
-
-
-def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
-    # Few members first, then twice as many as long as they leave a wanted quantity without a rank.
-    count = min(FEW, max(8, members))
-    while True:
-        found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
-        ranked = (x.dominant or not x.uncertain or not x.rankable for x in _wanted_budgets(found, want))
-        if count >= members or all(ranked):
-            return found
-        count = min(2 * count, members)
+    return names + (["tip"] if "tip" in want else [])
 
 
 def advise(
-    system: System | Case,
+    system: System | Case | ReducedModel,
     want: Mapping[str, float] | None = None,
     t_end: float | None = None,
     schemes: Sequence[Scheme] | None = None,
@@ -436,6 +430,9 @@ def advise(
     progress: bool | Show = False,
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
+    budget: float = BUDGET,
+    uncertain: Mapping[str, Uncertain | float] | None = None,
+    finer: System | None = None,
 ) -> Advice:
     """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
     reaches.
@@ -466,6 +463,8 @@ def advise(
         Called with one line of text after every refinement.
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
+    budget, uncertain, finer
+        As in ``doubt``.
 
     Returns
     -------
@@ -487,8 +486,24 @@ def advise(
     """
     if progress is True:
         with shown() as show:
-            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
+            return advise(
+                system,
+                want,
+                t_end,
+                schemes,
+                contacts,
+                most_steps,
+                members,
+                show,
+                tell,
+                journal,
+                budget,
+                uncertain,
+                finer,
+            )
     show = progress or silent
+    if uncertain is not None or finer is not None:
+        system = uncertain_case(system, t_end, t_end, uncertain, finer)
     case = system if isinstance(system, Case) else None
     if case is not None:
         t_end = case.t_end if t_end is None else t_end
@@ -541,7 +556,12 @@ def advise(
         return advice
     seconds = 2.0 * min(FEW, max(8, members)) * exact.work.march_seconds
     tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
-    return replace(advice, doubt=_doubt(case, chosen, wanted, members, show))
+    return replace(
+        advice,
+        doubt=doubt_until_ranked(
+            case, chosen.scheme, chosen.dt, chosen.contact, _doubted(wanted), members, show, budget
+        ),
+    )
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
