@@ -72,8 +72,8 @@ class Beam:
         )  # fmt: skip
         return sb.semidiscretise(problem, cells, form)
 
-    def case(self) -> Case:
-        case = case_of(self.build(1.0, self.cells), T_END / 1000, T_END, "random")
+    def case(self, cells: int = 0) -> Case:
+        case = case_of(self.build(1.0, cells or self.cells), T_END / 1000, T_END, "random")
         return replace(case, uncertain={self.parameter: sb.Uncertain(tolerance=self.tolerance)})
 
     def exact(self, factor: float, t: np.ndarray, cells: int, form: str = "displacement") -> dict[str, np.ndarray]:
