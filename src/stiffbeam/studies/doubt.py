@@ -28,8 +28,9 @@ and at least 96 % of 24 beams of the hermite form (``pytest -m campaign -s tests
 impacts: of those whose number the mesh changes). The bracket of the span reaches from 1/2 to 2: of 100 records of an
 oscillator under noise 87 hold the deviation of the rate over the records (``tests/studies/test_doubt.py``).
 
-``budget.py`` ranks the sources. Where the bracket of the mesh leaves the largest open, a third mesh follows: cubic
-elements on the cells of the case, or on four times as many for the hermite form. Its bracket reaches from 0.9 to 1.1.
+``budget.py`` ranks the sources. Where the bracket of the mesh leaves the largest open, a third mesh follows, with
+compliant stops: cubic elements on the cells of the case, or on four times as many for the hermite form. Its bracket
+reaches from 0.9 to 1.1.
 Of the exact motions above this share has its error against 64 cells inside it, by the same command:
 
     THIRDS
@@ -233,7 +234,7 @@ def doubt(
         Treatment of contact as in ``integrate``.
     budget : float
         Seconds that a third mesh may take. It is computed where the bracket of the mesh leaves a quantity without its
-        largest source.
+        largest source, for compliant stops.
     t_end : float, optional
         By default the case's; a System needs it, and ``dt``.
     uncertain : mapping of path to Uncertain or number, optional
@@ -359,7 +360,7 @@ def doubts(
         more: tuple[str, ...] = ()
         if near and third is None and case.beam is None:
             more = (f"A model that is finer still would rank {', '.join(near)}.",)
-        elif near and third is None and finer is not None:
+        elif near and third is None and finer is not None and not system.rigid:
             mesh = third_mesh(case, form)
             seconds = finer.work.march_seconds * (mesh.size / finer.members.system.size) ** 2
             if seconds <= budget:
