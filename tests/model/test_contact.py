@@ -249,6 +249,26 @@ def test_three_stops_near_the_tip_of_a_slowly_loaded_cantilever_are_solved():
         assert close(by_enumeration(r, S, stops), solve_several(r, S, stops), S, stops)
 
 
+def test_rigid_contacts_that_almost_follow_from_each_other_meet_their_conditions():
+    """Two of the rows nearly parallel, up to the condition of 1e12 that rigid stops are accepted with."""
+    rng, conditions = np.random.default_rng(4), []
+    for _ in range(2000):
+        m = int(rng.integers(2, 7))
+        rows = rng.normal(size=(m, m + 2))
+        rows[1] = rng.choice([1.0, -1.0]) * rows[0] + 10.0 ** rng.uniform(-5.5, 0.0) * rng.normal(size=m + 2)
+        S, r = rows @ rows.T, rng.normal(size=m)
+        if np.linalg.cond(S) > 1e12:
+            continue
+        conditions.append(np.linalg.cond(S))
+        g1, g2 = -0.1 * rng.random(m), 0.1 * rng.random(m)
+        F = solve_node(r, S, np.transpose([np.full(m, np.inf), g1, g2]))
+        v = r + S @ F
+        error = 1e-14 * np.max(np.abs(r) + np.abs(S) @ np.abs(F))
+        assert np.all(v <= g2 + error) and np.all(v >= g1 - error)
+        assert np.all(np.abs(v - g2)[F < 0.0] <= error) and np.all(np.abs(v - g1)[F > 0.0] <= error)
+    assert max(conditions) > 1e11
+
+
 def test_two_contacts_at_one_point_share_the_force():
     """A singular compliance: the same point touches two equal springs, twice as stiff as one."""
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e4)] * 2

@@ -189,10 +189,10 @@ def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> d
     """Entries of a legend by their text, each text once; curves of one panel with one text are one entry."""
     entries: dict[str, Any] = {}
     for axis in axes:
-        own: dict[str, list[Any]] = {}
+        by_words: dict[str, list[Any]] = {}
         for handle, text in zip(*axis.get_legend_handles_labels(), strict=True):
-            own.setdefault(words(text), []).append(handle)
-        for text, handles in own.items():
+            by_words.setdefault(words(text), []).append(handle)
+        for text, handles in by_words.items():
             entries.setdefault(text, handles[0] if len(handles) == 1 else tuple(handles))
     return entries
 

@@ -136,7 +136,7 @@ class Plan:
         # For every output: position and velocity of each channel, the force of each contact, the time.
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
-        seconds = self.step_seconds * self.steps * (1 if self.stepper is None else members)
+        seconds = self.step_seconds * self.steps * members
         afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
 
     @property

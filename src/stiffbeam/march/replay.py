@@ -48,13 +48,13 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
     made = np.zeros((T_rows + T_rows % 2, K, width))
     # One motion for every unit: of a carried component, then of a function of the drive.
     for t in range(T_rows):
-        start, driven, own = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
+        start, driven, drives = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
         if t < carried:
             start[t * n : (t + 1) * n] = 1.0  # of all modes at once, which do not see each other
         else:
             e = acting[t - carried]
-            driven, own = (harmonics, np.ascontiguousarray(g[:, :, e])) if e else (step.driven, own)
-        quiet = step._replace(driven=driven, g=own, forces=np.zeros((K, len(step.push))))
+            driven, drives = (harmonics, np.ascontiguousarray(g[:, :, e])) if e else (step.driven, drives)
+        quiet = step._replace(driven=driven, g=drives, forces=np.zeros((K, len(step.push))))
         states_of(quiet, n, P, start, place, *memory, made[t])
     paths = aligned((n, 2, len(made), K))
     paths[:] = made[:, :, : 2 * P].reshape(len(made), K, 2, P)[..., :n].transpose(3, 2, 0, 1)

@@ -47,14 +47,14 @@ def _march(
     view: Coordinates, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
 ) -> Iterator[tuple[Piece, Array]]:
     m, S, channels, n = len(system.contacts), len(scheme.nodes), *view.rows.shape
-    own = isinstance(scheme, RigidScheme)
-    kinds = scheme.conditions if own else (POSITION,) * S
+    is_rigid = isinstance(scheme, RigidScheme)
+    kinds = scheme.conditions if is_rigid else (POSITION,) * S
     loads = np.array([vector for vector, _ in view.loads(system)]).reshape(-1, n)
     # All that the kernel needs of the scheme, from its step with unit states and forces.
     linear, pulses, shifts_by_load = _probed(view, scheme, dt, loads, kinds)
     weights = _weights(scheme, dt)
     force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ loads
-    if own:
+    if is_rigid:
         z = scheme.start(view.equation, dt, y, force)
     else:
         # The initial force includes the reactions of contacts that begin at rest on their stops.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.stats
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, step_lengths
@@ -141,7 +140,9 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
     nan = float("nan")
     if len(np.unique(x)) < 2:
         return Order(nan, nan, nan, n)
-    fit: Any = scipy.stats.linregress(x, y)
+    from scipy import stats  # whose import takes as long as that of all the rest of SciPy
+
+    fit: Any = stats.linregress(x, y)
     # A line through two points leaves no scatter to estimate.
-    interval = float(scipy.stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
+    interval = float(stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
     return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)

@@ -41,7 +41,8 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     force, target, right = np.zeros(m), np.zeros(m), np.zeros(m)
     side = np.zeros(m)  # +1 on the upper stop, -1 on the lower, 0 open
     factor, which = np.zeros((m, m)), np.zeros(m, np.int64)
-    # The limit is for rounding: without it the search ends, see the docstring.
+    # The limit is for rounding, which keeps a search from ending where S has a condition of 1e14 or more. Rigid stops
+    # are refused from 1e12 on; compliant ones add 1/kappa to the diagonal.
     for _ in range(20 * m):
         # Penetration times stiffness is the force that it would cause alone: the largest one enters.
         worst = 0.0

@@ -297,13 +297,13 @@ def watched_of_damped(
             for k in range(pairs.shape[0]):
                 all_pairs[k, 4 + w] = pairs[k, 4 + i]
             chi[w] = 0 if again == 1 else (sides[i] // LET_GO if gone else sides[i])
-            own = again == 1  # only the stop that it is beyond counts
-            g1[w] = -math.inf if own and sides[i] > 0 else table.g1[i]
-            g2[w] = math.inf if own and sides[i] < 0 else table.g2[i]
+            beyond = again == 1  # only the stop that it is beyond counts
+            g1[w] = -math.inf if beyond and sides[i] > 0 else table.g1[i]
+            g2[w] = math.inf if beyond and sides[i] < 0 else table.g2[i]
             # Zero after an event: y if the contact has let go, d if it is free. A pressed one came by d = 0 or
             # by y = 0: by the smaller of the two.
             y_now = d + lag * rate
-            still = own if gone else (lag == 0.0 or abs(y_now) < abs(d))
+            still = beyond if gone else (lag == 0.0 or abs(y_now) < abs(d))
             resting[w] = switched[i] != 0 and still
         extra += gone
     return at, force, chi, g1, g2, resting, all_terms, all_seen, all_pairs

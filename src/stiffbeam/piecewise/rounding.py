@@ -36,21 +36,22 @@ def rounded_sum(a: Array, b: Array) -> Array:
 
 class Correction(NamedTuple):
     """Modes in extended precision, as far as float64 can hold them: ``base`` with the frequencies sqrt(squares) and the
-    shapes X (I + E). lost: (n, n), what rounding takes from E, and own (n,) from the squares, in units of eps."""
+    shapes X (I + E). lost_shapes (n, n) and lost_squares (n,): what rounding takes from E and from the squares, in
+    units of eps."""
 
     base: Modes
     squares: Array
     E: Array
-    lost: Array
-    own: Array
+    lost_shapes: Array
+    lost_squares: Array
 
     def perturbed(self, size: float, rng: np.random.Generator) -> Modes:
         """These modes, off by ``size`` and by size/eps times what the correction loses."""
         n = len(self.squares)
         noise = rng.uniform(-1.0, 1.0, (n + 1, n))
         # abs: the change of a square near zero may exceed it.
-        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.own * np.diag(noise)))
-        shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost * noise[:n])
+        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.lost_squares * np.diag(noise)))
+        shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost_shapes * noise[:n])
         return replace(self.base, omega=omega, shapes=shapes)
 
 

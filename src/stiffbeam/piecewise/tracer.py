@@ -209,14 +209,16 @@ class Gaps:
         force = regime.push @ records
         seen, shift = W[:, :, None] * force, self.recorded @ records
         nodes, counts, chained = seen_by(regime.chains, self.rows @ regime.W, c, spin, force, ORDER + 1)
-        at, lags, sides, own, g1, g2 = self._watched(chi)
+        at, lags, sides, beyond, g1, g2 = self._watched(chi)
         resting = switched
         # With damped stops d + lag d' is watched too; for what is zero at the start see ``follow.watched_of_damped``.
         if np.any(self.lags):
             now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
             d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, self.g2[at], self.g1[at])
             y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
-            resting = switched[at] & np.where(np.abs(chi[at]) == LET_GO, own, (lags == 0.0) | (np.abs(y) < np.abs(d)))
+            resting = switched[at] & np.where(
+                np.abs(chi[at]) == LET_GO, beyond, (lags == 0.0) | (np.abs(y) < np.abs(d))
+            )
             a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
             seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
             # The next derivatives; ``seen_by`` has one more than the search reads, which wraps round.
@@ -282,10 +284,10 @@ class Gaps:
         m = len(chi)
         if not np.any(self.lags):
             return np.arange(m), np.zeros(m), chi, np.zeros(m, bool), self.g1, self.g2
-        at, lags, sides, own = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
+        at, lags, sides, beyond = (np.array(x) for x in zip(*watched(chi.tolist(), self.lags), strict=True))
         # Of y only the stop counts that the contact is beyond.
-        g1 = np.where(own & (chi[at] > 0), -np.inf, self.g1[at])
-        return at, lags, sides, own, g1, np.where(own & (chi[at] < 0), np.inf, self.g2[at])
+        g1 = np.where(beyond & (chi[at] > 0), -np.inf, self.g1[at])
+        return at, lags, sides, beyond, g1, np.where(beyond & (chi[at] < 0), np.inf, self.g2[at])
 
 
 def _leap(rates: Complex, a: Complex, gaps: tuple[Any, ...]) -> tuple[float, int, int, int]:

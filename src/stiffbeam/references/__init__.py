@@ -178,23 +178,23 @@ def solve(
     from ..model.system import require_system
 
     require_system(system)
-    own = method_of(method)
+    entry = method_of(method)
     t_end = positive("t_end", t_end)
-    if own.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
+    if entry.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
         raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
     given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else "switches"
-    if own.kind != ADAPTIVE and (given != "switches" or steps.switches is not None):
+    if entry.kind != ADAPTIVE and (given != "switches" or steps.switches is not None):
         raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
-    if own.kind == ADAPTIVE:
+    if entry.kind == ADAPTIVE:
         for contact in system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
     try:
-        solver = import_module(f".{own.module}", __name__)
+        solver = import_module(f".{entry.module}", __name__)
         return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        if missing not in own.libraries:
+        if missing not in entry.libraries:
             raise
-        package = f"'stiffbeam[{own.extra}]'" if own.extra else own.libraries[missing]
+        package = f"'stiffbeam[{entry.extra}]'" if entry.extra else entry.libraries[missing]
         rule, remedy = f"have its library {missing} installed", f"pip install {package}"
         raise InputError("method", method, rule, remedy) from None

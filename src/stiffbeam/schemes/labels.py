@@ -30,10 +30,10 @@ def make(name: str, **parameters: Any) -> Scheme:
         raise InputError("scheme", name, "be a registered scheme", remedy)
     kind = user_class(name) if ":" in name else known[_plain(name)]
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
-    own = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
+    names = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
-        if parameter not in own:
-            remedy = near(parameter, own) if own else "it has none"
+        if parameter not in names:
+            remedy = near(parameter, names) if names else "it has none"
             raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
     return kind(**parameters)
 

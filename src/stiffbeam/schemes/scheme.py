@@ -270,8 +270,8 @@ def check_contract(scheme: Scheme) -> None:
     one mode changes with the other; and the same input gives the same bits again. Checked once per run, of the
     schemes of this package once for each set of parameters.
     """
-    own, name = is_known(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
-    if own and name in _KEPT:
+    lasting, name = is_known(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
+    if lasting and name in _KEPT:
         return
     if scheme.starter is not None:
         check_contract(scheme.starter)
@@ -327,7 +327,7 @@ def check_contract(scheme: Scheme) -> None:
                 "be causal",
                 f"let every node depend on its own and earlier forces only; {FULLY_IMPLICIT}",
             )
-    if own:
+    if lasting:
         _KEPT.add(name)
 
 

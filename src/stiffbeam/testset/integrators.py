@@ -164,11 +164,11 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
 
 def parse_integrator(text: str, form: str) -> tuple[Integrator, str]:
     """Return the integrator and the form of ``integrator[@form]``, the form ``form`` where none is written."""
-    name, at, own = (part.strip() for part in text.partition("@"))
+    name, at, named = (part.strip() for part in text.partition("@"))
     if name in REFERENCES or re.fullmatch(r"[\w.]+:\w+", name):
         if at:
-            one_of("form", own, KNOWN_FORMS, "be one that there is")
-        return integrator(name), own or form
+            one_of("form", named, KNOWN_FORMS, "be one that there is")
+        return integrator(name), named or form
     scheme, form = parse_run(text, form)
     return integrator(scheme), form
 

@@ -211,11 +211,11 @@ def account(
                 touching += pressed
                 # What a damped stop takes, again by two rules: force times way, and force times velocity. Where the
                 # force begins or ends within the step, the second one has no meaning.
-                own = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
-                dissipated -= own
+                spread = by_way = 0.5 * (beyond[c] + new_beyond) * (u - last[c])
+                dissipated -= by_way
                 if (beyond[c] == 0.0) == (new_beyond == 0.0):
-                    own -= 0.5 * dt * (power[c] + new_beyond * rate)
-                balance[SPREAD] += abs(own)
+                    spread -= 0.5 * dt * (power[c] + new_beyond * rate)
+                balance[SPREAD] += abs(spread)
                 if offsets.shape[0]:
                     moved -= 0.5 * (force[c] + new_force) * (offsets[k, c] - offsets[k - 1, c])
                 force[c], beyond[c], power[c], last[c] = new_force, new_beyond, new_beyond * rate, u

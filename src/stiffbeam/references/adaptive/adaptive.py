@@ -246,19 +246,19 @@ def contact_record(
         exits = contacts.exits[k]
         for n, (entry, z, at_entry) in enumerate(contacts.entries[k]):
             left, z_left, at_exit = exits[n] if n < len(exits) else (t_end, end, rhs.pressing(t_end, end, k))
-            own = max((value for when, value in contacts.peaks[k] if entry <= when <= left), default=float("nan"))
+            peak = max((value for when, value in contacts.peaks[k] if entry <= when <= left), default=float("nan"))
             if stops.jumps:  # the force of a stop with c > 0 may be largest where it begins
-                own = float(np.nanmax([own, at_entry, at_exit]))
+                peak = float(np.nanmax([peak, at_entry, at_exit]))
             ended = n < len(exits)
             closed_time += left - entry
             # A contact that lasts from the start or to the end may be pressed hardest there, without a peak between.
-            largest = np.nanmax([largest, own, at_entry, at_exit])
+            largest = np.nanmax([largest, peak, at_entry, at_exit])
             # The integral of -F, after the states, the input and the viscous loss.
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             total += impulse
             nan = np.nan
             # Peak and impulse of a contact that is closed at the end are still open.
-            impacts.append((entry, left, side, own, impulse) if ended else (entry, nan, side, nan, nan))
+            impacts.append((entry, left, side, peak, impulse) if ended else (entry, nan, side, nan, nan))
     impacts.sort(key=lambda impact: impact[0])
     columns = np.array(impacts).reshape(-1, len(COLUMNS)).T
     return ContactRecord(

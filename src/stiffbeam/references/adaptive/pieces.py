@@ -80,9 +80,8 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
         cuts += [(t, t) for t in (() if stated is None else stated)]
     cuts = _joined(cuts, t_end)
     # Unknown cuts: kinks and jumps of every bare callable between the known cuts.
-    rough_bound = math.inf
-    for f in bare:
-        scan = _Scan(f, t_end, count, steps.other)
+    rough_bound, scans = math.inf, [_Scan(f, t_end, count, steps.other) for f in bare]
+    for scan in scans:
         kinks = [scan.rough(start, end) for start, end in _between(cuts, t_end)]
         # No restarts for a function that is rough everywhere: steps of at most one window, eight spacings of the scan.
         if None in kinks or sum(map(len, kinks)) > MOST_CUTS:  # type: ignore[arg-type]
@@ -92,8 +91,8 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> Pieces:
     # Longest step in every interval, by the leaves of the callables, the harmonics and the records.
     edges: list[Piece] = []
     for first, last in _between(cuts, t_end):
-        smooth = bare if rough_bound == math.inf else []
-        bounds = _bounds([_Scan(f, t_end, count, steps.other).leaves(first, last) for f in smooth], first, last)
+        smooth = scans if rough_bound == math.inf else []
+        bounds = _bounds([scan.leaves(first, last) for scan in smooth], first, last)
         for start, end, bound in bounds:
             turns = PER_STEP * (end - start) if cubic else math.inf
             edges.append(Piece(start, end, first, last, min(bound, longest, rough_bound, turns)))
@@ -283,10 +282,10 @@ class _Scan:
             nodes = np.stack([values[k * stride : k * stride + last : 4 * stride] for k in range(9)])
             error = np.max(np.abs(self.WEIGHTS @ nodes[::2] - nodes[1::2]), axis=0)
             # Every window takes the errors of the two that straddle its edges.
-            own, between = error[::2].copy(), error[1::2]
-            np.maximum(own[:-1], between, out=own[:-1])
-            np.maximum(own[1:], between, out=own[1:])
-            levels.append(own)
+            errors, between = error[::2].copy(), error[1::2]
+            np.maximum(errors[:-1], between, out=errors[:-1])
+            np.maximum(errors[1:], between, out=errors[1:])
+            levels.append(errors)
         return t, levels
 
 

@@ -170,7 +170,7 @@ def _horizon(tracer: Tracer, reference: Reference, kept: Array, t_end: float) ->
     # Rates are roots of eigenvalues: so far below the largest they may be the rounding of a zero.
     slowest = tracer.rates[tracer.rates > 1e-6 * np.max(tracer.rates, initial=0.0)]
     tolerance = DISPLACEMENT_TOLERANCE * (2.0 * np.pi / float(np.min(slowest)) if len(slowest) else t_end)
-    fastest, horizon, own = float(np.max(np.abs(reference.states[1]))), t_end, watched(reference)
+    fastest, horizon, unperturbed = float(np.max(np.abs(reference.states[1]))), t_end, watched(reference)
     at = at_rest(system)
     rows, back = tracer.rows[at], tracer.back[:, at]
     for seed, (radians, roundings) in enumerate(COPIES):
@@ -180,11 +180,13 @@ def _horizon(tracer: Tracer, reference: Reference, kept: Array, t_end: float) ->
         off[np.abs(off) < 16.0 * eps] = 0.0
         start = system.v0 + roundings * eps * fastest * off
         copy = tracer.copy(start, radians, abs(roundings), seed).solve(t_end)
-        paths = tuple(path_of(system, copy, own.t, channel)[0] for channel in channels)
+        paths = tuple(path_of(system, copy, unperturbed.t, channel)[0] for channel in channels)
         impacts = tuple(impacts_of(copy, i) for i in range(len(system.contacts)))
         # A copy of what starts at rest on a stop is thrown off it by its rounding of the speed; and of a chatter
         # either may count more.
-        horizon = min(horizon, agree_until(own, Watched(own.t, paths, impacts), tolerance, scales, PART, True))
+        horizon = min(
+            horizon, agree_until(unperturbed, Watched(unperturbed.t, paths, impacts), tolerance, scales, PART, True)
+        )
     return horizon
 
 

@@ -286,7 +286,8 @@ def _locate(
         shift = (-gap / speed).mid()
         if not abs(float(tau + shift) - start) < near:
             break
-        if abs(shift) * fastest < arb(2) ** (-full // 3):
+        # What the last step leaves is its square. A damped stop's force jumps, so all digits of the time count.
+        if abs(shift) * fastest < arb(2) ** (-full // 2):
             return tau, shift, y
         tau = (tau + shift).mid()
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"

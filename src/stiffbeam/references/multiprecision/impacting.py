@@ -299,9 +299,9 @@ class March:
         self.z = (self.z + self.flow.back * push).mid()
         # An impulse does the work P (U- + U+)/2, and the motion of its stop P times the rate of the offset.
         taken = moved = arb(0)
-        for c, (speed, own) in rates.items():
+        for c, (speed, rate) in rates.items():
             taken -= P[c] * (speed + self._speed(c).mid()) / 2
-            moved -= P[c] * own
+            moved -= P[c] * rate
         self.motion.taken.append((float(self.t), float(taken), float(moved)))
 
     def _offset(self, form: Any) -> Any:

@@ -93,11 +93,11 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
     places = [([number(x) for x in contact.row], *offset_of(drive, (1, contact.offset))) for contact in system.contacts]
     # A system that its problem makes, but perhaps for initial data of its own, as a perturbed member has.
-    own = system.fingerprint
-    if made and problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == own:
+    fingerprint = system.fingerprint
+    if made and problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == fingerprint:
         mass, damping, stiffness, *start = _beam(system, problem, loads)
         places = [_place(problem, stops, system.size, drive) for stops in problem.all_stops]
-        if made.fingerprint == own:
+        if made.fingerprint == fingerprint:
             q0, v0 = start
     else:
         mass, damping, stiffness = (
