@@ -18,8 +18,8 @@ a thousandth of the motion, so they diverge as soon as a scheme diverges from th
 follow one motion of that scheme first, and their mean would contain no information on the distribution.
 
 For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
-with a few systems drawn within the tolerances, and doubles them while a ranking is open. A third mesh follows only for
-wanted quantities.
+with a few systems drawn within the tolerances, and doubles them while no source is the largest, up to 48 where two are
+alike. A third mesh follows only for wanted quantities.
 """
 
 from __future__ import annotations

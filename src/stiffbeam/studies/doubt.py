@@ -80,6 +80,7 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 FEW = 12  # drawn systems to begin a ranking with
+ENOUGH = 48  # of them to name sources as alike: fewer show a largest one, but rarely that two are equal
 LEAST = 8  # elements of the third mesh
 OUTPUTS = 400  # of the tip, at least where there are so many steps
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
@@ -393,8 +394,8 @@ def doubt_until_ranked(
     count = min(FEW, max(8, members))
     while True:
         (found,) = doubts(case, [scheme], dt, count, show=show, contact=contact, budget=budget, wanted=wanted)
-        ranks = (x.sure or not x.uncertain or not x.rankable for x in found.budgets if x.name in wanted)
-        if count >= members or all(ranks):
+        most = [x for x in found.budgets if x.name in wanted and x.uncertain and x.rankable and not x.dominant]
+        if count >= members or all(x.alike and count >= ENOUGH for x in most):
             return found
         count = min(2 * count, members)
 
