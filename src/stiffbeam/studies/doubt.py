@@ -30,10 +30,9 @@ oscillator under noise 87 hold the deviation of the rate over the records (``tes
 
 ``budget.py`` ranks the sources. Where the bracket of the mesh leaves the largest open, a third mesh follows, with
 compliant stops: cubic elements on the cells of the case, or on four times as many for the hermite form. Its bracket
-reaches from 0.9 to 1.1.
-Of the exact motions above this share has its error against 64 cells inside it, by the same command:
+reaches from 0.9 to 1.1. Of the 40 beams above this share has its error against 64 cells inside it, by the same command:
 
-    THIRDS
+    tip 100 %, largest force 95 %, energy 92 %, impacts 100 %, time in contact 95 %, impulse 93 %
 
 Of matrices the mesh is the distance to a finer model. Its bracket reaches from 2/3 of that, for a model without error,
 to twice that, for one of half the width at order 2.
