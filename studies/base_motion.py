@@ -18,6 +18,7 @@ from scipy.interpolate import make_lsq_spline
 
 import stiffbeam as sb
 from stiffbeam.figures.panels import new_figure, short
+from stiffbeam.figures.runs import line_of
 from stiffbeam.files.reader import read_samples
 
 RATE, T_END, KNOT = 2000.0, 1.0, 8e-3  # 1/s, s, s
@@ -77,7 +78,7 @@ def main() -> None:
     table.plot(t, 1e3 * values, color="black", lw=0.8)
     tip.plot(exact.t, 1e3 * exact.tip, color="0.6", lw=3.0, label="exact")
     for run in runs:
-        tip.plot(run.t, 1e3 * run.tip, lw=0.9, label=short(run.provenance["method"]))
+        tip.plot(run.t, 1e3 * run.tip, lw=0.9, label=short(run.provenance["method"]), **line_of(run))
     for stop in (-4.0, 4.0):
         tip.axhline(stop, color="0.45", ls=":")
     if exact.horizon < T_END:

@@ -16,6 +16,7 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.figures.panels import new_figure, short
+from stiffbeam.figures.runs import line_of
 from stiffbeam.files.reader import read_samples
 
 RATE, T_END = 25_600.0, 0.15  # 1/s, s
@@ -76,7 +77,7 @@ def main() -> None:
     record.plot(1e3 * force.t, force.values, color="black", lw=1.0)
     tip.plot(1e3 * exact.t, 1e3 * exact.tip, color="0.6", lw=3.0, label="exact")
     for run in runs:
-        tip.plot(1e3 * run.t, 1e3 * run.tip, lw=1.0, label=short(run.provenance["method"]))
+        tip.plot(1e3 * run.t, 1e3 * run.tip, lw=1.0, label=short(run.provenance["method"]), **line_of(run))
     tip.axhline(1.5, color="0.45", ls=":")
     contact.plot(1e3 * exact.t, exact.contact_force, color="black", lw=1.0)
     record.set_ylabel("hammer, N")

@@ -1,7 +1,8 @@
-"""Size of the package, and the files that a call enters, as a debugger would.
+"""Size of the package, the files that a call enters, as a debugger would, and the sentences of the pages.
 
     python studies/house.py                 the table
     python studies/house.py --files HHT     and the files that the calls of this name enter
+    python studies/house.py --words         only the words of all pages, of a commit with --words COMMIT
 
 The second of two equal calls is counted, so that nothing is imported, compiled or read from a cache for the first time.
 """
@@ -10,6 +11,8 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
+import subprocess
 import sys
 import tempfile
 import threading
@@ -19,6 +22,8 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import FrameType
+
+import numpy as np
 
 import stiffbeam as sb
 
@@ -77,11 +82,53 @@ def calls(folder: Path) -> dict[str, Callable[[], object]]:
     }
 
 
+# Methods are not persons, and a concept has one word.
+BANNED = r"\b(?:says?|knows?|believes?|tells?|thinks|anew|alike|switch(?:es)?|stretch(?:es)?|flights?|parted|thereby)\b"
+
+
+def pages(commit: str | None) -> list[str]:
+    """Texts of all Markdown pages: those of the working tree, or of a commit."""
+    root = PACKAGE.parents[1]
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=root, check=True, capture_output=True, text=True).stdout
+
+    listed = git("ls-files", "*.md") if commit is None else git("ls-tree", "-r", "--name-only", commit)
+    names = [name for name in listed.splitlines() if name.endswith(".md")]
+    return [git("show", f"{commit}:{name}") if commit else (root / name).read_text(encoding="utf-8") for name in names]
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of a page, without code, tables, headings and the addresses of links."""
+    text = re.sub(r"^```.*?^```$|^(?: {4}|\||#)[^\n]*$", "\n", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)|`", "", re.sub(r"^\s*(?:[-*]|\d+\.) ", "\n", text, flags=re.MULTILINE))
+    parts = [part for block in re.split(r"\n\s*\n", text) for part in re.split(r"(?<=[.!?])\s+", block.strip())]
+    return [part for part in parts if part]
+
+
+def words(commit: str | None) -> str:
+    """Number of words, length of sentences, semicolons and banned words of all pages."""
+    texts = pages(commit)
+    said = [sentence for text in texts for sentence in sentences(text)]
+    lengths = [len(sentence.split()) for sentence in said]
+    prose = " ".join(said)
+    banned = len(re.findall(BANNED, prose, re.IGNORECASE))
+    return (
+        f"pages: {len(texts)}, {sum(lengths)} words, 90 % of sentences have at most {np.percentile(lengths, 90):.0f}, "
+        f"{prose.count(';')} semicolons, {banned} banned words, {prose.lower().count('for example')} examples"
+    )
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--files", metavar="NAME", help="list the files that the calls with NAME in their names enter")
-    wanted = parser.parse_args().files
+    parser.add_argument("--words", nargs="?", const="", metavar="COMMIT", help="the words of all pages")
+    arguments = parser.parse_args()
+    if arguments.words is not None:
+        print(words(arguments.words or None))
+        return
+    wanted = arguments.files
     lines, files, comments = size()
     print(f"package: {lines} lines in {files} files, {100.0 * comments:.1f} % of the lines comments\n")
     print("files entered by")

@@ -7,8 +7,8 @@ starts from a stiffness 20 % and a gap 2 % off and fits both to growing windows 
 impacts. A motion with impacts depends so strongly on its parameters that only a short window leads to the right
 minimum; the last one has to end before the horizon. ``sb.jax_flow`` gives the values and their exact derivative.
 
-The script then fits schemes at the paper's step to the same record. Their derivative is a false one, so that it
-searches a grid around the true values. The best stiffness is off by far more than its standard deviation says. The
+The script then fits schemes at the paper's step to the same record. Their derivative is wrong, so the script
+searches a grid around the true values. The best stiffness is off by far more than its standard deviation. The
 script takes half a minute.
 """
 

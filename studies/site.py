@@ -25,12 +25,14 @@ JOURNAL = ROOT / "stiffbeam-output" / "site-journal"  # finished points of studi
 ANSWERS = ROOT / "studies" / "answers.md"  # the answers for readers of the repository; a full build writes it anew
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 CHAPTERS = {
-    "Tutorials": ["studies/first_beam.ipynb", "studies/guide/convergence.md", "studies/guide/runs.md"],
+    "Tutorials": [
+        "studies/first_beam.ipynb", "studies/guide/convergence.md", "studies/guide/solver.md",
+        "studies/guide/references.md",
+    ],
     "How to": [
         "studies/guide/choose.md", "studies/guide/schemes.md", "studies/guide/beam.md", "studies/guide/stops.md",
-        "studies/guide/model.md",
-        "studies/guide/ensembles.md", "studies/guide/references.md", "studies/guide/derivatives.md",
-        "studies/guide/orbits.md", "studies/guide/solver.md", "studies/guide/other_tools.md",
+        "studies/guide/model.md", "studies/guide/runs.md", "studies/guide/ensembles.md",
+        "studies/guide/derivatives.md", "studies/guide/orbits.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
         "studies/loose_supports.py", "studies/identify.py",
     ],
@@ -55,6 +57,7 @@ TOPICS = {  # pages of Python names: title, and the rooms of the package whose p
     "measures": ("Measures, pictures and studies", ("measures", "figures", "studies")),
     "testset": ("Test set", ("testset",)),
 }
+PICTURE = re.compile(r"^!\[([^]]*)\]\(([^)]*)\)$", re.MULTILINE)  # on a line of its own: words, address
 LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)\s]*)?\))")  # of Markdown, inside the repository: address, anchor
 SETTINGS = {
     "project": "stiffbeam",
@@ -69,12 +72,20 @@ SETTINGS = {
     },
     "html_title": "stiffbeam",
     "html_show_sourcelink": False,
+    "html_context": {"default_mode": "auto"},
+    "html_static_path": ["_static"],
+    "html_css_files": ["wide.css"],
     "myst_heading_anchors": 4,
     "autodoc_typehints": "signature",
     "autodoc_member_order": "bysource",
     "numpydoc_show_class_members": False,
     "python_display_short_literal_types": True,
 }
+
+
+WIDE = """.bd-main .bd-content .bd-article-container {max-width: 80em}
+@media (min-width: 60em) {.bd-sidebar-primary {flex: 0 0 16rem}}
+"""  # more of a line of code fits
 
 
 class Pages:
@@ -86,10 +97,14 @@ class Pages:
 
     def write(self) -> None:
         """Write every page, and the first one, which leads to all of them."""
-        for page, source in self.sources.items():
-            self.save(page, self.text(page, source).encode())
+        self.save("_static/wide.css", WIDE.encode())
+        texts = {page: self.text(page, source) for page, source in self.sources.items()}
+        for page, text in texts.items():
+            self.save(page, text.encode())
         for title, sources in CHAPTERS.items():
-            self.save(f"{_slug(title)}.md", f"# {title}\n\n{_contents(map(_page, sources))}".encode())
+            pages = [_page(source) for source in sources]
+            parts = [f"# {title}", *(entry(page, texts[page]) for page in pages), _contents(pages, ":hidden:")]
+            self.save(f"{_slug(title)}.md", "\n\n".join(parts).encode())
         home = self.linked((ROOT / "README.md").read_text(encoding="utf-8"), PurePosixPath("README.md"))
         self.save("index.md", f"{home}\n\n{_contents(map(_slug, CHAPTERS), ':hidden:')}".encode())
 
@@ -206,6 +221,18 @@ class Pages:
             words = [part for part in parts if not part.startswith(("![", "{"))]
             ANSWERS.write_text("\n\n".join(filter(None, words)) + "\n", encoding="utf-8")
         return "\n\n".join(filter(None, parts))
+
+
+def entry(page: str, text: str) -> str:
+    """Return what the page of a chapter shows of a page: its title, first sentence and first picture."""
+    title, *parts = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE).strip().split("\n\n")
+    words = next((part for part in (each.strip("\n") for each in parts) if re.match(r"[A-Za-z`[]", part)), "")
+    sentence = LINK.sub("]", re.split(r"(?<=[.?:])\s", words.replace("\n", " "))[0]).replace("[", "").replace("]", "")
+    shown = [f"## [{title.removeprefix('# ')}](/{page})", sentence.rstrip(":")]
+    if picture := PICTURE.search(text):
+        address = os.path.normpath(PurePosixPath(page).parent / picture[2])
+        shown.append(f"```{{image}} /{address}\n:width: 480px\n:alt: {picture[1]}\n```")
+    return "\n\n".join(filter(None, shown))
 
 
 def names(topic: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 
 import pytest
 
@@ -82,3 +83,13 @@ def test_numbers_in_a_list_are_read_or_refused(command):
     assert (code, "numbers with commas between them" in err) == (2, True)
     code, _, err = command("rigid", "table10", "--factors", "1:2")
     assert (code, "numbers with commas between them" in err) == (2, True)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_help_of_a_study_names_its_parameters_as_options(name):
+    """``starts`` pairs a distance ``size`` apart: the words alone would be read as a sentence."""
+    study = find_study(name)
+    told, options = command_of(name).help, inspect.signature(study.points).parameters
+    assert "``" not in told
+    for word in re.findall(r"``(\w+)``", study.points.__doc__):
+        assert (f"--{word.replace('_', '-')}" if word in options else f"'{word}'") in told

@@ -38,3 +38,16 @@ def test_the_table_has_a_line_for_every_call(house, tmp_path):
     assert re.search(r"package: \d+ lines in \d+ files, [\d.]+ % of the lines comments", done.stdout)
     for name in house.calls(tmp_path):
         assert re.search(rf"^    {re.escape(name)} +[1-9]\d*$", done.stdout, re.MULTILINE)
+
+
+def test_sentences_are_those_of_the_prose(house):
+    prose = "# Head\n\nOne [two](three/four.md). Five `six`!\n\n* seven\n\n"
+    page = prose + "| eight |\n\n```text\nnine. ten.\n```\n\n    eleven\n"
+    assert house.sentences(page) == ["One [two.", "Five six!", "seven"]
+    assert re.fullmatch(r"pages: \d+, \d+ words, 90 % of sentences have at most \d+, .*", house.words(None))
+
+
+def test_the_pages_are_in_short_sentences(house):
+    said = [sentence for text in house.pages(None) for sentence in house.sentences(text)]
+    lengths = sorted(len(sentence.split()) for sentence in said)
+    assert lengths[9 * len(lengths) // 10] < 28

@@ -114,6 +114,30 @@ def test_the_answers_hold_every_study_with_its_question():
         assert f"## {name.replace('_', ' ')}\n\n{find_study(name).question}\n" in answers
 
 
+def test_the_guides_quote_the_answers():
+    """Numbers of the ensemble on Table 10, of two guides, are those of the page that the last build wrote."""
+    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
+    table = answers.partition("## ensemble\n")[2].partition("## chaos")[0]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("| ")]
+    heads, numbers = rows[0], {row[0].partition("(")[0]: row for row in rows[2:]}
+
+    def value(method: str, head: str) -> float:
+        return float(numbers[method][heads.index(head)].split()[0])
+
+    ensembles, choose = (TEXTS[name].replace("\n", " ") for name in ("ensembles", "choose"))
+    counts = {method: f"{value(method, 'impacts'):.0f}" for method in numbers}
+    shares = {method: f"{value(method, 'contact, %'):g}" for method in numbers}
+    assert f"{counts['HHT']} against {counts['exact']}, but stays in contact for {shares['HHT']} %" in ensembles
+    assert f"SDIRK-OS counts {counts['SDIRK']} and BDF2 {counts['BDF2']}, with {shares['SDIRK']}" in ensembles
+    assert (
+        f"for {shares['Trapezoidal']} %, but gains energy at the stops and counts {counts['Trapezoidal']}" in ensembles
+    )
+    losses = [value(m, "lost, %") for m in ("BDF2", "SDIRK", "HHT", "GeneralisedAlpha", "Bathe")]
+    assert f"have lost {min(losses):.0f} to {max(losses):.0f} %" in choose
+    damped = [value(m, "contact, %") for m in ("HHT", "GeneralisedAlpha", "Bathe")]
+    assert f"{min(damped):.0f} to {max(damped):.0f} % of the time, for {shares['exact']} % in truth" in choose
+
+
 @pytest.mark.slow
 def test_the_steel_beam_is_pressed_as_hard_as_printed(tmp_path):
     (block,) = (block.values[0] for block in BLOCKS if "largest contact force" in str(block.values[0]))

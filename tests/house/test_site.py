@@ -63,6 +63,21 @@ def test_the_page_of_variables_is_the_schema():
 
 
 @pytest.mark.slow
+def test_a_chapter_shows_sentence_and_picture_of_its_pages(site):
+    page = (site / "how-to.html").read_text(encoding="utf-8")
+    assert "A scheme advances the system by a fixed time step." in page
+    assert page.count("<h2") > 10
+    assert len(re.findall(r'<img[^>]*src="_images/[^"]*"', page)) >= 6  # of every script
+
+
+def test_what_a_chapter_shows_of_a_page():
+    entry = runpy.run_path(str(ROOT / "studies" / "site.py"))["entry"]
+    page = "# Head\n\n    python x.py\n\n```python\nx\n\ny\n```\n\nSee [a page](b.md): one. Two.\n\n![words](c/d.png)"
+    picture = "```{image} /studies/c/d.png\n:width: 480px\n:alt: words\n```"
+    assert entry("studies/e.md", page) == f"## [Head](/studies/e.md)\n\nSee a page\n\n{picture}"
+
+
+@pytest.mark.slow
 def test_the_reference_of_names_holds_every_public_name(site):
     import stiffbeam as sb
 
@@ -93,8 +108,10 @@ def test_the_notebook_prints_what_it_shows(monkeypatch):
     for cell in cells:
         with redirect_stdout(io.StringIO()) as printed:
             exec("".join(cell["source"]), names)
-        shown = "".join(text for output in cell["outputs"] for text in output["text"])
+        shown = "".join(text for output in cell["outputs"] for text in output.get("text", []))
         assert printed.getvalue().strip() == shown.strip()
+    (picture,) = cells[-1]["outputs"]  # the page of a repository shows the stored one
+    assert picture["data"]["image/png"].startswith("iVBOR")
 
 
 def test_records_of_cheap_commands_are_as_documented(command):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
 import pytest
 from oracles import beam_mode, beam_roots
+from rich.console import Console
 
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.measures.impacts import match
+from stiffbeam.measures.report import comparison_tables
 from stiffbeam.trajectory.impacts import Impacts
 
 
@@ -159,6 +162,28 @@ def test_the_comparison_prints_and_goes_to_json(compared):
     assert "<table" in c._repr_html_()
     plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
     assert plain["contacts"][0]["run"]["impacts"] == c.contacts[0].run.impacts
+
+
+@pytest.mark.parametrize("width", [80, 120, 200])
+def test_the_tables_use_the_width_of_the_terminal(compared, width):
+    """Heads of one line from 80 columns on; short notes, in lines of at most 100 columns; details if asked for."""
+    c, text, whole = compared[3], io.StringIO(), io.StringIO()
+    Console(file=text, width=width).print(comparison_tables([c]))
+    Console(file=whole, width=width).print(comparison_tables([c], [compared[1]], verbose=True))
+    lines = [line.rstrip() for line in text.getvalue().splitlines()]
+    (head,) = [line for line in lines if "match to" in line]
+    assert head.split() == ["run", "match", "to", "tip", "error", "lag", "loss", "impacts", "contact"]
+    (below,) = [line for line in lines if "ns/step" in line]
+    assert below.split() == ["run", "ns/step", "impacts", "contact", "peak", "force", "impulse", "loss"]
+    assert any(line.startswith("SDIRK(gamma=0.4359) ") for line in lines)
+    start, end = lines.index(next(line for line in lines if line.startswith("Match to:"))), lines.index("")
+    notes = lines[start:end]
+    assert len(notes) <= (9 if width == 80 else 7)
+    assert max(map(len, notes)) <= min(width, 100)
+    assert "exact for this mesh; `stiffbeam space`" in " ".join(notes)
+    assert "s of computing" not in text.getvalue()
+    assert "s of computing" in whole.getvalue()
+    assert "ms of set-up" in whole.getvalue()
 
 
 def test_what_cannot_be_compared_is_refused(compared, table10):

@@ -176,3 +176,24 @@ def test_counters_are_those_of_the_solver(things):
     assert things["reference"].nfev == 0
     thin = sb.integrate(system, sb.HHT(-0.1), 1e-3, 1.0, every=10)
     assert thin.y_events is None
+
+
+def test_the_zoom_on_a_rigid_stop_shows_the_motion_before_it():
+    """Nothing is inside a rigid stop: the axis had the height of its rounding."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5))
+    system = sb.System.from_matrices([[1.0]], [[100.0]], contacts=[stop], initial_velocity=[2.0])
+    run, reference = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
+    zoom = sb.compare(run, reference).figure().axes[2]
+    low, high = zoom.get_ylim()
+    assert 0.01 < high - low < 0.2
+    assert low < 0.1 < high
+
+
+def test_a_spectrum_without_drive_ends_with_its_content():
+    """A vibration of frequency 10, sampled to 3142: the axis went on to there."""
+    system = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_velocity=[2.0])
+    run = sb.integrate(system, sb.Trapezoidal(), 1e-3, 20.0)
+    for figure in (sb.compare(run, sb.reference(system, 20.0)).figure(), sb.paper_figure([run], ["spectrum"])):
+        low, high = figure.axes[-1].get_xlim()
+        assert low == 0.0
+        assert 10.0 < high < 60.0

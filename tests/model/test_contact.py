@@ -264,8 +264,10 @@ def test_rigid_contacts_that_almost_follow_from_each_other_meet_their_conditions
         F = solve_node(r, S, np.transpose([np.full(m, np.inf), g1, g2]))
         v = r + S @ F
         error = 1e-14 * np.max(np.abs(r) + np.abs(S) @ np.abs(F))
-        assert np.all(v <= g2 + error) and np.all(v >= g1 - error)
-        assert np.all(np.abs(v - g2)[F < 0.0] <= error) and np.all(np.abs(v - g1)[F > 0.0] <= error)
+        assert np.all(v <= g2 + error)
+        assert np.all(v >= g1 - error)
+        assert np.all(np.abs(v - g2)[F < 0.0] <= error)
+        assert np.all(np.abs(v - g1)[F > 0.0] <= error)
     assert max(conditions) > 1e11
 
 

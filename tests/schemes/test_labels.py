@@ -88,6 +88,7 @@ def test_a_comparison_of_matrices_says_what_is_not_known():
     system = sb.System.from_matrices([[1.0]], [[100.0]], contacts=[contact], initial_velocity=[2.0])
     run, _, result = compared(system, 1e-3, 1.0)
     assert "in the units of the matrices" in comparison_text([result])
+    assert "mesh" not in comparison_text([result])
     assert "units" not in run.to_xarray()["tip"].attrs
 
 

@@ -286,3 +286,39 @@ def test_of_rigid_stops_the_impulse_is_asked_for():
     assert "nan" not in str(advice)
     with pytest.raises(sb.InputError, match="ask for impulse"):
         sb.advise(ball, {"peak_force": 0.1}, t_end=1.0)
+
+
+def test_the_advised_run_has_the_wanted_work_rate():
+    """Every contact of an undamped mass does the work kappa d^2, d its depth, from the energy: 4 x^2 + kappa d^2 = 1.
+    The work of the advised run is summed here from its states."""
+    spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
+    schemes, wanted = [sb.HHT(alpha=-0.1), sb.Trapezoidal()], 0.01
+    advice = sb.advise(system, {"normal_work": wanted}, t_end=30.0, schemes=schemes, contacts=("implicit",))
+    run = advice.run()
+    depth = max(np.roots([404.0, -80.0, 3.0])) - 0.1
+    impacts = sb.reference(system, 30.0).impacts
+    assert np.isfinite(impacts.ends).all()
+    work = np.trapezoid(400.0 * np.maximum(0.0, run.tip - 0.1) * np.abs(run.tip_velocity), run.t)
+    assert abs(work / (400.0 * depth**2 * impacts.count) - 1.0) <= wanted * 1.01
+    assert advice.recommendation.errors["normal_work"] <= wanted
+    rigid = replace(system, contacts=(sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5)),))
+    with pytest.raises(sb.InputError, match="compliant stops"):
+        sb.advise(rigid, {"normal_work": 0.1}, t_end=1.0)
+
+
+@pytest.mark.slow
+def test_work_rates_past_the_horizon_are_means():
+    """A chaotic beam: the mean over 8 advised members is that of 8 exact ones, to what was wanted."""
+    system = sb.semidiscretise(sb.paper_case(10).problem, 8)
+    want = {"normal_work": 0.1, "impacts": 0.1}
+    advice = sb.advise(system, want, t_end=1.0, schemes=[sb.ExponentialFlow(), sb.Trapezoidal()], members=8)
+    assert advice.members == 8
+    run = advice.recommendation
+    members = sb.perturbed_members(system, 8, 1e-3, t_end=1.0)
+    rates = [
+        np.mean([sb.contact_rates(solve(x)).rates[0]["normal_work"].value for x in members])
+        for solve in (lambda x: sb.integrate(x, run.scheme, run.dt, 1.0), lambda x: sb.reference(x, 1.0))
+    ]
+    assert abs(rates[0] / rates[1] - 1.0) <= want["normal_work"]
+    assert 0.0 < advice.scatter["normal_work"] < 1.0

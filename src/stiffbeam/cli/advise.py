@@ -21,7 +21,7 @@ from .output import check_json, default_folder, make_folder, say, write_json
 def advise(
     case: Case,
     want: Annotated[
-        str | None, option("admissible errors of tip, impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,...")
+        str | None, option("admissible errors of tip, impacts, peak_force, impulse, normal_work; default: tip=1e-3,...")
     ] = None,
     schemes: Annotated[str | None, option("comma-separated; default: all", "schemes")] = None,
     form: Form = None,

@@ -182,7 +182,11 @@ def command_of(name: str) -> Any:
     alone = typer.Typer(
         add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
     )
-    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(study.points.__doc__ or "").replace("``", ""))
+    names = {p.name for p in options}
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(study.points.__doc__ or ""))
+    # A parameter of the function is an option of the command.
+    text = re.sub(r"``(\w+)``", lambda x: f"--{x[1].replace('_', '-')}" if x[1] in names else f"'{x[1]}'", text)
+    text = text.replace("``", "'")
     alone.command(name, help=f"{STUDIES[name]}\n\n{study.question}\n\n{text}")(run)
     return typer.main.get_command(alone)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..basics.progress import progress
+from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, COMPARED, REFERENCES
@@ -236,15 +236,16 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
         title = title.replace("$", r"\$")  # no formula of matplotlib's
         written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
     text = StringIO()
-    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result))
+    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result, verbose=True))
     written.append(write_whole(folder / "comparison.txt", text.getvalue()))
     return written
 
 
-def _tables(result: CaseComparison) -> RenderableType:
+def _tables(result: CaseComparison, verbose: bool) -> RenderableType:
     from ..measures.report import comparison_tables
 
-    return comparison_tables(result.comparisons, result.references, result.failures, result.truths, result.refused)
+    parts = (result.comparisons, result.references, result.failures, result.truths, result.refused)
+    return comparison_tables(*parts, verbose=verbose)
 
 
 def _print_result(result: CaseComparison, written: list[Path], earlier: list[str], case: str) -> None:
@@ -254,12 +255,13 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
 
     terminal = console(WIDTH)
     terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
-    terminal.print(_tables(result))
+    terminal.print(_tables(result, TALK.verbose))
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
         say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    say(f"\nWritten: {files}{replaced}")
+    say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
+    say(f"Written: {files}{replaced}")
 
 
 @app.command()

@@ -38,7 +38,7 @@ def table_of(lines: Sequence[Mapping[str, str]]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for i, name in enumerate(headings):
         cells = [line.get(name, "") for line in lines]
-        number = any(cell[:1] in "+-0123456789" for cell in cells if cell)
+        number = any(cell.removeprefix("≤ ")[:1] in "+-0123456789" for cell in cells if cell)
         whole = not i and max(map(len, cells)) <= NAME
         table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
     for row in rows:

@@ -282,10 +282,8 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
             if picture.shared_x and i + 1 < len(picture.lines):
                 axis.tick_params(labelbottom=False)
                 axis.set_xlabel("")
-            # In narrow panels more ticks would overlap.
-            crowded = 3 if len(line) > 3 else 6 if any(x.equal for x in line) else 0
-            if crowded and axis.get_xscale() == "linear":
-                axis.locator_params(axis="x", nbins=crowded)
+            if axis.get_xscale() == "linear" and not panel.x.ticks:  # more ticks would overlap
+                axis.locator_params(axis="x", nbins=3 if len(line) > 3 else 6)
             above[j * width], left = axis, axis
             common += [] if panel.legend else [axis]
     shared_legend(figure, picture.columns, common, words)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
+
 
 def four_panels(
     title: str,
@@ -200,8 +202,10 @@ def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, co
     # The largest depth of the contact point in the stop, and its largest distance from it after a tenth of the span.
     outside = float(np.max(side * (u - stop)))
     drop = float(np.max(side * (stop - u[len(u) // 10 :])))
-    reach = max(2.0 * outside, min(drop, 12.0 * outside), 1e-12 * float(np.max(np.abs(u))))
-    low, high = sorted((stop - side * reach, stop + side * 2.5 * outside))
+    # Nothing is inside a rigid stop: the zoom then shows all that is before it.
+    room = 0.1 * drop if record.stops.rigid else 2.5 * outside
+    reach = drop if record.stops.rigid else max(2.0 * outside, min(drop, 12.0 * outside))
+    low, high = sorted((stop - side * max(reach, 1e-12 * float(np.max(np.abs(u)))), stop + side * room))
     axis.set_ylim(low, high)
 
 
@@ -246,14 +250,28 @@ def _draw_spectra(
 
 
 def drive_axis(axis: Axes, units: Units, drive: float) -> str:
-    """Label of an axis of frequencies, on which a drive sets ticks at its odd multiples."""
+    """Label of an axis of frequencies: with ticks at the odd multiples of a drive, else as long as its curves have
+    content."""
     at, label, quantity = units.cycles(drive)
     if not drive:
+        if end := _end_of_content(axis):
+            axis.set_xlim(0.0, 1.5 * end)
         return units.label(label, quantity)
     odd = range(1, 16, 2)
     axis.set_xlim(0.0, 15.5 * float(at))
     axis.set_xticks([k * float(at) for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
     return f"{label}, in multiples of the drive a = {units.measure(float(at), quantity, 'g')}"
+
+
+def _end_of_content(axis: Axes) -> float:
+    """The frequency below which CONTENT of the power of every curve lies, without its mean; 0 without a curve."""
+    ends = [0.0]
+    for line in axis.get_lines():
+        across, amplitude = (np.asarray(x, float) for x in (line.get_xdata(), line.get_ydata()))
+        power = np.cumsum(np.where(across > 0.0, amplitude**2, 0.0))
+        if len(power) and power[-1] > 0.0:
+            ends.append(float(across[np.searchsorted(power, CONTENT * power[-1])]))
+    return max(ends)
 
 
 def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
@@ -289,6 +307,7 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     else:
         force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
     force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
+    portrait.locator_params(axis="x", nbins=6)
     portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
     if run.has_energy:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich import box
 from rich.console import Console, Group, RenderableType
+from rich.constrain import Constrain
 from rich.table import Table
 from rich.text import Text
 
@@ -33,6 +34,7 @@ def short(label: str) -> str:
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
 WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
+LINE = 100  # columns of a sentence on a wide terminal: longer lines are hard to follow
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -50,15 +52,11 @@ def percent(value: float, sign: str = "") -> str:
 
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:
-    """Short names, or whole labels if two runs would share one; for an adaptive solver also its treatment of events."""
+    """Short names, or whole labels if two runs would share one."""
     # A label is method@form.
     methods = [c.label.partition("@")[0] for c in comparisons]
     names = [short(method) for method in methods]
-    names = [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
-    return [
-        f"{name}, {c.switches}" if c.switches in ("restart", "through") else name
-        for name, c in zip(names, comparisons, strict=True)
-    ]
+    return [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
 
 
 def _lag(comparison: Comparison) -> str:
@@ -73,8 +71,10 @@ def _delay(matching: Matching) -> str:
     return f"({number(matching.median_delay, 2)})" if np.isfinite(matching.median_delay) else DASH
 
 
-def _matched(until: float, window: float) -> str:
-    return DASH if np.isnan(until) else number(until) if until < window else "horizon"
+def _matched(until: float, window: float, horizon: float) -> str:
+    """The time to which impacts match, or the words for the end of the table or of a shorter run."""
+    end = "its end" if window < horizon * (1 - 1e-9) else "horizon"
+    return DASH if np.isnan(until) else number(until) if until < window else end
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
@@ -92,11 +92,12 @@ def comparison_tables(
     failures: Sequence[tuple[str, str]] = (),
     truths: Mapping[str, Reference] | None = None,
     refused: Container[str] = (),
+    verbose: bool = False,
 ) -> RenderableType:
     """Tables of a comparison: one per form inside the horizon, one of the whole runs, and the failures.
 
     truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
-    failures that cannot be asked of the case.
+    failures that cannot be asked of the case. verbose: with all details below the table, as the file has them.
     """
     # The runs of one form have one reference and one table.
     by_reference = [
@@ -105,7 +106,8 @@ def comparison_tables(
     parts: list[RenderableType] = [Text(said) for said in dict.fromkeys(c.remark for c in comparisons) if said]
     parts += [_inside(of_form) for of_form in by_reference]
     if comparisons:
-        parts.append(Text(_explanation(comparisons, references), style="dim"))
+        lines = _legend(comparisons, references) + (_details(comparisons, references) if verbose else [])
+        parts.append(Constrain(Text("\n".join([*lines, ""]), style="dim"), LINE))
     for of_form in by_reference:
         parts.append(_whole(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])))
     for label, message in failures:
@@ -135,17 +137,9 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
     units = first.units
     method, _, form = first.reference.partition("@")
     common = common_window(comparisons)
-    to = "" if common == first.window else f"to {units.measure(number(common), 'time')}"
     table = _table(
         f"To the horizon t = {units.measure(number(first.window), 'time')}, {form} form",
-        (
-            units.label("impacts\nmatch to", "time"),
-            f"tip error\n{to or 'rms'}",
-            f"lag\n({units.of('time') or 'time'})",
-            "energy\nlost",
-            "impacts",
-            "in\ncontact",
-        ),
+        ("match to", "tip error", units.label("lag", "time"), "loss", "impacts", "contact"),
     )
     table.add_row(f"{short(method)}, reference", *4 * [DASH], *_impacts(first, "reference", True), style="bold")
     for contact in _several(first):
@@ -153,7 +147,7 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         table.add_row(
             name,
-            _matched(c.matched_until, c.window),
+            _matched(c.matched_until, c.window, first.window),
             percent(c.tip_error_to(common)),
             _lag(c),
             percent(c.energy_lost),
@@ -162,7 +156,7 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
         for contact in _several(c):
             # A negative count: the run does not determine this contact.
             known = contact.run.impacts >= 0
-            until = _matched(contact.matching.matched_until if known else np.nan, c.window)
+            until = _matched(contact.matching.matched_until if known else np.nan, c.window, first.window)
             delay = _delay(contact.matching)
             table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
     return table
@@ -200,16 +194,10 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
         beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
+    peak = units.label("peak", "force") if units.of("force") else "peak force"
     table = _table(
         f"To t = {units.measure(end, 'time', 'g')}, {form} form{beyond}",
-        (
-            "ns per\nstep",
-            "impacts",
-            "in\ncontact",
-            units.label("peak force\n", "force").strip(),
-            units.label("impulse\n", "impulse").strip(),
-            "energy\nlost",
-        ),
+        ("ns/step", "impacts", "contact", peak, units.label("impulse", "impulse"), "loss"),
     )
     if truth is not None:
         table.add_row(f"true, {truth.provenance['digits']} digits", DASH, *_of_truth(truth, first), DASH, style="bold")
@@ -241,29 +229,59 @@ def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
     return _counts(statistics, True, True)
 
 
-def _explanation(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> str:
+def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
+    """The notes without which the tables would be misread."""
+    first = comparisons[0]
+    units, common = first.units, common_window(comparisons)
+    while_matched = "" if common == first.window else ", while the impacts of all runs match"
+    to = units.measure(number(common), "time")
+    events = any(contact.reference_totals.events for c in comparisons for contact in c.contacts)
+    by_events = "; of the reference, like force and impulse, by events, not sampled" if events else ""
     lines = [
-        f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
-        f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
-        f"{' in an earlier run' if r.provenance.get('kept') else ''}"
-        f"{', ' + r.provenance['budget'] if 'budget' in r.provenance else ''}"
-        for r in references
+        "Match to: up to this time, the impacts are those of the reference. "
+        f"Tip error: rms to t = {to}{while_matched}, over max |u|. "
+        "Lag: positive if late; in brackets, the median delay of the impacts. "
+        "Loss: numerical dissipation, over the energy put in. "
+        f"Impacts: seen at the time steps, [all by events]. Contact: share of the time{by_events}."
     ]
+    system = None if first.pair is None else first.pair[1].system
+    if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
+        lines.append("The exact solution is exact for this mesh; `stiffbeam space` measures the error of the mesh.")
     lines += [
-        "Tip error: rms over max |u|, up to the time to which the impacts of all runs match. Lag > 0: late; in "
-        "brackets the median impact delay if the phase lag is undefined. Energy lost: numerical dissipation, as a "
-        "share of the initial energy plus the work of the loads; – if the step does not resolve the dissipation of "
-        "dampers. Impacts: sampled at the run's steps, [by events].",
+        f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}."
+        for r in references
+        if "budget" in r.provenance
     ]
-    if any(contact.reference_totals.events for c in comparisons for contact in c.contacts):
-        lines.append("Contact, peak force and impulse of the reference: by events, not sampled.")
-    if any(c.switches in ("restart", "through") for c in comparisons):
-        lines.append("Restart: integration restarts at each event; through: the solver steps across it.")
+    if units.note:
+        lines.append(f"Times, forces and impulses are {units.note}.")
+    if any(map(_several, comparisons)):
+        lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
     for c in comparisons:
         lengths = np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
             least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
             lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
+    in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
+    if in_numpy:
+        lines += [
+            f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
+            "Systems whose modes do not decouple run without compiled code.",
+        ]
+    return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
+
+
+def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
+    """Horizons and cost of the references, treatment of events, set-up."""
+    lines = [
+        f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
+        f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
+        f"{' in an earlier run' if r.provenance.get('kept') else ''}."
+        for r in references
+    ]
+    lines.append("Loss is – if the time step does not resolve the dissipation of dampers.")
+    for treatment, words in (("restart", "integration restarts at each event"), ("through", "steps cross events")):
+        of_these = [name for name, c in zip(_names(comparisons), comparisons, strict=True) if c.switches == treatment]
+        lines += [f"{', '.join(dict.fromkeys(of_these))}: {words}."] if of_these else []
     steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
     if steps:
         # Set-up is what the run takes beyond its steps, in milliseconds.
@@ -271,18 +289,7 @@ def _explanation(comparisons: Sequence[Comparison], references: Sequence[Referen
         lines.append(
             f"A run is {max(c.steps for c in steps)} steps and {max(0.0, float(np.median(ms))):.2g} ms of set-up."
         )
-    if note := comparisons[0].units.note:
-        lines.append(f"Times, forces and impulses are {note}.")
-    in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
-    if in_numpy:
-        lines += [
-            f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
-            "Systems whose modes do not decouple run without compiled code.",
-        ]
-    if any(map(_several, comparisons)):
-        lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
-    lines += [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def comparison_text(comparisons: Sequence[Comparison]) -> str:
@@ -300,6 +307,7 @@ def comparison_html(comparisons: Sequence[Comparison]) -> str:
 
 
 def _html(part: RenderableType) -> str:
+    part = part.renderable if isinstance(part, Constrain) else part
     if not isinstance(part, Table):
         return "".join(f"<p>{escape(line)}</p>" for line in str(part).splitlines())
     heads = [" ".join(str(column.header).split()) for column in part.columns]

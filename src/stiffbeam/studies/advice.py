@@ -4,6 +4,7 @@
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
+    error(normal_work) likewise, of the rate of int |sigma| |v| dt, measured only if it is wanted
 
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
@@ -33,7 +34,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
 from ..basics.notebook import DRAW, html_table
 from ..basics.progress import Show, silent
@@ -42,27 +42,25 @@ from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
 from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
-from ..measures.errors import stays_within, tip_error
+from ..measures.errors import stays_within
 from ..model.drive import Drive
-from ..model.members import SPREAD, perturbed_members
+from ..model.members import SPREAD
 from ..model.modes import modes
 from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
 from ..model.uncertain import Uncertain
 from ..references import best_reference
-from ..references.ensemble import reference_ensemble
 from ..references.registry import BUDGET
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from ..trajectory.trajectory import Diverged, Trajectory
 from .budget import Budget
 from .common import label_of
+from .criteria import COLUMNS, WORK, Motion, Statistics
 from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
-from .ensemble import difference
 
 if TYPE_CHECKING:
     import pandas
@@ -71,81 +69,10 @@ if TYPE_CHECKING:
 
     from .engine.journal import Journal
 
-COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
-
-
-class Motion:
-    """Errors of one motion against the exact one."""
-
-    members = 0
-    scatter: Mapping[str, float] = {}
-
-    def __init__(self, exact: Reference) -> None:
-        self.exact = exact
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
-        run = integrate(system, scheme, dt, t_end, contact)
-        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
-        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
-        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
-        for name in ("peak_force", "impulse"):
-            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        return errors, run.work.march_seconds
-
-
-class Statistics:
-    """Errors of means over perturbed members against those of the exact ensemble."""
-
-    def __init__(self, system: System, t_end: float, members: int) -> None:
-        self.members = members
-        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
-        self.exact = reference_ensemble(system, t_end, self.systems)
-        self.scatter = {
-            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
-            for name, column in COLUMNS
-        }
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
-        a member; Diverged where one overflows."""
-        many = integrate_ensemble(system, scheme, dt, t_end, self.systems, contact)
-        if np.any(np.isfinite(many.diverged)):
-            raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
-        errors: dict[str, float] = {}
-        for name, column in COLUMNS:
-            pairs = zip(many.contacts, self.exact.contacts, strict=True)
-            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
-        return errors, many.work.march_seconds / len(self.systems)
-
-
-def _relative(value: float, exact: float) -> float:
-    """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
-    if exact == 0.0:
-        return 0.0 if value == 0.0 else np.inf
-    return abs(value / exact - 1.0)
-
-
-def _deviation(values: Array) -> float:
-    mean = float(np.mean(values))
-    return float(np.std(values, ddof=1)) / mean if mean else 0.0
-
-
-def _mean_error(values: Array, exact: Array) -> float:
-    """|difference of the means| with its 95 % interval, over the exact mean."""
-    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
-    mean = float(np.mean(exact))
-    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean
-
-
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
-QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS), WORK)
 
 
 @dataclass(frozen=True)
@@ -236,6 +163,8 @@ def _probe(
     dt, work = t_end / steps, steps * len(scheme.nodes)
     point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
     point["members"] = criterion.members
+    if criterion.work is not None:
+        point["work"] = True
     if journal is not None:
         point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
         if rows := journal.rows(point):
@@ -415,7 +344,7 @@ class Advice:
 def _doubted(want: Mapping[str, float]) -> list[str]:
     """Names of the wanted quantities in a budget of uncertainty."""
     columns = {"tip": "tip"} | dict(COLUMNS)
-    names = [quantity for quantity, field in DOUBTED.items() if field in [columns[name] for name in want]]
+    names = [quantity for quantity, field in DOUBTED.items() if field in [columns.get(name) for name in want]]
     return names + (["tip"] if "tip" in want else [])
 
 
@@ -445,8 +374,8 @@ def advise(
     system : System or Case
         As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
     want : mapping of str to float, optional
-        Admissible error per quantity: tip, impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05 of the first
-        three; of rigid stops impulse in the place of peak_force.
+        Admissible error per quantity: tip, impacts, peak_force, impulse, normal_work. By default 1e-3, 0.05 and 0.05 of
+        the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
@@ -523,7 +452,8 @@ def advise(
     exact = best_reference(system, positive("t_end", t_end))
     # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
-    criterion = Statistics(system, t_end, members) if past else Motion(exact)
+    work = WORK in wanted
+    criterion = Statistics(system, t_end, members, work) if past else Motion(exact, work)
     cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
@@ -580,10 +510,8 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name == "peak_force" and rigid:
-            raise InputError(
-                "want", name, "be asked of compliant stops", "ask for impulse: a blow has no largest force"
-            )
+        if name in ("peak_force", WORK) and rigid:
+            raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
 

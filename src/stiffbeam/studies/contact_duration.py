@@ -42,8 +42,9 @@ def points(
     impacts: common.ImpactCount = 4,
     members: common.Members = 48,
 ) -> list[Point]:
-    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first impacts are over, as many as ``impacts``
-    says; the distributions at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
+    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first ``impacts`` impacts are over.
+
+    The distributions are at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
     shared = {"form": form, "t_end": t_end, "members": members}
     labels = common.scheme_labels(case, schemes)
     plan = [{"task": "ensemble", "method": label, "dt": dt} | shared for label in ["exact", *labels]]

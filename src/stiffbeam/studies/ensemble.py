@@ -248,7 +248,7 @@ def picture(records: Records) -> Picture:
         [
             Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
             Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
-            Panel(f"energy lost, {LEDGERS} members", Axis("energy", "energy"), names,
+            Panel(f"energy lost, {LEDGERS} members", Axis(f"energy lost to t = {end}", "energy"), names,
                   [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
         ],
         [

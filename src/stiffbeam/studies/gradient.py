@@ -51,7 +51,7 @@ def points(
     starts: Annotated[int, "how many starts around the case's"] = 16,
 ) -> list[Point]:
     """Every scheme, with averaged and conserving contact too where it takes that, at ``dt`` (the case's), dt/2, ...,
-    until the first impacts are over, as many as ``impacts`` says."""
+    until the first ``impacts`` impacts are over."""
     system = common.system_of(case, form)
     if not takes("exact", system, case.t_end):
         rule = "have an exact solution: linear stops, and functions of time in closed form"

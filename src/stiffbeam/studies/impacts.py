@@ -219,6 +219,7 @@ def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Pan
     ]
     sampled = Curve.over(single, "dt", "count", "one exact motion at the time steps", SAMPLED)
     upper[0] = replace(upper[0], marks=[*upper[0].marks, sampled])
+    unnamed = [replace(mark, label="") for mark in truth["count"]]  # the picture's legend has them
     horizon = Level(runs[0]["horizon"] if runs else np.nan, "horizon of float64", look={"color": "k"})
     over = [row for row in rows if row["purpose"] == "parameter"]
     at_dt = f"at Δt = {units.measure((over or treated or [{'dt': np.nan}])[0]['dt'], 'time', 'g')}"
@@ -229,7 +230,7 @@ def _block(rows: Rows, treated: Rows, units: Units, place: str) -> list[list[Pan
         Panel(f"how far they match{place}", common.STEP, Axis("exact impacts followed to $t$", "time"),
               [*curves(runs, "dt", "matched_until", "scheme"), horizon]),
         Panel(f"over the parameter{place}", Axis(f"parameter, {at_dt}"), counted,
-              [*_over_parameters(over), *truth["count"]], legend="inside", empty=nothing),
+              [*_over_parameters(over), *unnamed], legend="inside", empty=nothing),
         Panel(f"how treated{place}", Axis(f"impacts, {at_dt}", limits=(0.0, None)), lines,
               _treatments(runs, treated, names), empty=nothing),
     ]  # fmt: skip

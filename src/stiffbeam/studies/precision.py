@@ -46,7 +46,7 @@ def points(
     """Schemes and functions at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10
     (the dense ones at two), and those only that stand among ``schemes`` or ``methods``; recorded runs at their steps.
 
-    The error is taken until the first impacts are over, as many as ``impacts`` says (half the horizon without contact),
+    The error is taken until the first ``impacts`` impacts are over (half the horizon without contact),
     where it is not yet amplified by chaos; the time tracked on the whole horizon. Left out are functions with so many
     steps, and solvers that are not named, that a run would take more than 10 seconds by an estimate.
 
@@ -193,26 +193,29 @@ def cheapest(rows: Rows, error: float, cost: str) -> list[tuple[float, str]]:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """The cost of a given error for each method, and how long the impacts match."""
-    units, table = case.units, defaultdict[str, dict[str, str]](dict)
+    units = case.units
+    heads = [f"{word} for {error:g}" for error in ERRORS for word in ("solves", "ms")]
+    table = defaultdict[str, dict[str, str]](lambda: dict.fromkeys(heads, "–"))
     others = [r for r in rows if r["method"] != "exact"]
     best = []
     for error in ERRORS:
-        for cost, word, written in (("work", "solves", "{:.3g}"), ("seconds", "ms", "{:.2g}")):
+        for cost, word, digits, unit in (("work", "solves", 3, 1.0), ("seconds", "ms", 2, 1e3)):
             costs = cheapest(others, error, cost)
             for value, method in costs:
-                written_value = written.format(value * (1e3 if cost == "seconds" else 1.0))
                 name, bound = method.removesuffix(AT_MOST), "≤ " * method.endswith(AT_MOST)
-                table[name][f"{word} for {error:g}"] = bound + written_value
+                table[name][f"{word} for {error:g}"] = bound + _rounded(value * unit, digits)
             if costs and cost == "work":
                 value, method = costs[0]
                 bound = "at most " * method.endswith(AT_MOST)
                 name = short(method.removesuffix(AT_MOST))
-                best.append(f"{bound}{value:.3g} for a tip error of {error:g} ({name})")
+                best.append(f"{bound}{_rounded(value, 3)} for a tip error of {error:g} ({name})")
     tracked = {m: max(group, key=lambda r: r["tracked"])
                for m, group in groups([r for r in rows if np.isfinite(r["tracked"])], "method").items()}  # fmt: skip
     for method, row in sorted(tracked.items(), key=lambda item: -item[1]["tracked"]):
-        until, dt = units.measure(row["tracked"], "time", ".3g"), units.measure(row["dt"], "time", ".2g")
-        table[method]["impacts followed"] = f"to t = {until} with dt = {dt}"
+        table[method] |= {
+            "impacts followed to": units.measure(row["tracked"], "time", ".3g"),
+            "with dt": units.measure(row["dt"], "time", ".2g"),
+        }
     notes = [
         f"Tip errors {ERRORS[0]:g} and {ERRORS[1]:g} that all finer runs keep, without set-up, interpolated between "
         "runs: a time step between two may do worse. Solves: linear solves or evaluations; steps of a function that "
@@ -221,11 +224,17 @@ def answer(rows: Rows, case: Case) -> Answer:
     if tracked:
         notes.append(f"Impacts can be followed to t = {units.measure(rows[0]['horizon'], 'time', '.3g')}.")
     if shares := {r["method"]: r["python"] / r["seconds"] for r in rows if r["python"] > 0.0}:
-        parts = [f"{method} {100 * share:.0f} %" for method, share in shares.items()]
-        notes.append(f"At least this part of it are Python's calls of the right-hand side: {', '.join(parts)}.")
+        parts = [f"{short(method)} {100 * share:.0f} %" for method, share in shares.items()]
+        notes.append(f"Python's calls of the right-hand side take at least these shares: {', '.join(parts)}.")
     notes += [f"The exact solution takes {1e3 * r['seconds']:.2g} ms." for r in rows if r["method"] == "exact"]
     verdict = f"Fewest solves or evaluations: {', '.join(best)}." if best else "No method reached a tip error of 0.001."
-    return Answer(verdict, [{"method": method} | cells for method, cells in table.items()], " ".join(notes))
+    return Answer(verdict, [{"method": short(method)} | cells for method, cells in table.items()], " ".join(notes))
+
+
+def _rounded(value: float, digits: int) -> str:
+    """A positive number with some digits, without a power of ten below a million."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+0" in text and value < 1e6 else text
 
 
 ERRORS = (1e-3, 1e-5)

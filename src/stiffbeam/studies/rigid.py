@@ -32,8 +32,7 @@ def points(
     factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
     impacts: ImpactCount = 3,
 ) -> list[Point]:
-    """The case's kappa times 4^0 .. 4^9, until the first impacts of the rigid solution are over, as many as
-    ``impacts`` says."""
+    """The case's kappa times 4^0 .. 4^9, until the first ``impacts`` impacts of the rigid solution are over."""
     system = system_of(case, form)
     if len(system.contacts) != 1:
         count = f"{len(system.contacts)} contacts"
@@ -156,7 +155,7 @@ def picture(records: Records) -> Picture:
             line = fit(1.0 / column(near, "kappa"), order, style | {"linestyle": dashed(i)})
             marks += [Curve(1.0 / curve.x, curve.y, look=curve.look) for curve in line]
         panels.append(Panel(title, kappa, axis, marks, legend="inside"))
-    return Picture([panels[:3], panels[3:]], 8.0)
+    return Picture([panels[:2], panels[2:]], 8.0)
 
 
 STUDY = declared(

@@ -33,7 +33,7 @@ def points(
 ) -> list[Point]:
     """Grids of 10 to 80 cells (at least three), against closed forms and against ``finest`` in contact.
 
-    The contact is compared until the first impacts of the finest grid are over, as many as ``impacts`` says, and never
+    The contact is compared until the first ``impacts`` impacts of the finest grid are over, and never
     past the horizon of either.
     """
     grids = cells or [10, 14, 20, 28, 40, 56, 80]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -114,6 +115,11 @@ class Orbit:
     def events(self) -> Array:
         """Event times in [0, period), (k,)."""
         return self.event_times
+
+    @cached_property
+    def peak_forces(self) -> Array:
+        """Largest |sigma| of each contact over a period of the exact motion, (contacts,); NaN for rigid stops."""
+        return np.array([contact.peak_force for contact in self.reference().contacts])
 
     def prove(self, bits: int | None = None) -> OrbitProof:
         """Proof by ball arithmetic that this orbit exists and is locally unique, with enclosures.
