@@ -31,8 +31,11 @@ from vibro_march import solve
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.studies.advice import Probe
+from stiffbeam.studies.budget import Budget
 
-DRAWS = 32
+DRAWS, MORE = 32, 128  # if not all verdicts are confirmed, MORE draws decide
+MEMBERS = 192  # at most, of the advice
+ALIKE = 2.0  # largest ratio of sources that may be named as alike
 CLEAR = 4.0  # a largest size so many times the second takes no further draws
 PARAMETERS = ("stiffness", "stops.stiffness", "stops[0].upper", "loads[0].time.amplitude")
 T_END = 0.9
@@ -51,7 +54,7 @@ class Beam:
         self.cells = int(rng.choice([4, 8, 16, 32]))
         self.parameter, self.tolerance = str(rng.choice(PARAMETERS)), 10 ** rng.uniform(-4.0, -0.5)
         self.want = {"tip": 10 ** rng.uniform(-2.5, -0.4), "peak_force": 10 ** rng.uniform(-1.5, -0.3)}
-        self.factors = rng.uniform(1.0 - self.tolerance, 1.0 + self.tolerance, DRAWS)
+        self.factors = rng.uniform(1.0 - self.tolerance, 1.0 + self.tolerance, MORE)
 
     def build(self, factor: float, cells: int, form: str = "displacement") -> sb.System:
         factors = {name: factor if name == self.parameter else 1.0 for name in PARAMETERS}
@@ -70,8 +73,8 @@ class Beam:
         )  # fmt: skip
         return sb.semidiscretise(problem, cells, form)
 
-    def case(self) -> Case:
-        case = case_of(self.build(1.0, self.cells), T_END / 1000, T_END, "random")
+    def case(self, cells: int = 0) -> Case:
+        case = case_of(self.build(1.0, cells or self.cells), T_END / 1000, T_END, "random")
         return replace(case, uncertain={self.parameter: sb.Uncertain(tolerance=self.tolerance)})
 
     def exact(self, factor: float, t: np.ndarray, cells: int, form: str = "displacement") -> dict[str, np.ndarray]:
@@ -88,18 +91,18 @@ class Beam:
         return {"tip": one.tip(t), "peak_force": np.array([c.kappa * d for c, d in zip(contacts, depths, strict=True)])}
 
 
-def brute(beam: Beam, run: Probe) -> dict[str, dict[str, float]]:
+def brute(beam: Beam, run: Probe, draws: int = DRAWS) -> dict[str, dict[str, float]]:
     """Sizes of scheme, mesh and data for every quantity, from as many draws as it takes to rank them."""
     steps = round(T_END / run.dt)
     every = max(1, steps // 400)
     t = np.arange(0, steps + 1, every) * run.dt
     rows: dict[str, list[dict[str, np.ndarray]]] = {"exact": [], "fine": [], "run": []}
-    for number, x in enumerate(beam.factors, 1):
+    for number, x in enumerate(beam.factors[:draws], 1):
         rows["exact"].append(beam.exact(x, t, beam.cells))
         rows["fine"].append(beam.exact(x, t, *TRUE))
         one = sb.integrate(beam.build(x, beam.cells), run.scheme, run.dt, T_END, run.contact)
         rows["run"].append({"tip": one.tip[::every], "peak_force": np.array([c.peak_force for c in one.contacts])})
-        if number in (8, 16) and all(ranked(each) for each in sizes_of(rows).values()):
+        if number in (8, 16) and draws == DRAWS and all(ranked(each) for each in sizes_of(rows).values()):
             break
     return sizes_of(rows)
 
@@ -132,25 +135,44 @@ def sizes_of(rows: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, dict[str
     return sizes
 
 
+def verdict(budget: Budget, sizes: dict[str, float]) -> tuple[str, str]:
+    """Right, alike, wrong or open, and the largest by brute force; several where the advice names them as alike.
+
+    Sources that are named as alike have to be within a factor ALIKE of the largest, which is one of them. A ranking may
+    be left open only between two within that factor.
+    """
+    first, second, _ = sorted(sizes, key=lambda x: -sizes[x])
+    if budget.alike:
+        near = first in budget.alike and all(ALIKE * sizes[x] >= sizes[first] for x in budget.alike)
+        return "alike" if near else "wrong", " and ".join(sorted(budget.alike))
+    if budget.dominant:
+        return "right" if budget.dominant == first else "wrong", first
+    return "open" if sizes[first] < ALIKE * sizes[second] else "wrong", first
+
+
 def judged(seed: int, index: int) -> Counter[str]:
     """Outcomes of one beam: right, wrong or open, by source."""
     beam, outcomes = Beam(seed, index), Counter[str]()
-    advice = sb.advise(beam.case(), beam.want, schemes=[sb.HHT(alpha=-0.1), sb.BDF2()], most_steps=2**16)
+    schemes = [sb.HHT(alpha=-0.1), sb.BDF2()]
+    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16, members=MEMBERS, budget=300.0)
     if advice.recommendation is None or advice.horizon < T_END:
         print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
         return Counter(["without a run"])
     sizes = brute(beam, advice.recommendation)
+    uncertain = [x for x in advice.budgets if x.uncertain]
+    if any(verdict(x, sizes[x.quantity])[0] in ("wrong", "open") for x in uncertain):
+        sizes = brute(beam, advice.recommendation, MORE)
     for budget in advice.budgets:
         if not budget.uncertain:  # a stop that no beam touches
             assert not any(x > 0.0 for x in sizes[budget.quantity].values())
             continue
-        first, second, _ = sorted(sizes[budget.quantity], key=lambda x: -sizes[budget.quantity][x])
-        near = sizes[budget.quantity][first] < 2.0 * sizes[budget.quantity][second]
-        outcome = "right" if budget.dominant == first else "wrong" if budget.dominant or not near else "open"
+        outcome, first = verdict(budget, sizes[budget.quantity])
         outcomes[f"{outcome}, {first}"] += 1
         words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
-        print(f"{index} {budget.quantity}: {budget.dominant or 'open'}, {outcome}; {words}", flush=True)
-        if outcome != "right":
+        named = " and ".join(budget.largest) + " alike" * bool(budget.alike) if budget.sure else "open"
+        third = ", by a third mesh" * budget.third
+        print(f"{index} {budget.quantity}: {named}{third}, {outcome}; {words}", flush=True)
+        if outcome in ("wrong", "open"):
             print(f"    {budget.shares}")
     return outcomes
 

@@ -19,7 +19,8 @@ from stiffbeam.files.cases import Case, case_of
 from stiffbeam.measures.rates import stationary_mean, windows
 from stiffbeam.references import solve
 from stiffbeam.references.ensemble import energies
-from stiffbeam.studies.doubt import agreement_horizon, bootstrap, dominant, of_span, scatter, share, shift
+from stiffbeam.studies.budget import MEASURED, bootstrap, budget_of, of_span, ranked, scatter, share, shift
+from stiffbeam.studies.doubt import agreement_horizon, third_mesh
 
 CASES = 300
 LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the count, 1.26 %, and what BCa lacks at 48
@@ -79,13 +80,36 @@ def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
     noise = np.random.default_rng(5).normal(size=(3, 40))
     small, large = 0.05 + 0.02 * noise[0], 0.08 + 0.02 * noise[1]
     zero = np.zeros(40)
-    assert dominant({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == "mesh"
-    assert not dominant({"scheme": shift(small, zero), "mesh": shift(small[::-1], zero)})
-    assert dominant({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == "data"
-    assert not dominant({"scheme": shift(zero, zero), "data": scatter(zero)})
+    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == (("mesh",), True)
+    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == (("data",), True)
+    assert not ranked({"scheme": shift(zero, zero), "data": scatter(zero)})[1]
     scatters = {"rounding": scatter(noise[0]), "scheme": shift(small, zero), "data": scatter(1.02 * noise[1])}
-    assert dominant(scatters) == "rounding"
-    assert dominant(scatters | {"data": scatter(3.0 * noise[1])}) == "data"
+    assert ranked(scatters) == (("rounding",), True)
+    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == (("data",), True)
+
+
+def test_sources_are_alike_where_they_are_surely_within_a_factor_of_2():
+    """Errors whose sizes are known but for 1 %, with a bracket of the mesh that is narrow or wide."""
+    noise, zero = 0.01 * np.random.default_rng(5).normal(size=(3, 40)), np.zeros(40)
+    one, near, less = (shift(size * (1.0 + part), zero) for size, part in zip((1.0, 1.05, 0.3), noise, strict=True))
+    mesh = near.between((0.9, 1.1))
+    assert ranked({"scheme": one, "mesh": near}) == (("mesh",), True)
+    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == (("mesh", "scheme"), True)
+    assert ranked({"scheme": one, "mesh": near.between((0.4, 1.5)), "data": less}) == (("mesh", "scheme"), False)
+    third = shift(0.98 + noise[2], zero).between((0.9, 1.1))
+    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": third}, third=True)
+    assert (budget.dominant, budget.alike) == ("", ("mesh", "scheme", "data"))
+    assert budget.verdict == (
+        "tip: mesh, scheme and data alike, 10 %, 10 % and 9.8 %, by a third mesh: all must be improved."
+    )
+    # Few and scattered members leave open what more of them would decide.
+    wide = shift(np.array([0.2, 2.0, 0.4, 1.6, 0.1, 2.4, 1.2, 0.3]), np.zeros(8))
+    half = shift(np.full(8, 0.8), np.zeros(8))
+    assert ranked({"scheme": wide, "mesh": half})[1] is False
+    assert budget_of("tip", 1.0, {"scheme": wide, "mesh": half}).rankable
+    # Rounding takes the place of the data whose scatter it may be.
+    scatters = {"rounding": scatter(noise[0]), "data": scatter(1.02 * noise[1])}
+    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == (("scheme", "rounding"), True)
 
 
 def test_the_energy_of_members_that_swing_freely():
@@ -152,10 +176,53 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
 
 
+def test_a_third_mesh_decides_where_two_meshes_leave_the_largest_open():
+    """Its column is the distance to cubic elements; the order is that of single runs beside 64 cells."""
+    case, scheme = beam(8, 6e-3, 1e-3), sb.HHT(-0.1)
+    result = sb.doubt(case, scheme, members=8)
+    assert {x.quantity for x in result.budgets if x.third} == {"time in contact"}
+    budget = result["time in contact"]
+    exact, fine, elements = (
+        sb.reference(sb.semidiscretise(case.problem, cells, form), 0.6).contacts[0].fraction
+        for cells, form in ((8, "displacement"), (64, "displacement"), (8, "hermite"))
+    )
+    run = sb.integrate(case.system(), scheme, 6e-3, 0.6).contacts[0].fraction
+    assert abs(run - exact) > abs(fine - exact)
+    assert budget.dominant == "scheme"
+    mesh = budget.shares["mesh"]
+    assert mesh.value == pytest.approx(abs(elements / exact - 1.0), rel=0.05)
+    assert mesh.low < abs(fine / exact - 1.0) < mesh.high < 1.4 * mesh.low
+    assert budget.verdict.endswith(", by a third mesh: take a smaller step.")
+    # Without the seconds for it the two meshes leave it open, and the result states the cost.
+    cheap = sb.doubt(case, scheme, members=8, budget=1e-9)
+    assert not any(x.third for x in cheap.budgets)
+    assert not cheap["time in contact"].dominant
+    assert re.match(r"A third mesh would rank time in contact\. It takes about .* s, more than the", cheap.remarks[0])
+    assert cheap.remarks[0] in str(cheap)
+    assert result.remarks == ()
+    assert [x for x in cheap.budgets if x.quantity != "time in contact"] == [
+        x for x in result.budgets if x.quantity != "time in contact"
+    ]
+
+
+def test_scheme_and_mesh_that_are_as_large_as_each_other_are_alike():
+    """At this step the scheme's error of the tip is that of the mesh but for a few per cent."""
+    case, scheme = beam(8, 1.2e-2, 1e-3), sb.HHT(-0.1)
+    budget = sb.doubt(case, scheme, members=8)["tip"]
+    t = np.linspace(0.0, 0.6, 51)
+    coarse, fine = (sb.reference(sb.semidiscretise(case.problem, n), 0.6).at(t)[0] for n in (8, 64))
+    run = sb.integrate(case.system(), scheme, 1.2e-2, 0.6).tip
+    errors = [np.sqrt(np.mean((x - coarse) ** 2)) / np.max(np.abs(coarse)) for x in (run, fine)]
+    assert 0.9 < errors[0] / errors[1] < 1.1
+    assert (budget.dominant, set(budget.alike)) == ("", {"scheme", "mesh"})
+    assert budget.verdict == "tip: scheme and mesh alike, 4.3 % and 4.1 %, by a third mesh: both must be improved."
+
+
 BRACKETED = {  # least share of exact motions whose mesh error is inside the bracket, on 8 cells
     "displacement": {"tip": 0.97, "peak_force": 0.9, "energy": 0.82, "impulse": 0.76, "fraction": 0.78, "impacts": 0.8},
     "hermite": dict.fromkeys(("tip", "peak_force", "energy", "impulse", "fraction"), 0.9),
 }
+THIRD = 0.9  # likewise of a third mesh, for all quantities
 
 
 @pytest.mark.parametrize(
@@ -168,12 +235,15 @@ BRACKETED = {  # least share of exact motions whose mesh error is inside the bra
     ],
 )
 def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cells(form, cells, beams):
-    """Exact motions of random beams on 1, 2 and 8 times the cells; the shares that the module states."""
+    """Exact motions of random beams on 1, 2 and 8 times the cells, and on a third mesh; the shares that the module
+    states."""
     t = np.linspace(0.0, 0.9, 401)
     inside: dict[str, list[bool]] = {}
+    third: dict[str, list[bool]] = {}
     for number in range(beams):
         beam = Beam(900, number)
-        motions = [sb.reference(beam.build(1.0, n * cells, form), 0.9, t_eval=t) for n in (1, 2, 8)]
+        meshes = [*(beam.build(1.0, n * cells, form) for n in (1, 2, 8)), third_mesh(beam.case(cells), form)]
+        motions = [sb.reference(mesh, 0.9, t_eval=t) for mesh in meshes]
         size = np.max(np.abs(motions[2].tip))
         columns = {"tip": [np.sqrt(np.mean((x.tip - motions[0].tip) ** 2)) / size for x in motions]}
         columns["energy"] = [np.mean(x.energy.energy) for x in motions]
@@ -181,15 +251,23 @@ def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cel
             for name in ("peak_force", "impulse", "fraction"):
                 columns[f"{name} {i}"] = [getattr(x.contacts[i], name) for x in motions]
             columns[f"impacts {i}"] = [float(x.contacts[i].impacts.count) for x in motions]
-        for name, (coarse, twice, eight) in columns.items():
+        for name, (coarse, twice, eight, elements) in columns.items():
             if eight != coarse:
-                part = share(shift(np.full(8, twice), np.full(8, coarse)).on_twice_the_cells(form), 1.0)
-                inside.setdefault(name.split()[0], []).append(part.low <= abs(eight - coarse) <= part.high)
-    shares = {name: float(np.mean(each)) for name, each in inside.items()}
-    print(form, cells, {name: round(each, 3) for name, each in shares.items()})
+                changes = [shift(np.full(8, x), np.full(8, coarse)) for x in (twice, elements)]
+                for found, column in (
+                    (inside, changes[0].on_twice_the_cells(form)),
+                    (third, changes[1].between(MEASURED)),
+                ):
+                    part = share(column, 1.0)
+                    found.setdefault(name.split()[0], []).append(part.low <= abs(eight - coarse) <= part.high)
+    shares, thirds = ({name: float(np.mean(each)) for name, each in x.items()} for x in (inside, third))
+    for words, each in (("two meshes", shares), ("third mesh", thirds)):
+        print(form, cells, words, {name: round(x, 3) for name, x in each.items()})
     assert np.mean(np.concatenate(list(inside.values()))) > (0.8 if cells == 8 or form == "hermite" else 0.65), shares
+    assert np.mean(np.concatenate(list(third.values()))) > (0.9 if cells == 8 else 0.75), thirds
     if cells == 8:
         assert all(shares[name] >= least for name, least in BRACKETED[form].items()), shares
+        assert all(x >= THIRD for x in thirds.values()), thirds
 
 
 def oscillator(seed: int) -> sb.System:
@@ -350,12 +428,87 @@ def test_the_table_of_a_budget_holds_its_shares():
         assert str(x.shares["data"]) in result._repr_html_()
 
 
+def matrices(cells: int) -> sb.System:
+    """The thrown beam as matrices."""
+    system = beam(cells, 1e-3, 0.2).system()
+    return sb.System.from_matrices(
+        system.mass, system.stiffness, system.damping, contacts=system.contacts, initial_velocity=system.v0
+    )  # fmt: skip
+
+
+def test_matrices_have_the_mesh_of_a_finer_model(tmp_path: Path):
+    """The distance to it, with a bracket that holds the error against 64 cells for 16 and for 32."""
+    options = {"dt": 1e-3, "t_end": 0.6, "members": 8, "uncertain": {"stops.stiffness": 0.01}}
+    exact = {n: sb.reference(matrices(n), 0.6).contacts[0].peak_force for n in (8, 16, 32, 64)}
+    results = {n: sb.doubt(matrices(8), sb.HHT(-0.1), finer=matrices(n), **options) for n in (16, 32)}
+    for n, result in results.items():
+        mesh = result["largest force"].shares["mesh"]
+        assert mesh.value == pytest.approx(abs(exact[n] / exact[8] - 1.0), rel=0.02)
+        assert mesh.low < abs(exact[64] / exact[8] - 1.0) < mesh.high
+        assert result["largest force"].dominant == "mesh"
+        assert result.remarks == ()
+    # The same from a file, and in the advice.
+    for n in (8, 16):
+        for name in ("mass", "stiffness", "damping", "v0"):
+            np.save(tmp_path / f"{name}{n}.npy", getattr(matrices(n), name))
+    table = """
+[case.{}]
+mass = "mass{n}.npy"
+stiffness = "stiffness{n}.npy"
+damping = "damping{n}.npy"
+initial_velocity = "v0{n}.npy"
+[[case.{}.contacts]]
+row = {{ {} = 1.0 }}
+upper = 0.02
+stiffness = {}
+"""
+    file, head = tmp_path / "plate.toml", '[[case]]\nname = "plate"\ndt = 1e-3\nt_end = 0.6\n'
+    system, finer = (table.format(x, x, n - 1, 400.0, n=n) for x, n in (("system", 8), ("finer", 16)))
+    file.write_text(head + system + finer + '[case.uncertain]\n"stops.stiffness" = 0.01\n')
+    case = sb.load_cases(file)["plate"]
+    assert str(sb.doubt(case, sb.HHT(-0.1), members=8)) == str(results[16])
+    advice = sb.advise(
+        matrices(8), {"tip": 0.01}, 0.6, [sb.HHT(-0.1)], members=8, uncertain=options["uncertain"], finer=matrices(16)
+    )
+    assert advice.doubt is not None
+    assert advice.doubt["tip"].shares["mesh"].value == pytest.approx(results[16]["tip"].shares["mesh"].value, rel=0.02)
+    file.write_text(head + system + finer.replace("400.0", "500.0"))
+    with pytest.raises(sb.InputError, match=r"plate: finer.*the same structure"):
+        sb.load_cases(file)
+    with pytest.raises(sb.InputError, match=r"finer.*a beam has its cells"):
+        sb.doubt(beam(8, 1e-3, 0.2), finer=matrices(16))
+
+
+def test_a_reduced_model_has_the_mesh_of_twice_its_modes():
+    """A chain of 60 masses in 12 modes: the distance to 24, whose bracket holds that to the whole chain."""
+    n = 60
+    chain = n * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    chain[-1, -1] = n
+    stop = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.05, stiffness=40.0))
+    parts = {"loads": [(np.ones(n) / n, sb.Harmonic(1.0, 3.0))], "contacts": [stop]}
+    small, more = (sb.reduce_model(np.eye(n) / n, chain, modes=k, **parts) for k in (12, 24))
+    assert small.refined().fingerprint == more.system.fingerprint
+    options = {"dt": 1e-3, "t_end": 2.0, "members": 8, "uncertain": {"stops.stiffness": 0.01}}
+    result = sb.doubt(small, sb.HHT(-0.1), **options)
+    systems = (small.system, more.system, sb.System.from_matrices(np.eye(n) / n, chain, **parts))
+    exact, twice, whole = (sb.reference(x, 2.0).contacts[0].peak_force for x in systems)
+    mesh = result["largest force"].shares["mesh"]
+    assert mesh.value == pytest.approx(abs(twice / exact - 1.0), rel=0.05)
+    assert mesh.low < abs(whole / exact - 1.0) < mesh.high
+    # More modes than there are: the column is empty, with the reason.
+    result = sb.doubt(sb.reduce_model(np.eye(n) / n, chain, modes=40, **parts), sb.HHT(-0.1), **options)
+    assert "mesh" not in result["tip"].shares
+    assert "fewer than the rank" in result.remarks[0]
+
+
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     case = case_of(ball(), 1e-4, 0.2)
     with pytest.raises(sb.InputError, match=r"have uncertain parameters.*case.uncertain"):
         sb.doubt(case)
     result = sb.doubt(replace(case, uncertain={"stops.stiffness": sb.Uncertain(tolerance=0.1)}), sb.HHT(), members=16)
     assert set(result["largest force"].shares) == {"rounding", "scheme", "data"}
+    assert "The case has matrices and no finer model" in str(result)
+    assert "no finer model" in result._repr_html_()
     assert result["largest force"].dominant == "data"
     assert result["largest force"].verdict.endswith("%: the step is good enough.")
     assert result["impacts"].verdict.startswith("impacts: no uncertainty, 1 in all members")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -16,6 +16,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError, file_path, integer, near, positive, step_count
 from ..model.contact import Stops
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
+from ..model.reduction import ReducedModel
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..model.uncertain import KINDS, Uncertain, uncertain_members
@@ -98,14 +99,28 @@ class Case:
         """The semi-discrete system in this form, by default the first of ``forms``."""
         return semidiscretise(self.problem, self.cells, form or self.forms[0])
 
+    def refined(self, form: str) -> System | None:
+        """The system on twice the cells; None for matrices without a finer model."""
+        return semidiscretise(self.problem, 2 * self.cells, form)
+
 
 @dataclass(frozen=True)
 class SystemCase(Case):
-    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam."""
+    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam.
+
+    finer: the same structure on a finer mesh, or a function that returns it, from which ``doubt`` estimates the error
+    of the mesh.
+    """
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
     matrices: System = field(kw_only=True)
+    finer: System | Callable[[], System] | None = field(kw_only=True, default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.finer, System) and _excited(self.finer) != _excited(self.matrices):
+            rule = "have as many loads as the system, and its contacts with the same stops"
+            raise InputError("finer", repr(self.finer), rule, "describe the same structure on a finer mesh")
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
@@ -144,6 +159,14 @@ class SystemCase(Case):
             raise InputError("form", form, "be that of the system", near(form or "", self.forms))
         return self.matrices
 
+    def refined(self, form: str) -> System | None:
+        """The finer model, if there is one."""
+        return self.finer if isinstance(self.finer, System) or self.finer is None else self.finer()
+
+
+def _excited(system: System) -> tuple[int, list[Stops]]:
+    return len(system.loads), [contact.stops for contact in system.contacts]
+
 
 def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
     """The paper's three, or three with an impact law where rigid stops have restitution."""
@@ -152,11 +175,21 @@ def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
     return taken[:3] or paper
 
 
-def case_of(system: System, dt: float | None, t_end: float | None, name: str = "system") -> Case:
+def case_of(
+    system: System | ReducedModel,
+    dt: float | None,
+    t_end: float | None,
+    name: str = "system",
+    finer: System | None = None,
+) -> Case:
     """A case of a System, with its ``default_schemes``; one that is a beam on a grid as it stands keeps both.
 
-    Raises InputError without a step and a time span, which a System does not have.
+    finer: see ``SystemCase``; of a ReducedModel by default one of twice as many modes. Raises InputError without a step
+    and a time span, which a System does not have.
     """
+    more: System | Callable[[], System] | None = finer
+    if isinstance(system, ReducedModel):
+        more, system = finer or system.refined, system.system
     if dt is None or t_end is None:
         raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
     step_count(positive("dt", dt), positive("t_end", t_end))
@@ -165,9 +198,10 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     if beam is not None and system.cells is not None:
         case = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
-        if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
+        same = case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form
+        if same and finer is None:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
+    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=more)
 
 
 MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
@@ -377,7 +411,7 @@ class _Reader(Reader):
         if "form" in self.table:
             remedy = f'write it behind a scheme, runs = ["HHT@{self.table["form"]}"]'
             raise self.error("form", self.table["form"], "be left out", remedy)
-        parts = {"problem", "system", "published", "uncertain"}
+        parts = {"problem", "system", "finer", "published", "uncertain"}
         self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred"} | parts)
         # A beam or a system of matrices, one of them.
         name = self.line("name")
@@ -387,6 +421,8 @@ class _Reader(Reader):
             both = None if matrices is None else "beside a system"
             raise self.error("problem", both, "be given and be a table" if matrices is None else "stand alone", remedy)
         system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).system()
+        more = self.get("finer", dict, "be a table", None)
+        finer = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).system()
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         # Runs, in the form that fits what is solved.
@@ -420,8 +456,10 @@ class _Reader(Reader):
             wrong = next((form for _, form in parsed if form != "matrices"), None)
             if wrong is not None:
                 raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
-            return self.drawn_from(SystemCase(matrices=system, **common))
+            return self.drawn_from(self.build(SystemCase, matrices=system, finer=finer, **common))
         assert beam is not None
+        if finer is not None:
+            raise self.error("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
         cells = self.build(integer, "cells", self.get("cells", int, "be an integer >= 4"), 4)
         return self.drawn_from(Case(problem=beam, cells=cells, **common))
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -61,6 +62,8 @@ class ReducedModel:
         without mass.
     mass, stiffness : array (n, n)
     rows : array
+    reduce : function
+        Reduction of the same model to another number of modes.
     """
 
     system: System
@@ -72,6 +75,7 @@ class ReducedModel:
     mass: Any = field(repr=False)
     stiffness: Any = field(repr=False)
     rows: Array = field(repr=False)
+    reduce: Callable[[int], ReducedModel] = field(repr=False)
 
     left_out: ClassVar = Renamed("first_omitted")
     start_lost: ClassVar = Renamed("initial_data_error")
@@ -87,6 +91,11 @@ class ReducedModel:
     def expand(self, z: ArrayLike) -> Array:
         """q = T z; z (..., r) gives (..., n)."""
         return np.asarray(z, float) @ self.basis.T
+
+    def refined(self) -> System:
+        """The system with twice as many modes, from which ``doubt`` estimates the truncation error. Raises InputError
+        where the model has no more."""
+        return self.reduce(2 * len(self.omega)).system
 
     def error_at(self, frequency: float) -> float:
         """The truncation error at an angular frequency, undamped: the largest over the loads, contacts and the
@@ -202,7 +211,9 @@ def reduce_model(
         np.max(1.0 - np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0), initial=0.0)
     )
     kept = np.sqrt(squares)
-    return ReducedModel(system, T, kept[:modes], float(kept[modes]), max(lost), max(static_lost, 0.0), M, K, rows)
+    data = (mass, stiffness, damping, loads, contacts, observe, initial_displacement, initial_velocity)
+    lost_most, again = (max(lost), max(static_lost, 0.0)), partial(reduce_model, *data, units=units)
+    return ReducedModel(system, T, kept[:modes], float(kept[modes]), *lost_most, M, K, rows, again)
 
 
 def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:

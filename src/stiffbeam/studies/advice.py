@@ -19,7 +19,8 @@ a thousandth of the motion, so they diverge as soon as a scheme diverges from th
 follow one motion of that scheme first, and their mean would contain no information on the distribution.
 
 For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
-with a few systems drawn within the tolerances, and doubles them while a ranking is open.
+with a few systems drawn within the tolerances, and doubles them while no source is the largest, up to 48 where two are
+alike. A third mesh follows only for wanted quantities.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..basics.deprecation import Renamed
 from ..basics.notebook import DRAW, html_table
 from ..basics.progress import Show, silent
@@ -42,24 +42,25 @@ from ..basics.text import table
 from ..basics.validation import InputError, integer, near, one_of, positive
 from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
-from ..measures.errors import stays_within, tip_error
-from ..measures.rates import contact_rates
+from ..measures.errors import stays_within
 from ..model.drive import Drive
-from ..model.members import SPREAD, perturbed_members
+from ..model.members import SPREAD
 from ..model.modes import modes
+from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
+from ..model.uncertain import Uncertain
 from ..references import best_reference
-from ..references.ensemble import reference_ensemble
+from ..references.registry import BUDGET
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from ..trajectory.trajectory import Diverged, Trajectory
+from .budget import Budget
 from .common import label_of
+from .criteria import COLUMNS, WORK, Motion, Statistics
+from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
-from .doubt import Budget, Doubt, doubt
-from .ensemble import difference
 
 if TYPE_CHECKING:
     import pandas
@@ -67,95 +68,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .engine.journal import Journal
-
-COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
-WORK = "normal_work"  # a run that is asked for it is integrated twice, for the force at every step
-
-
-class Motion:
-    """Errors of one motion against the exact one."""
-
-    members = 0
-    scatter: Mapping[str, float] = {}
-
-    def __init__(self, exact: Reference, work: bool) -> None:
-        self.exact = exact
-        self.work = _work_rates(exact) if work else None
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
-        run = integrate(system, scheme, dt, t_end, contact)
-        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
-        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
-        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
-        for name in ("peak_force", "impulse"):
-            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        if self.work is not None:
-            errors[WORK] = max(map(_relative, _work_rates(run), self.work), default=0.0)
-        return errors, run.work.march_seconds
-
-
-class Statistics:
-    """Errors of means over perturbed members against those of the exact ensemble."""
-
-    def __init__(self, system: System, t_end: float, members: int, work: bool) -> None:
-        self.members = members
-        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
-        self.exact = reference_ensemble(system, t_end, self.systems)
-        self.scatter = {
-            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
-            for name, column in COLUMNS
-        }
-        # By contact and member.
-        self.work = np.transpose([_work_rates(best_reference(x, t_end)) for x in self.systems]) if work else None
-        if self.work is not None:
-            self.scatter[WORK] = max(map(_deviation, self.work), default=0.0)
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
-        a member; Diverged where one overflows."""
-        many = integrate_ensemble(system, scheme, dt, t_end, self.systems, contact)
-        if np.any(np.isfinite(many.diverged)):
-            raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
-        errors: dict[str, float] = {}
-        for name, column in COLUMNS:
-            pairs = zip(many.contacts, self.exact.contacts, strict=True)
-            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
-        if self.work is not None:
-            rates = np.transpose([_work_rates(integrate(x, scheme, dt, t_end, contact)) for x in self.systems])
-            with np.errstate(all="ignore"):  # a run may have grown to 1e200
-                errors[WORK] = float(np.nan_to_num(max(map(_mean_error, rates, self.work)), nan=np.inf))
-        return errors, many.work.march_seconds / len(self.systems)
-
-
-def _work_rates(run: Trajectory) -> list[float]:
-    """Normal work rate at every contact, infinite where the run has grown beyond numbers."""
-    with np.errstate(all="ignore"):
-        return [float(np.nan_to_num(each[WORK].value, nan=np.inf)) for each in contact_rates(run).rates]
-
-
-def _relative(value: float, exact: float) -> float:
-    """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
-    if exact == 0.0:
-        return 0.0 if value == 0.0 else np.inf
-    return abs(value / exact - 1.0)
-
-
-def _deviation(values: Array) -> float:
-    mean = float(np.mean(values))
-    return float(np.std(values, ddof=1)) / mean if mean else 0.0
-
-
-def _mean_error(values: Array, exact: Array) -> float:
-    """|difference of the means| with its 95 % interval, over the exact mean."""
-    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
-    mean = float(np.mean(exact))
-    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean
-
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
@@ -297,7 +209,6 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
 
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-FEW = 12  # drawn systems to begin a ranking with
 PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
@@ -371,7 +282,8 @@ class Advice:
     @property
     def budgets(self) -> list[Budget]:
         """Budgets of uncertainty of the wanted quantities, at every contact; none without uncertain parameters."""
-        return [] if self.doubt is None else _wanted_budgets(self.doubt, self.want)
+        names = _doubted(self.want)
+        return [] if self.doubt is None else [x for x in self.doubt.budgets if x.name in names]
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -414,7 +326,7 @@ class Advice:
             lines.append(
                 f"sources of uncertainty of this run, from {self.doubt.members} systems within the tolerances:"
             )
-            lines += [budget.verdict for budget in self.budgets]
+            lines += [*(budget.verdict for budget in self.budgets), *self.doubt.remarks]
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
 
@@ -429,26 +341,15 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {advised}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
-def _wanted_budgets(budget: Doubt, want: Mapping[str, float]) -> list[Budget]:
+def _doubted(want: Mapping[str, float]) -> list[str]:
+    """Names of the wanted quantities in a budget of uncertainty."""
     columns = {"tip": "tip"} | dict(COLUMNS)
     names = [quantity for quantity, field in DOUBTED.items() if field in [columns.get(name) for name in want]]
-    names += ["tip"] if "tip" in want else []
-    return [x for x in budget.budgets if x.name in names]
-
-
-def _doubt(case: Case, run: Probe, want: Mapping[str, float], members: int, show: Show) -> Doubt:
-    # Few members first, then twice as many as long as they leave a wanted quantity without a rank.
-    count = min(FEW, max(8, members))
-    while True:
-        found = doubt(case, run.scheme, run.dt, count, progress=show, contact=run.contact)
-        ranked = (x.dominant or not x.uncertain or not x.rankable for x in _wanted_budgets(found, want))
-        if count >= members or all(ranked):
-            return found
-        count = min(2 * count, members)
+    return names + (["tip"] if "tip" in want else [])
 
 
 def advise(
-    system: System | Case,
+    system: System | Case | ReducedModel,
     want: Mapping[str, float] | None = None,
     t_end: float | None = None,
     schemes: Sequence[Scheme] | None = None,
@@ -458,6 +359,9 @@ def advise(
     progress: bool | Show = False,
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
+    budget: float = BUDGET,
+    uncertain: Mapping[str, Uncertain | float] | None = None,
+    finer: System | None = None,
 ) -> Advice:
     """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
     reaches.
@@ -488,6 +392,8 @@ def advise(
         Called with one line of text after every refinement.
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
+    budget, uncertain, finer
+        As in ``doubt``.
 
     Returns
     -------
@@ -509,8 +415,24 @@ def advise(
     """
     if progress is True:
         with shown() as show:
-            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
+            return advise(
+                system,
+                want,
+                t_end,
+                schemes,
+                contacts,
+                most_steps,
+                members,
+                show,
+                tell,
+                journal,
+                budget,
+                uncertain,
+                finer,
+            )
     show = progress or silent
+    if uncertain is not None or finer is not None:
+        system = uncertain_case(system, t_end, t_end, uncertain, finer)
     case = system if isinstance(system, Case) else None
     if case is not None:
         t_end = case.t_end if t_end is None else t_end
@@ -564,7 +486,12 @@ def advise(
         return advice
     seconds = 2.0 * min(FEW, max(8, members)) * exact.work.march_seconds
     tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
-    return replace(advice, doubt=_doubt(case, chosen, wanted, members, show))
+    return replace(
+        advice,
+        doubt=doubt_until_ranked(
+            case, chosen.scheme, chosen.dt, chosen.contact, _doubted(wanted), members, show, budget
+        ),
+    )
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
