@@ -154,7 +154,7 @@ def judged(seed: int, index: int) -> Counter[str]:
     """Outcomes of one beam: right, wrong or open, by source."""
     beam, outcomes = Beam(seed, index), Counter[str]()
     schemes = [sb.HHT(alpha=-0.1), sb.BDF2()]
-    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16, members=MEMBERS, budget=300.0)
+    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16, members=MEMBERS)
     if advice.recommendation is None or advice.horizon < T_END:
         print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
         return Counter(["without a run"])
@@ -170,8 +170,7 @@ def judged(seed: int, index: int) -> Counter[str]:
         outcomes[f"{outcome}, {first}"] += 1
         words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
         named = " and ".join(budget.largest) + " alike" * bool(budget.alike) if budget.sure else "open"
-        third = ", by a third mesh" * budget.third
-        print(f"{index} {budget.quantity}: {named}{third}, {outcome}; {words}", flush=True)
+        print(f"{index} {budget.quantity}: {named}, {outcome}; {words}", flush=True)
         if outcome in ("wrong", "open"):
             print(f"    {budget.shares}")
     return outcomes

@@ -11,7 +11,6 @@ import typer
 
 from ..basics.progress import TALK, progress
 from ..basics.validation import InputError
-from ..references.registry import BUDGET
 from .application import app
 from .options import Case, Dt, Form, Json, TEnd, option
 from .output import check_json, default_folder, make_folder, say, write_json
@@ -28,7 +27,6 @@ def advise(
     t_end: TEnd = None,
     most_steps: Annotated[int | None, option("most steps of a run; the search ends there")] = None,
     members: Annotated[int, option("perturbed runs per mean, past the horizon")] = 48,
-    budget: Annotated[float, option("seconds for a third mesh that ranks the mesh")] = BUDGET,
     out: Annotated[Path | None, option("folder for the journal; default: stiffbeam-output/CASE")] = None,
     json_file: Json = None,
 ) -> None:
@@ -68,7 +66,7 @@ def advise(
     with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
         advice = find(
             system, wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
-            journal=journal, budget=budget,
+            journal=journal,
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
         say(str(advice))
@@ -85,7 +83,6 @@ def doubt(
     members: Annotated[int, option("number of random systems, each solved on two meshes, at least 8")] = 48,
     seed: Annotated[int, option("seed of the random systems")] = 1,
     tolerance: Annotated[float, option("for the data horizon, relative to the largest |u|")] = 0.05,
-    budget: Annotated[float, option("seconds for a third mesh, where two leave the largest source open")] = BUDGET,
     json_file: Json = None,
 ) -> None:
     """Contributions of rounding, scheme, mesh and data to the uncertainty of every quantity, and the largest of the
@@ -104,7 +101,7 @@ def doubt(
     check_json(json_file)
     parsed = None if scheme is None else parse_run(scheme)[0]
     with progress() as show:
-        result = find(chosen, parsed, dt, members, seed, tolerance, progress=show, budget=budget)
+        result = find(chosen, parsed, dt, members, seed, tolerance, progress=show)
     if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json_file):
         say(str(result))
 

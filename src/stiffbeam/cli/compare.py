@@ -58,9 +58,7 @@ def compare(
     ] = None,
     json_file: Json = None,
     cache: Annotated[bool, option("store references and use stored ones, or compute all anew")] = True,
-    budget: Annotated[
-        float, option("seconds for each reference; one that needs more ends earlier; and for a third mesh of --doubt")
-    ] = BUDGET,
+    budget: Annotated[float, option("seconds for each reference; one that needs more ends earlier")] = BUDGET,
     doubt: Annotated[
         bool,
         typer.Option(
@@ -107,7 +105,7 @@ def compare(
         result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
         show("drawing", 0, 0)
         written += _draw(result, folder)
-        budgets = _doubts(result, runs, contact, show, budget) if doubt else []
+        budgets = _doubts(result, runs, contact, show) if doubt else []
         measured = _rates(result) if rates else []
         written += _rate_tables(measured, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}
@@ -125,11 +123,7 @@ def compare(
 
 
 def _doubts(
-    result: CaseComparison,
-    runs: Sequence[tuple[Integrator | Scheme, str]],
-    contact: str,
-    show: Show,
-    budget: float,
+    result: CaseComparison, runs: Sequence[tuple[Integrator | Scheme, str]], contact: str, show: Show
 ) -> list[Doubt]:
     """The budgets of uncertainty of all schemes that have run on the case's first form."""
     from ..schemes import Scheme
@@ -138,7 +132,7 @@ def _doubts(
     form, failed = result.case.forms[0], {label for label, _ in result.failures}
     schemes = [one if isinstance(one, Scheme) else one.source for one, of_run in runs if of_run == form]
     schemes = [x for x in schemes if isinstance(x, Scheme) and f"{x}@{form}" not in failed]
-    return doubts(result.case, schemes, show=show, contact=contact, budget=budget) if schemes else []
+    return doubts(result.case, schemes, show=show, contact=contact) if schemes else []
 
 
 def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:

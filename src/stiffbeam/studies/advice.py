@@ -20,7 +20,7 @@ follow one motion of that scheme first, and their mean would contain no informat
 
 For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
 with a few systems drawn within the tolerances, and doubles them while no source is the largest, up to 48 where two are
-alike. A third mesh follows only for wanted quantities.
+alike.
 """
 
 from __future__ import annotations
@@ -53,7 +53,6 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.uncertain import Uncertain
 from ..references import best_reference
-from ..references.registry import BUDGET
 from ..schemes import RIGID, SCHEMES, Scheme, make
 from ..trajectory.trajectory import Diverged, Trajectory
 from .budget import Budget
@@ -359,7 +358,6 @@ def advise(
     progress: bool | Show = False,
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
-    budget: float = BUDGET,
     uncertain: Mapping[str, Uncertain | float] | None = None,
     finer: System | None = None,
 ) -> Advice:
@@ -392,7 +390,7 @@ def advise(
         Called with one line of text after every refinement.
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
-    budget, uncertain, finer
+    uncertain, finer
         As in ``doubt``.
 
     Returns
@@ -426,7 +424,6 @@ def advise(
                 show,
                 tell,
                 journal,
-                budget,
                 uncertain,
                 finer,
             )
@@ -488,9 +485,7 @@ def advise(
     tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
     return replace(
         advice,
-        doubt=doubt_until_ranked(
-            case, chosen.scheme, chosen.dt, chosen.contact, _doubted(wanted), members, show, budget
-        ),
+        doubt=doubt_until_ranked(case, chosen.scheme, chosen.dt, chosen.contact, _doubted(wanted), members, show),
     )
 
 

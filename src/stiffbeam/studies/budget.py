@@ -26,7 +26,7 @@ SURE = 0.975  # of the resamples in which the source that is named is the larges
 ALIKE = 2.0  # largest ratio of sources that count as equally large
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 BRACKET = (2 / 3, 3 / 2)  # of the extrapolated error of the mesh
-MEASURED = (0.9, 1.1)  # of the distance to a third mesh
+MEASURED = (0.9, 1.1)  # of the distance to cubic elements
 FINER = (2 / 3, 2.0)  # of the distance to a finer model: from one without error to one of half the width at order 2
 SPAN_BRACKET = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 CURES = {
@@ -73,10 +73,6 @@ class Budget:
         True if one source exceeds all others, or those of the group are alike, in 97.5 % of the resamples.
     rankable : bool
         False if more members leave the largest open, because its bracket overlaps that of another.
-    overlap : bool
-        True if a narrower bracket of the mesh may show another largest source.
-    third : bool
-        True if the column of the mesh is the distance to a third mesh.
     """
 
     quantity: str
@@ -85,8 +81,6 @@ class Budget:
     largest: tuple[str, ...]
     sure: bool
     rankable: bool
-    overlap: bool
-    third: bool = False
 
     @property
     def name(self) -> str:
@@ -113,16 +107,15 @@ class Budget:
         """Sentence with the largest source, or those that are alike, and a remedy."""
         if not self.uncertain:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
-        third = ", by a third mesh" if self.third else ""
         if not self.dominant:
             sizes = [percent(self.shares[name].value) for name in self.largest]
             if self.alike:
                 many = "both" if len(sizes) == 2 else "all"
                 heads = f"{self.quantity}: {_listed(self.largest)} alike, {_listed(sizes)}"
-                return f"{heads}{third}: {many} must be improved."
+                return f"{heads}: {many} must be improved."
             large = _listed([f"{name} ({size})" for name, size in zip(self.largest, sizes, strict=True)])
             members = ": draw more members" if self.rankable else ""
-            return f"{self.quantity}: {large} are too close to rank{third}{members}."
+            return f"{self.quantity}: {large} are too close to rank{members}."
         first = self.dominant
         rest = ", ".join(
             f"{name} {percent(x.value)}"
@@ -131,7 +124,7 @@ class Budget:
         )
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
         cure = CURES[first].format(parts=parts)
-        return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}{third}: {cure}."
+        return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}: {cure}."
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -246,18 +239,14 @@ def share(column: Column, scale: float) -> Share:
     return Share(column.size / scale, low / scale, high / scale)
 
 
-def budget_of(quantity: str, mean: float, columns: dict[str, Column], third: bool = False) -> Budget:
+def budget_of(quantity: str, mean: float, columns: dict[str, Column]) -> Budget:
     """The budget of a quantity from its columns, relative to |mean|."""
     shares = {name: share(x, abs(mean)) for name, x in columns.items()}
     group, sure = ranked(columns)
     # Brackets alone, without the scatter of the resamples, are what more members would leave.
     least, most = ({name: np.array([x.sample_size * x.factors[end]]) for name, x in columns.items()} for end in (1, 2))
-    alone, rankable = _ranked(columns, least, most)
-    overlap = len(group) > 1 and "mesh" in group
-    if overlap and len(alone) == 1:
-        mesh = columns["mesh"]
-        overlap = ranked(columns | {"mesh": mesh.between(MEASURED, mesh.factors[0])})[1]
-    return Budget(quantity, mean, shares, group, sure, rankable, overlap, third)
+    rankable = _ranked(columns, least, most)[1]
+    return Budget(quantity, mean, shares, group, sure, rankable)
 
 
 def ranked(columns: Mapping[str, Column]) -> tuple[tuple[str, ...], bool]:

@@ -165,11 +165,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         {"scheme": scheme} | {words[kind][1]: _shown(observed.get((kind, scheme))) for kind in kinds}
         for scheme in dict.fromkeys(scheme for _, scheme in observed)
     ]
-    return Answer(
-        f"Observed orders: {', '.join(said)}.",
-        table,
-        f"{notes}: the worst of each octave of time steps counts. ± holds with 95 %.",
-    )
+    remark = f"{notes}: the worst of each octave of time steps counts. " if "contact" in kinds else ""
+    return Answer(f"Observed orders: {', '.join(said)}.", table, f"{remark}± holds with 95 %.")
 
 
 def _shown(order: Order | None) -> str:

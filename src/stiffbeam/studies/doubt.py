@@ -3,8 +3,8 @@ results, and of a rate also that of its finite time span.
 
     rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
     scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
-    mesh        2^p/(2^p - 1) |mean(Q_fine - Q)|/|mean(Q)|, exact on twice as many cells, p the order of the form;
-                |mean(Q_fine - Q)|/|mean(Q)|, exact on a third mesh or by a finer model
+    mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on cubic elements or by a finer model;
+                2^p/(2^p - 1) of that on twice as many cells, p the order of the form
     data        deviation(Q)/|mean(Q)| over the drawn members
     span        sqrt(mean(V))/|mean(Q)|, V the variance of a member's rate over its span (``measures/rates.py``)
 
@@ -18,24 +18,22 @@ The first four columns of the rate are those of the impacts, because all members
 distance to the rate of a run without end: it counts the whole run as stationary. A motion without a load or base that
 depends on time has no such rate.
 
-Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides. That of the mesh
-reaches from 2/3 to 3/2 of the extrapolated value, because order p is that of smooth motions. Of the exact motions of 40
-random beams on 8 cells of the displacement form this share has its error against 64 cells inside it:
-
-    tip 100 %, largest force 93 %, energy 85 %, impacts 86 %, time in contact 81 %, impulse 79 %
-
-and at least 96 % of 24 beams of the hermite form (``pytest -m campaign -s tests/studies/test_doubt.py -k bracket``;
-impacts: of those whose number the mesh changes). The bracket of the span reaches from 1/2 to 2: of 100 records of an
-oscillator under noise 87 hold the deviation of the rate over the records (``tests/studies/test_doubt.py``).
-
-``budget.py`` ranks the sources. Where the bracket of the mesh leaves the largest open, a third mesh follows, with
-compliant stops: cubic elements on the cells of the case, or on four times as many for the hermite form. Its bracket
-reaches from 0.9 to 1.1. Of the 40 beams above this share has its error against 64 cells inside it, by the same command:
+Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides. The finer mesh of a
+form of order 2 with compliant stops has cubic elements on the cells of the case, at least 8: as many unknowns as twice
+the cells, and an error of order 4. Its bracket reaches from 0.9 to 1.1. Of the exact motions of 40 random beams on 8
+cells of the displacement form this share has its error against 64 cells inside it:
 
     tip 100 %, largest force 95 %, energy 92 %, impacts 100 %, time in contact 95 %, impulse 93 %
 
+(``pytest -m campaign -s tests/studies/test_doubt.py -k bracket``; impacts: of those whose number the mesh changes).
+On twice the cells, for rigid stops and the hermite form, the bracket reaches from 2/3 to 3/2 of the extrapolated
+value, because order p is that of smooth motions. The same command has at least 96 % of 24 beams of the hermite form
+inside it; for rigid stops no share was measured.
+
 Of matrices the mesh is the distance to a finer model. Its bracket reaches from 2/3 of that, for a model without error,
-to twice that, for one of half the width at order 2.
+to twice that, for one of half the width at order 2. The bracket of the span reaches from 1/2 to 2: of 100 records of
+an oscillator under noise 87 hold the deviation of the rate over the records (``tests/studies/test_doubt.py``).
+``budget.py`` ranks the sources.
 """
 
 from __future__ import annotations
@@ -67,7 +65,6 @@ from ..model.time_functions import Constant
 from ..model.uncertain import Uncertain, uncertain_members
 from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
-from ..references.registry import BUDGET
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
@@ -80,7 +77,7 @@ if TYPE_CHECKING:
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 FEW = 12  # drawn systems to begin a ranking with
 ENOUGH = 48  # of them to name sources as alike: fewer show a largest one, but rarely that two are equal
-LEAST = 8  # elements of the third mesh
+LEAST = 8  # elements of the finer mesh
 OUTPUTS = 400  # of the tip, at least where there are so many steps
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
               "time in contact": "fraction"}  # fmt: skip
@@ -170,7 +167,7 @@ class Doubt:
         """Plain numbers and texts."""
         budgets = [
             {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "alike": list(x.alike),
-             "third_mesh": x.third, "verdict": x.verdict}
+             "verdict": x.verdict}
             | {name: asdict(share) for name, share in x.shares.items()}
             for x in self.budgets
         ]  # fmt: skip
@@ -207,7 +204,6 @@ def doubt(
     tolerance: float = 0.05,
     progress: bool | Show = False,
     contact: str = "implicit",
-    budget: float = BUDGET,
     t_end: float | None = None,
     uncertain: Mapping[str, Uncertain | float] | None = None,
     finer: System | None = None,
@@ -232,9 +228,6 @@ def doubt(
         As in ``reference``.
     contact : str
         Treatment of contact as in ``integrate``.
-    budget : float
-        Seconds that a third mesh may take. It is computed where the bracket of the mesh leaves a quantity without its
-        largest source, for compliant stops.
     t_end : float, optional
         By default the case's; a System needs it, and ``dt``.
     uncertain : mapping of path to Uncertain or number, optional
@@ -248,8 +241,7 @@ def doubt(
     -------
     Doubt
         ``print`` it for the verdicts; ``result["impacts"].shares["data"]``. With several contacts the quantities are
-        "impacts at contact 1" and so on. The column of the mesh is extrapolated by the order of the form, with a
-        bracket for motions that are not smooth.
+        "impacts at contact 1" and so on.
 
     Raises
     ------
@@ -266,10 +258,10 @@ def doubt(
     """
     if progress is True:
         with shown() as show:
-            return doubt(case, scheme, dt, members, seed, tolerance, show, contact, budget, t_end, uncertain, finer)
+            return doubt(case, scheme, dt, members, seed, tolerance, show, contact, t_end, uncertain, finer)
     case = uncertain_case(case, dt, t_end, uncertain, finer)
     schemes = [case.runs[0][0] if scheme is None else scheme]
-    return doubts(case, schemes, dt, members, seed, tolerance, progress or silent, contact, budget)[0]
+    return doubts(case, schemes, dt, members, seed, tolerance, progress or silent, contact)[0]
 
 
 def uncertain_case(
@@ -306,15 +298,11 @@ def doubts(
     tolerance: float = 0.05,
     show: Show = silent,
     contact: str = "implicit",
-    budget: float = BUDGET,
-    wanted: Sequence[str] | None = None,
 ) -> list[Doubt]:
-    """The budget of every scheme, see ``doubt``; they share the exact members. wanted: quantities, without their
-    contact, for which a third mesh may be computed; by default all."""
+    """The budget of every scheme, see ``doubt``; they share the exact members."""
     require_uncertain(case)
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
-    positive("budget", number("budget", budget))
     form, t_end, dt = case.forms[0], case.t_end, (case.dt if dt is None else positive("dt", dt))
     system = case.system(form)
     drawn = uncertain_members(system, case.uncertain, members, seed)
@@ -333,7 +321,7 @@ def doubts(
 
     show("doubt: the exact members", 0, 0)
     exact = exact_on(system)
-    mesh, remarks = _finer(case, form)
+    mesh, of_mesh, remarks = finer_mesh(case, form)
     finer: Ensemble | None = None
     if mesh is not None:
         show("doubt: the exact members on a finer mesh", 0, 0)
@@ -347,35 +335,12 @@ def doubts(
         past = reference_ensemble(system, t_end, starts, t)
     known = agreement_horizon(exact.t, exact.tip, tolerance)
     quantities = _quantities(exact, past)
-    errors: dict[str, Column] = {}
-    if finer is not None:
-        errors = {x.name: _of_mesh(x.error(finer), case, form) for x in quantities}
-    measured: dict[str, Column] = {}
-    third: Ensemble | None = None
-    found = []
-    for scheme, many in zip(schemes, runs, strict=True):
-        budgets = {x.name: x.budget(many, errors.get(x.name)) for x in quantities}
-        # A third mesh, where the bracket of two leaves the largest source open.
-        near = [x.quantity for x in budgets.values() if x.overlap and (wanted is None or x.name in wanted)]
-        more: tuple[str, ...] = ()
-        if near and third is None and case.beam is None:
-            more = (f"A model that is finer still would rank {', '.join(near)}.",)
-        elif near and third is None and finer is not None and not system.rigid:
-            mesh = third_mesh(case, form)
-            seconds = finer.work.march_seconds * (mesh.size / finer.members.system.size) ** 2
-            if seconds <= budget:
-                show("doubt: the exact members on a third mesh", 0, 0)
-                third = exact_on(mesh)
-            else:
-                cost = f"about {seconds:.2g} s, more than the budget of {budget:g} s"
-                more = (f"A third mesh would rank {', '.join(near)}. It takes {cost}.",)
-        for x in quantities:
-            if third is not None and x.name in near:
-                measured[x.name] = measured.get(x.name) or x.error(third).between(MEASURED)
-                budgets[x.name] = x.budget(many, measured[x.name], third=True)
-        numbers = (float(dt), float(t_end), members, horizon, known, tolerance)
-        found.append(Doubt(str(scheme), *numbers, case.units, tuple(budgets.values()), remarks + more))
-    return found
+    errors = {} if finer is None else {x.name: of_mesh(x.error(finer)) for x in quantities}
+    numbers = (float(dt), float(t_end), members, horizon, known, tolerance)
+    return [
+        Doubt(str(scheme), *numbers, case.units, tuple(x.budget(many, errors.get(x.name)) for x in quantities), remarks)
+        for scheme, many in zip(schemes, runs, strict=True)
+    ]
 
 
 def doubt_until_ranked(
@@ -386,40 +351,36 @@ def doubt_until_ranked(
     wanted: Sequence[str],
     members: int,
     show: Show,
-    budget: float,
 ) -> Doubt:
     """The budget of a scheme from FEW members, and from twice as many as long as they leave a ``wanted`` quantity
     without a rank."""
     count = min(FEW, max(8, members))
     while True:
-        (found,) = doubts(case, [scheme], dt, count, show=show, contact=contact, budget=budget, wanted=wanted)
+        (found,) = doubts(case, [scheme], dt, count, show=show, contact=contact)
         most = [x for x in found.budgets if x.name in wanted and x.uncertain and x.rankable and not x.dominant]
         if count >= members or all(x.alike and count >= ENOUGH for x in most):
             return found
         count = min(2 * count, members)
 
 
-def _finer(case: Case, form: str) -> tuple[System | None, tuple[str, ...]]:
-    """The system on a finer mesh, or None and the reason."""
-    why = "The case has matrices and no finer model"
-    try:
-        found = case.refined(form)
-    except InputError as error:  # a reduced model without as many modes
-        found, why = None, f"There is no finer model: {error}"
-    remedy = "pass finer=, or write [case.finer] beside [case.system]"
-    return found, () if found is not None else (f"{why}: for the error of the mesh {remedy}.",)
+def finer_mesh(case: Case, form: str) -> tuple[System | None, Callable[[Column], Column], tuple[str, ...]]:
+    """The system on a finer mesh, the column of the mesh's error from that of the distance to it, and remarks.
 
-
-def _of_mesh(change: Column, case: Case, form: str) -> Column:
-    """The column of the error of the mesh from that of the change on the finer one."""
-    return change.between(FINER) if case.beam is None else change.on_twice_the_cells(form)
-
-
-def third_mesh(case: Case, form: str) -> System:
-    """A mesh whose error is small beside that of the case's: cubic elements, on the cells of the case for a form of
-    order 2, which are as many unknowns as twice the cells, and on four times as many for elements."""
-    cells = 4 * case.cells if form == "hermite" else max(case.cells, LEAST)
-    return replace(case, cells=cells).system("hermite")
+    None for matrices without a finer model.
+    """
+    if case.beam is None:
+        why = "The case has matrices and no finer model"
+        try:
+            mesh = case.refined(form)
+        except InputError as error:  # a reduced model without as many modes
+            mesh, why = None, f"There is no finer model: {error}"
+        remedy = "pass finer=, or write [case.finer] beside [case.system]"
+        remarks = () if mesh is not None else (f"{why}: for the error of the mesh {remedy}.",)
+        return mesh, lambda distance: distance.between(FINER), remarks
+    if form == "hermite" or case.system(form).rigid:
+        return case.refined(form), lambda distance: distance.on_twice_the_cells(form), ()
+    elements = replace(case, cells=max(case.cells, LEAST)).system("hermite")
+    return elements, lambda distance: distance.between(MEASURED), ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,11 +395,11 @@ class Quantity:
     error: Callable[[Ensemble], Column]
     scatters: dict[str, Column]
 
-    def budget(self, scheme: Ensemble, mesh: Column | None, third: bool = False) -> Budget:
+    def budget(self, scheme: Ensemble, mesh: Column | None) -> Budget:
         """The budget with the columns of a scheme and of the mesh."""
         columns = {"rounding": self.scatters["rounding"], "scheme": self.error(scheme)}
         columns |= {} if mesh is None else {"mesh": mesh}
-        return budget_of(self.name, self.mean, columns | self.scatters, third)
+        return budget_of(self.name, self.mean, columns | self.scatters)
 
 
 def _quantities(exact: Ensemble, past: Ensemble | None) -> list[Quantity]:

@@ -297,7 +297,7 @@ class _Follower:
                 return _Point(
                     z, value, direction, m, float(np.linalg.norm(D)), len(tangent.path.times) - 1, tangent
                 ), count
-            if count > 1 and size > before:
+            if size > before and count > (2 if guess is None else 1):  # a kink: a shorter step costs less than more
                 break
             before = size
             moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
