@@ -290,7 +290,7 @@ def solve_turning(r: Array, w: Array, S: Array, S_rate: Array, law: Array, owner
         alone = (N.T @ u - np.diagonal(T.T @ S @ T) * f)[pairs]
         step = np.arctan2(g, alone)  # where u lies beyond the centre, most of half a turn
         change = float(np.max(np.abs(step)))
-        if not np.any(f) or change <= ROUNDINGS * 2.3e-16:
+        if not np.any(f) or change <= ROUNDINGS * float(np.finfo(float).eps):
             return f, F
         # Where a contact opens and closes in turn Newton's method may go round in circles.
         if k % 20 >= 10:

@@ -414,19 +414,8 @@ def advise(
     if progress is True:
         with shown() as show:
             return advise(
-                system,
-                want,
-                t_end,
-                schemes,
-                contacts,
-                most_steps,
-                members,
-                show,
-                tell,
-                journal,
-                uncertain,
-                finer,
-            )
+                system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal, uncertain, finer
+            )  # fmt: skip
     show = progress or silent
     if uncertain is not None or finer is not None:
         system = uncertain_case(system, t_end, t_end, uncertain, finer)
