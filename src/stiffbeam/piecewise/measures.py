@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -55,8 +55,13 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     return Impacts.at(starts[counted], sides[counted], "event")
 
 
-def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
-    """``record_of`` for [start, end], a part of the solution's span."""
+def contact_between(
+    system: System, solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord],
+    start: float, end: float, i: int,
+) -> ContactRecord:  # fmt: skip
+    """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
+    if (start, end) == span:
+        return records[i]
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
     return record_of(system, pieces, i, path_of(system, pieces, np.array([start, end]), i), end, start)
 
