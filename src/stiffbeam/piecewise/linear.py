@@ -335,13 +335,10 @@ def response(
 @inner
 def alike(eigenvalues: Array, tau: float, base: float) -> bool:
     """True if tau may share the exponentials of the base: what ``response`` leaves out is below ALIKE^2, 2e-17."""
-    late = abs(tau - base)
-    if not late <= ALIKE * tau:
-        return False
+    late, fastest = abs(tau - base), 0.0
     for k in range(eigenvalues.size):
-        if late * (abs(eigenvalues[k].real) + abs(eigenvalues[k].imag)) > ALIKE:
-            return False
-    return True
+        fastest = max(fastest, abs(eigenvalues[k].real) + abs(eigenvalues[k].imag))
+    return late <= ALIKE * tau and late * fastest <= ALIKE
 
 
 @compiled
