@@ -52,7 +52,7 @@ def output(command: str) -> str:
 
 def sections(page: str) -> dict[str, str]:
     """Return the outputs on a page by their headings."""
-    return dict(re.findall(r"^## (.*)\n\n`.*`\n\n```text\n(.*?)\n```$", page, re.DOTALL | re.MULTILINE))
+    return dict(re.findall(r"^## ([^\n]*)\n\n`[^\n]*`\n\n```text\n(.*?)\n```$", page, re.DOTALL | re.MULTILINE))
 
 
 def main() -> None:

@@ -319,10 +319,11 @@ def _page(source: str) -> str:
 def build(out: Path, smoke: bool) -> None:
     """Write the site into ``out``. Raises SystemExit for typed numbers, and where Sphinx warns."""
     from quotes import PAGES, typed
-    from sphinx.application import Sphinx
 
     if found := [line for page in PAGES for line in typed(page)]:
         raise SystemExit("\n".join(["numbers that neither a block nor a record holds:", *found]))
+    from sphinx.application import Sphinx
+
     sources = out.with_name(f"{out.name}-sources")
     shutil.rmtree(sources, ignore_errors=True)
     Pages(sources, smoke).write()

@@ -30,6 +30,7 @@ def documented(command: str) -> set[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)  # three minutes of a core, and a minute of the browser's
 def test_the_site_is_whole(tmp_path):
     """As the command builds it, the longest studies in their smallest configuration. A warning, a link that leads
     nowhere or a typed number ends the build; then a browser opens every page."""
@@ -119,14 +120,28 @@ def test_what_a_chapter_shows_of_a_page():
     assert entry("studies/e.md", page) == f"## [Head](/studies/e.md)\n\nSee a page\n\n{picture}"
 
 
+def site_module():
+    spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_typed_number_ends_the_build(tmp_path, monkeypatch):
+    monkeypatch.setattr("quotes.typed", lambda page: [f"{page}: 7 %"] if page == "README.md" else [])
+    with pytest.raises(SystemExit, match=r"README.md: 7 %"):
+        site_module().build(tmp_path / "site", smoke=True)
+    assert not (tmp_path / "site").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::PendingDeprecationWarning")
 def test_a_broken_link_ends_the_build(tmp_path, monkeypatch, capfd):
     pytest.importorskip("sphinx")
 
-    spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = site_module()
     monkeypatch.setattr(module, "CHAPTERS", {"Theory": ["studies/theory/exact.md"]})  # README links to other pages
     with pytest.raises(SystemExit):
         module.build(tmp_path / "site", smoke=True)
