@@ -105,7 +105,7 @@ def browse(
         ]  # fmt: skip
         log = profile.with_suffix(".log")
         with log.open("w") as errors, subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=errors) as process:
-            finished = done.wait(timeout=300.0)
+            finished = done.wait(timeout=600.0)
             process.terminate()
         server.shutdown()
     text = log.read_text(encoding="utf-8", errors="replace")
