@@ -43,6 +43,7 @@ LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
 RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
+NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction"}  # of the columns
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
 Nodes = tuple[Array, Array, Array, Array, Array]
 
@@ -113,11 +114,15 @@ class ContactRates:
     run: Trajectory = field(repr=False)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on."""
+        """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on.
+
+        ``contact_fraction`` is the share of the time in contact. The columns ``contact_rate...`` repeat it under
+        its former name.
+        """
         columns: dict[str, Any] = {"contact": np.arange(len(self.rates))}
-        for name in RATES:
+        for name, column in [*NAMES.items(), ("contact", "contact_rate")]:
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
-                columns[f"{name}_rate{suffix}"] = [getattr(each[name], end) for each in self.rates]
+                columns[f"{column}{suffix}"] = [getattr(each[name], end) for each in self.rates]
         return table(columns | {"source": list(self.sources)}).set_index("contact")
 
     def impacts_to_dataframe(self, contact: int = 0) -> pandas.DataFrame:
@@ -163,7 +168,7 @@ class ContactRates:
                     unit = over.get(
                         quantity, f" {units.of(quantity)}" if quantity in ("rate", "force") else ""
                     ).rstrip()
-                    label = f"contact {i}: {name.replace('_', ' ')} rate"
+                    label = f"contact {i}: {NAMES[name].replace('_', ' ')}"
                     lines.append(f"{label} {x.value:.4g}{unit} ({x.low:.4g} to {x.high:.4g}), {source}")
         return "\n".join(lines)
 
@@ -171,7 +176,8 @@ class ContactRates:
 def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
-    """Rates of impacts, impulse, contact, normal work and sliding work at every contact, each with its 95 % interval.
+    """Rates of impacts, impulse, normal work and sliding work, and the fraction of the time in contact, at every
+    contact, each with its 95 % interval.
 
     Parameters
     ----------
