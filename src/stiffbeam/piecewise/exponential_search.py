@@ -313,6 +313,13 @@ def pass_samples(
                 real[i, k], imaginary[i, k] = a.real, a.imag
                 for j in range(P):
                     seen[i, k, j] = W[i, k] * force[k, j]
+            # psi_j' = lambda psi_j + tau^j: the powers cancel over all coefficients, so that those outside of chains
+            # have what those of the chains leave.
+            for b in range(chains):
+                for n in range(cells.parts[b, 0]):
+                    k = cells.modes[b, n]
+                    for j in range(P):
+                        shift[i, j] -= cells.lags[i] * (cells.rows[i, k] * force[k, j]).real
             for k in range(spin.size):
                 a = cells.waves[i, k] * spin[k]
                 real[i, K + k], imaginary[i, K + k] = a.real, a.imag

@@ -132,9 +132,9 @@ def pressed_by(
     """
     # Panels of every part between two events.
     path, stops = partial(path_of, system, solution, channel=i), system.contacts[i].stops
-    owner, cuts, until = _between(solution.times, starts, ends)
+    part, cuts, until = _between(solution.times, starts, ends)
     index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
-    index = owner[index]
+    index = part[index]
     t = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0
 
     def press(t: Array, owner: NDArray[np.int64]) -> Array:
@@ -144,10 +144,11 @@ def pressed_by(
     # Impulses by quadrature on these.
     sigma = press(t.ravel(), np.repeat(index, len(NODES))).reshape(t.shape)
     impulses = np.bincount(index, sigma @ WEIGHTS * width / 2.0, len(starts))
-    # Every piece's samples in order, its ends included, and the largest of those around them.
-    samples = np.concatenate([t.ravel(), starts, ends])
-    both = np.tile(np.arange(len(starts)), 2)
-    values = np.concatenate([sigma.ravel(), press(np.concatenate([starts, ends]), both)])
+    # Every span's samples in order and the largest of those around them; with both ends of every part, since the force
+    # of a stop that moves by a polygon has corners at its samples.
+    samples = np.concatenate([t.ravel(), cuts, until])
+    both = np.tile(part, 2)
+    values = np.concatenate([sigma.ravel(), press(np.concatenate([cuts, until]), both)])
     owner = np.concatenate([np.repeat(index, len(NODES)), both])
     order = np.lexsort((samples, owner))
     samples, values, owner = samples[order], values[order], owner[order]

@@ -63,7 +63,7 @@ class Tracer:
         switched = (np.arange(m) == resting).astype(np.int64)
         places, speeds = np.abs(q), np.abs(v)
         parts: list[Motion] = []
-        forecast, kept, since, marked = Forecast(t_end), 0, t, 0
+        forecast, kept, since, events = Forecast(t_end), 0, t, 0
         # Room for few events at first, four times as many whenever it is full: short motions allocate little.
         room, why = FIRST_EVENTS, UNKNOWN
         while True:
@@ -71,18 +71,20 @@ class Tracer:
             r = self.regimes.at(tuple(pressed(here).tolist()), t_end)
             if not self.regimes.made[r].followed:
                 why, part, t = self._alone(r, t, t_end, q, v, here, switched)
+                events += 1  # its other segments end at samples
             else:
                 why, part, t = self.ahead(t, t_end, q, v, places, speeds, here, switched, room)
                 room = min(4 * room, EVENTS_PER_CALL) if why == FULL else room
+                events += len(part.times)
             parts.append(part)
             kept += len(part.times)
             if why == DONE:
                 return parts[0].joined(parts)
             # Refused early: what would take too much time or memory, and events that accumulate.
             forecast.check(t, 2.0 * kept * (n + 1))
-            if kept - marked >= EVENTS_PER_CALL:
+            if events >= EVENTS_PER_CALL:
                 refuse_accumulation(since, t, max(x.fastest for x in self.regimes.made), self.drive)
-                since, marked = t, kept
+                since, events = t, 0
 
     def ahead(
         self, t: float, t_end: float, q: Array, v: Array, places: Array, speeds: Array, sides: NDArray[np.int64],
@@ -215,12 +217,16 @@ class Gaps:
         # With damped stops d + lag d' is watched too; for what is zero at the start see ``follow.watched_of_damped``.
         if np.any(self.lags):
             now = chained[:, :, :2, :1].sum((1, 3)).real  # what chains add to u and u'
+            # psi_j' = lambda psi_j + tau^j: the powers cancel over all coefficients, so that those outside of chains
+            # have what those of the chains leave.
+            chain = (self.rows[at] @ regime.W) * ~regime.single
+            pushed = -lags[:, None] * (chain @ force).real
             d = a.real.sum(1)[at] + now[at, 0] - np.where(chi[at] > 0, self.g2[at], self.g1[at])
-            y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1])
+            y = d + lags * ((a * rates).real.sum(1)[at] + now[at, 1]) + pushed[:, :1].sum(1)
             resting = switched[at] & np.where(
                 np.abs(chi[at]) == LET_GO, beyond, (lags == 0.0) | (np.abs(y) < np.abs(d))
             )
-            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at]
+            a, seen, shift = a[at] * (1.0 + np.outer(lags, rates)), seen[at], shift[at] + pushed
             seen = seen * (1.0 + np.outer(lags, regime.eigenvalues))[:, :, None]
             # The next derivatives; ``seen_by`` has one more than the search reads, which wraps round.
             chained = chained[at] + lags[:, None, None, None] * np.roll(chained[at], -1, axis=2)
