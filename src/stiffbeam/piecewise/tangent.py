@@ -65,12 +65,15 @@ class Tangent:
         self.count = self.parameters + directions.shape[1]
         basis, k, N = generators.basis, len(path.times), generators.N
         # Z at the start of every segment.
-        self.intervals = [basis.interval(t) for t in path.times.tolist()]
+        self.intervals = [basis.interval(t) for t in path.times.tolist()] if basis.records else [0] * k
         self.Z = np.hstack([path.q, path.v, basis.all_values(path.times, self.intervals)])
-        self.dZ, self.ends = np.empty((2, k, N, self.count))  # at the starts and ends of segments
         self.lengths = np.diff(np.append(path.times, path.t_end))
         sides = map(tuple, np.where(np.abs(path.sides) == LET_GO, 0, path.sides).tolist())
         self.regimes = [generators.regime(x, path.rigid, i) for x, i in zip(sides, self.intervals, strict=True)]
+        # At the starts and ends of segments, in one place where nothing happens at events.
+        self.smooth = not (path.rigid or basis.records or self._jumps)
+        through = np.empty((k + 1, N, self.count))
+        self.dZ, self.ends = through[:-1], through[1:] if self.smooth else np.empty((k, N, self.count))
         # Segments of one regime share its eigenvectors: most work is done a regime at a time.
         self.groups: dict[int, list[int]] = {}
         for i, regime in enumerate(self.regimes):
@@ -98,13 +101,15 @@ class Tangent:
             if wide:
                 flows[members] = regime.flows(tau)
         for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
-            if i:
-                dZ = self.across(i, dZ)
-            self.dZ[i] = dZ
-            dZ = flows[i] @ dZ if wide else regime.ahead(dZ, tau)
-            dZ[:, : self.parameters] += driven[i]
-            self.ends[i] = dZ
-        return dZ
+            if not self.smooth or not i:
+                self.dZ[i] = self.across(i, self.ends[i - 1]) if i else dZ
+            end = self.ends[i]
+            if wide:
+                np.matmul(flows[i], self.dZ[i], out=end)
+            else:
+                end[:] = regime.ahead(self.dZ[i], tau)
+            end[:, : self.parameters] += driven[i]
+        return self.ends[-1]
 
     def slope_of(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
         """Derivative of a form of Z, which depends on the parameters itself, (columns,)."""
