@@ -182,8 +182,10 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
         index, name = of_stops[1] or of_stops[2], of_stops[3]
         which = range(len(system.contacts)) if index is None else [int(index)]
         # A number of stops is an entry of the data: the derivative is a unit vector, exact.
-        if alone and np.isfinite(value) and all(
-            name == "restitution" or not system.contacts[i].stops.rigid for i in which
+        if (
+            alone
+            and np.isfinite(value)
+            and all(name == "restitution" or not system.contacts[i].stops.rigid for i in which)
         ):
             unit = base.zeros()
             getattr(unit, DATA_OF_STOPS.get(name, name))[list(which)] = 1.0

@@ -436,7 +436,9 @@ class RegimeFlow:
                 with np.errstate(invalid="ignore", divide="ignore"):
                     # Below 1e-4 the series errs by half^4/120 < 1e-18.
                     ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
-                beside = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (rates[j] + all_rates[m]))) * ratio * c[:, m]
+                beside = (
+                    tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (rates[j] + all_rates[m]))) * ratio * c[:, m]
+                )
                 added += (beside * near[:, None]) @ np.eye(len(rates))[j]
             moved[active] += added
         y = np.concatenate([carried[None, :, at], moved])

@@ -70,7 +70,7 @@ class Tangent:
         self.lengths = np.diff(np.append(path.times, path.t_end))
         sides = map(tuple, np.where(np.abs(path.sides) == LET_GO, 0, path.sides).tolist())
         self.regimes = [generators.regime(x, path.rigid, i) for x, i in zip(sides, self.intervals, strict=True)]
-        # At the starts and ends of segments, in one place where nothing happens at events.
+        # At the starts and ends of segments; in one place where nothing happens at events.
         self.smooth = not (path.rigid or basis.records or self._jumps)
         through = np.empty((k + 1, N, self.count))
         self.dZ, self.ends = through[:-1], through[1:] if self.smooth else np.empty((k, N, self.count))
@@ -93,22 +93,23 @@ class Tangent:
         """Fill dZ at the starts of all segments; return those at the end of the last."""
         # The part of dA first, all segments of a regime at once; then from event to event.
         k, N = self.Z.shape
-        driven, wide = np.empty((k, N, self.parameters)), 2 * self.count > N
+        driven, wide = np.zeros((k, N, self.parameters)), 2 * self.count > N
         flows = np.empty((k, N, N) if wide else 0)
         for members in self.groups.values():
             regime, tau = self.regimes[members[0]], self.lengths[members]
-            driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
+            if self.parameters:
+                driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
             if wide:
                 flows[members] = regime.flows(tau)
-        for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
-            if not self.smooth or not i:
-                self.dZ[i] = self.across(i, self.ends[i - 1]) if i else dZ
-            end = self.ends[i]
+        self.dZ[0] = dZ
+        for i, (here, end, added) in enumerate(zip(self.dZ, self.ends, driven, strict=True)):
+            if i and not self.smooth:
+                here[:] = self.across(i, self.ends[i - 1])
             if wide:
-                np.matmul(flows[i], self.dZ[i], out=end)
+                np.dot(flows[i], here, out=end)
             else:
-                end[:] = regime.ahead(self.dZ[i], tau)
-            end[:, : self.parameters] += driven[i]
+                end[:] = self.regimes[i].ahead(here, float(self.lengths[i]))
+            end[:, : self.parameters] += added
         return self.ends[-1]
 
     def slope_of(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
