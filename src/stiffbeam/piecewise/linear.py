@@ -127,7 +127,8 @@ def regime_of(
         # sigma = kappa (gap - row q - offset) - c (row q' + offset'): the second terms are in the matrices.
         kappa, constant = contact.stops.spring(side)
         c = float(contact.stops.damping)
-        force = force - np.outer(kappa * offsets[:, i] + c * drive.derivative().T @ offsets[:, i], contact.row)
+        moves = kappa * offsets[:, i] + (c * drive.derivative().T @ offsets[:, i] if c else 0.0)
+        force = force - np.outer(moves, contact.row)
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
     # Modal forces, and the sizes of their terms, which separate a force from rounding.
@@ -219,9 +220,14 @@ def _driven(frame: Frame, drive: Drive, force: Complex, terms: Array, push: Arra
     omega, s, found, values, L = frame.omega, frame.s, frame.groups, frame.values, frame.L
     n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
     # Chains: groups of several eigenvalues, and single ones that a drive forces in resonance.
-    drawn = _drawn(values, frame.paired, L[:, n:], force, terms, rates, span)
+    apart, sizes = np.abs(values[:, None] - rates), np.abs(values)[:, None]
+    near = apart <= CLOSE * (sizes + np.abs(rates))
+    # A force below the rounding of its terms is none: a mode at the frequency of such a drive is not in resonance.
+    pulled = np.abs(L[:, n:] @ force.T) > UNFELT * (np.abs(L[:, n:]) @ terms.T)
+    slow = ~frame.paired[:, None] & ((apart <= 1.0 / span) | (sizes <= 1.0 / span))
+    drawn = pulled & (near | slow)
     # With or without a force on them: of modes close to a drive the response is not asked for.
-    near = _near(values, rates).any(axis=0)
+    near = near.any(axis=0)
     if len(found) == len(values) and not (drawn.any() or near.any() or (omega == 0.0).any()):
         chains, response = [], _answers(omega, s, frame.damping, force, rates)
     else:
@@ -245,22 +251,6 @@ def _driven(frame: Frame, drive: Drive, force: Complex, terms: Array, push: Arra
     )  # fmt: skip
 
 
-def _drawn(
-    values: Complex, paired: NDArray[np.bool_], L: Complex, force: Complex, terms: Array, rates: Complex, span: float
-) -> NDArray[np.bool_]:
-    """(k, 1 + F), which drives force which of k eigenvalues that are no group with others in resonance; L: (k, n)."""
-    # A force below the rounding of its terms is none: a mode at the frequency of such a drive is not in resonance.
-    pulled = np.abs(L @ force.T) > UNFELT * (np.abs(L) @ terms.T)
-    apart, sizes = np.abs(values[:, None] - rates), np.abs(values)[:, None]
-    slow = ~paired[:, None] & ((apart <= 1.0 / span) | (sizes <= 1.0 / span))
-    return pulled & (_near(values, rates) | slow)
-
-
-def _near(values: Complex, rates: Complex) -> NDArray[np.bool_]:
-    """(k, 1 + F), which of k eigenvalues a drive is close to."""
-    return np.abs(values[:, None] - rates) <= CLOSE * (np.abs(values)[:, None] + np.abs(rates))
-
-
 def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array, rates: Complex, span: float) -> Chain:
     """A group with the drives in resonance with it, or the same as it over the span; what nothing holds or damps
     answers every drive."""
@@ -268,7 +258,7 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array,
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
         pull = pull / 2.0  # exp(i Omega t) is half of the cosine
-    # As in ``_drawn``, with the closest eigenvalue of the group.
+    # As in ``_driven``, with the closest eigenvalue of the group.
     pulled = np.any(np.abs(pull) > UNFELT * (np.abs(group.L[:, n:]) @ terms.T), axis=0)
     apart = np.min(np.abs(values[:, None] - rates), axis=0)
     near = apart <= CLOSE * (np.min(np.abs(values)) + np.abs(rates))

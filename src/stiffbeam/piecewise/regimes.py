@@ -143,15 +143,19 @@ class Source:
         self.corrections: dict[tuple[float, ...], Correction] = {}
         self.pushed = Pushed.of(system, self.drive)
         self.damped = system.damped or bool(self.drive.records)
-        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
+        self.kappas = [float(c.stops.stiffness) for c in system.contacts]
+        self.dampings = [float(c.stops.damping) for c in system.contacts]
+        self.lags = np.array([c / kappa for c, kappa in zip(self.dampings, self.kappas, strict=True)])
 
     def modes(
         self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
     ) -> Modes:
         """The undamped modes with the contacts on these sides closed, or those of a copy."""
         contacts = self.system.contacts
+        kappas = tuple(kappa if side else 0.0 for kappa, side in zip(self.kappas, sides, strict=True))
+        if kappas in self.known and perturbation is None:
+            return self.known[kappas]
         springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
-        kappas = tuple(c.stops.spring(side)[0] if side else 0.0 for c, side in zip(contacts, sides, strict=True))
         if kappas not in self.known:
             self.known[kappas] = undamped_modes(self.system, springs)
         base = self.known[kappas]
@@ -174,11 +178,10 @@ class Source:
         free = free or basis
         pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
-        close = close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
+        close = NONE if self.damped else close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
         if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
             span = self.span if self.span < math.inf else t_end
-            dampings = tuple((c.stops.spring(side)[0], float(c.stops.damping)) for _, c, side in pressed)
-            key = (content(self.system.damping), span, tuple(i for i, _, _ in pressed), dampings)
+            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i, _, _ in pressed))
             frame, ways = (None, None) if perturbation else self.known.get(key, (None, None))
             regime = regime_of(self.system, self.drive, self.pushed, sides, span, perturbation, basis, frame)
             if ways is None or regime.chains:
