@@ -20,11 +20,10 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-from scipy.linalg import eigh, expm, solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg import eigh, expm, lapack, solve_triangular
 
 from ..basics.arrays import Array, IntArray
 from ..model.sampled import Sampled, moved
@@ -441,7 +440,7 @@ class RegimeFlow:
                 )
                 added += (beside * near[:, None]) @ np.eye(len(rates))[j]
             moved[active] += added
-        y = np.concatenate([carried[None, :, at], moved])
+        y: Complex = np.concatenate([carried[None, :, at], moved])
         seen = np.concatenate([y.real, y.imag], axis=2) @ real
         return seen[0], np.moveaxis(seen[1:], 0, 2)
 
@@ -493,10 +492,11 @@ def vibrations(motion: bytes, stiffness: bytes, mass: bytes) -> tuple[Complex, C
 
 def saddle(M: Array, H: Array) -> Callable[[Array], Array]:
     """Solver of [M, -H^T; H, 0] X = right, by the Schur complement."""
-    n, factor = len(M), dpotrf(M)[0]  # of a matrix that was checked: without the checks of cho_factor
+    n, solver = len(M), cast("Any", lapack)  # of a matrix that was checked: without the checks of cho_factor
+    factor = solver.dpotrf(M)[0]
 
     def unheld(right: Array) -> Array:
-        return dpotrs(factor, right)[0]
+        return solver.dpotrs(factor, right)[0]
 
     if not len(H):
         return unheld

@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array, content
+from ..basics.arrays import Array, content, same
 from ..model.drive import Drive
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
@@ -129,12 +129,20 @@ def _real(phasors: Any) -> Array:
     return made
 
 
+def same_modes(one: System, other: System) -> bool:
+    """Return True where two systems may share what is known: they have equal matrices, contact rows and springs."""
+    pairs = [(one.mass, other.mass), (one.stiffness, other.stiffness)]
+    pairs += [(a.row, b.row) for a, b in zip(one.contacts, other.contacts, strict=True)]
+    springs = [[c.stops.stiffness for c in system.contacts] for system in (one, other)]
+    return springs[0] == springs[1] and all(same(a, b) for a, b in pairs)
+
+
 class Source:
     """Modes, loads and offsets from which the regimes of a system and of its perturbed copies are made.
 
-    known: modes by the stiffnesses of the closed contacts, 0 for open ones, and by the damping too what no load changes
-    of damped regimes; used and added to, by default those that the system has been found to have. span: the longest time that is asked for; over a short one the slow modes answer
-    the drive from rest.
+    known: modes by the stiffnesses of the closed contacts, 0 for open ones, and, of damped regimes, the parts that no
+    load changes; used and added to, by default those of the system itself. span: the longest time that is asked for;
+    over a short one the slow modes answer the drive from rest.
     """
 
     def __init__(self, system: System, known: Known | None = None, span: float = math.inf) -> None:
