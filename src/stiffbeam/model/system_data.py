@@ -180,15 +180,15 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     value, alone = _value(system, path)
     if of_stops := OF_STOPS.fullmatch(path):
         index, name = of_stops[1] or of_stops[2], of_stops[3]
-        which = range(len(system.contacts)) if index is None else [int(index)]
-        # A number of stops is an entry of the data: the derivative is a unit vector, exact.
+        which = list(range(len(system.contacts))) if index is None else [int(index)]
+        # A number of stops is an entry of the data: the derivative is a unit vector, exact. Rigid ones have no damping.
         if (
             alone
             and np.isfinite(value)
-            and all(name == "restitution" or not system.contacts[i].stops.rigid for i in which)
+            and (name != "damping" or not any(system.contacts[i].stops.rigid for i in which))
         ):
             unit = base.zeros()
-            getattr(unit, DATA_OF_STOPS.get(name, name))[list(which)] = 1.0
+            getattr(unit, DATA_OF_STOPS.get(name, name))[which] = 1.0
             return unit, 0.0
         system = replace(system, origin=None)  # no beam has to be made anew
     # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
