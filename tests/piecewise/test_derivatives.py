@@ -1,10 +1,15 @@
 """Derivatives of exact motions against a closed form and against fourth-order differences of exact motions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import stiffbeam as sb
 from stiffbeam.model.members import value_at, with_values
+from stiffbeam.model.modes import undamped_modes
+from stiffbeam.model.system_data import slope_of, slopes
+from stiffbeam.piecewise.regimes import Known
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references.exact.derivative import Derivative
 
@@ -75,6 +80,48 @@ def test_one_mass_against_a_stop_in_closed_form() -> None:
     # u(T) = g - v (T - g/v - pi/w)
     np.testing.assert_allclose(d.state[0, 0], [v * slower, 2.0, -(T - on_stop)], rtol=1e-11)
     np.testing.assert_allclose(d.state[0, 1], [0.0, 0.0, -1.0], rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("stops", "names"),
+    [
+        (sb.Stops(-0.08, 0.1, stiffness=4e3, damping=8.0), ("lower", "upper", "stiffness", "damping")),
+        (sb.Stops(-0.08, 0.1, stiffness=4e3), ("upper", "stiffness", "damping")),
+        (sb.Stops(upper=0.1, stiffness=np.inf, restitution=1.0), ("upper", "restitution")),
+    ],
+)
+def test_numbers_of_stops_have_exact_slopes(stops: sb.Stops, names: tuple[str, ...]) -> None:
+    """Those of one contact and of all, against differences of the data of changed systems."""
+    contacts = [sb.Contact(row, stops) for row in np.eye(2)]
+    system = sb.System.from_matrices(np.eye(2), np.eye(2), contacts=contacts)
+    for path in [f"{start}.{name}" for name in names for start in ("stops", "stops[1]", "contacts[0].stops")]:
+        _, (column,), bounds = slopes(system, [path])
+        value = value_at(system, path)
+        differences, _ = slope_of(lambda x, path=path: with_values(system, {path: x}), system, value, path)
+        np.testing.assert_allclose(column.vector(), differences.vector(), rtol=0, atol=1e-10)
+        assert np.count_nonzero(column.vector()) == (2 if path.startswith("stops.") else 1)
+        assert bounds[0] == 0.0
+
+
+def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
+    stops = sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact(np.ones(1), stops)])
+    with pytest.raises(sb.InputError, match="be left out for rigid stops"):
+        slopes(system, ["stops.damping"])
+
+
+def test_systems_that_share_their_modes_share_no_loads() -> None:
+    """Of damped systems, with loads of other frequencies, one in resonance, and other damping: equal to the bit."""
+    known: Known = {}
+    frequencies = (9.0, 9.1, 31.0, float(undamped_modes(bouncing()).omega[0]))
+    systems = [with_values(bouncing(c), {"frequency": w}) for c in (0.0, 8.0) for w in frequencies]
+    systems += [replace(systems[0], damping=2.0 * systems[0].damping)]
+    systems += [replace(systems[1], damping=np.zeros((2, 2)))]
+    for system in [*systems, *systems]:
+        shared, alone = tracer_of(system, known=known).solve(T), tracer_of(system, known={}).solve(T)
+        np.testing.assert_array_equal(shared.times, alone.times)
+        for a, b in zip(shared.states(np.array([T])), alone.states(np.array([T])), strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("path", ["stops[0].weight", "stops[3].stiffness", "nothing"])

@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg
 
 import stiffbeam as sb
+from stiffbeam.references.exact import continuation
 
 
 def softly_stopped(frequency: float) -> sb.System:
@@ -227,3 +228,31 @@ def test_what_a_continuation_refuses():
         sb.continuation(softly_stopped, "frequency", [1.0], turn)
     with pytest.raises(sb.InputError, match="be a multiple of 2 pi"):
         sb.continuation(softly_stopped, "frequency", [1.0, 1.1], 1.0)
+
+
+def test_a_search_that_is_led_astray_starts_again(monkeypatch):
+    """Guesses beside the branch, and a motion that overflows: the flip stays where it is."""
+    branch = sb.continuation(hard, "frequency", np.linspace(2.5, 2.65, 10), turn)
+    guesses: list[float] = []
+
+    def astray(places: Any, steps: Any, share: float) -> np.ndarray:
+        guesses.append(share)
+        return np.full_like(steps[0], 0.5)
+
+    calls: list[float] = []
+
+    def overflowing(follower: Any, z: np.ndarray, value: float) -> Any:
+        calls.append(value)
+        if len(calls) == 3:
+            raise FloatingPointError("overflow encountered in multiply")
+        return flow(follower, z, value)
+
+    follower = type(branch.follower)
+    flow = follower.flow
+    monkeypatch.setattr(continuation, "krogh_interpolate", astray)
+    monkeypatch.setattr(follower, "flow", overflowing)
+    other = sb.continuation(hard, "frequency", np.linspace(2.5, 2.65, 10), turn)
+    assert guesses
+    assert len(calls) > 7
+    assert np.allclose(other.flips, branch.flips, rtol=0.0, atol=1e-10)
+    assert len(other.flips) == 1

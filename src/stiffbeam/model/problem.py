@@ -324,11 +324,12 @@ class BeamProblem:
         # Supports, stops, base and loads: their kind, and where they act.
         self._check_supports()
         self._check_stops()
-        if self.base is not None and not isinstance(self.base, TimeFunction):
-            raise InputError("base", self.base, "have value, rate and acceleration", "use Harmonic or Sampled")
         if self.base is not None:
+            closed = in_closed_form(self.base)
+            if not closed and not isinstance(self.base, TimeFunction):
+                raise InputError("base", self.base, "have value, rate and acceleration", "use Harmonic or Sampled")
             load_function("base", self.base)
-            if in_closed_form(self.base):
+            if closed:
                 derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
         rule = "hold PointLoad and DistributedLoad only"
         single = isinstance(self.loads, (PointLoad, DistributedLoad))

@@ -194,9 +194,13 @@ def _made(
 
 
 def _with_origin(system: System, **facts: Any) -> System:
-    """The system with an Origin of the ``facts`` and of its own arrays."""
+    """A new system, which nothing has read yet, with an Origin of the ``facts`` and of its own arrays."""
     names = ("mass", "damping", "stiffness", "loads", "contacts", "q0", "v0")
-    return replace(system, origin=Origin(**facts, **{name: getattr(system, name) for name in names}))
+    origin = Origin(**facts, **{name: getattr(system, name) for name in names})
+    # In place: all that ``replace`` would check again has just been checked.
+    object.__setattr__(system, "origin", origin)
+    object.__setattr__(system, "units", origin.problem.units)
+    return system
 
 
 def bending_stencil(M: int) -> Array:

@@ -29,7 +29,8 @@ NARROW = 2.0**-6  # of the parameter, for data that are no quadratic
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
 ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
-OF_STOPS = re.compile(r"(contacts\[\d+\]\.)?stops(\[\d+\])?\.(lower|upper|stiffness|damping|restitution)")
+OF_STOPS = re.compile(r"(?:contacts\[(\d+)\]\.stops|stops(?:\[(\d+)\])?)\.(lower|upper|stiffness|damping|restitution)")
+DATA_OF_STOPS = {"stiffness": "kappa", "damping": "c"}  # names in SystemData, where they differ
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
 
@@ -177,24 +178,35 @@ def _value(system: System, path: str) -> tuple[float, bool]:
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
     """Derivative of the data at a path, and its relative bound."""
     value, alone = _value(system, path)
-    if OF_STOPS.fullmatch(path):
+    if of_stops := OF_STOPS.fullmatch(path):
+        index, name = of_stops[1] or of_stops[2], of_stops[3]
+        which = list(range(len(system.contacts))) if index is None else [int(index)]
+        # A number of stops is an entry of the data: the derivative is a unit vector, exact. Rigid ones have no damping.
+        if (
+            alone
+            and np.isfinite(value)
+            and (name != "damping" or not any(system.contacts[i].stops.rigid for i in which))
+        ):
+            unit = base.zeros()
+            getattr(unit, DATA_OF_STOPS.get(name, name))[which] = 1.0
+            return unit, 0.0
         system = replace(system, origin=None)  # no beam has to be made anew
     # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
     if not alone and not np.allclose(
         data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0
     ):
         raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
-    return slope_of(lambda x: with_values(system, {path: x}), system, value, path)
+    return slope_of(lambda x: with_values(system, {path: x}), system, value, path, base)
 
 
 def slope_of(
-    make_system: Callable[[float], System], system: System, value: float, name: str
+    make_system: Callable[[float], System], system: System, value: float, name: str, base: SystemData | None = None
 ) -> tuple[SystemData, float]:
     """Derivative of the data of ``make_system`` at a value, where they are those of ``system``, and its bound.
 
-    Raises InputError where they have none, or where the system there has other terms.
+    base: the data of ``system``. Raises InputError where they have none, or where the system there has other terms.
     """
-    structure, base = _structure(system), data_of(system)
+    structure, base = _structure(system), base or data_of(system)
     scale, centre, largest = abs(value) if value else 1.0, base.vector(), np.array([])
 
     def at(step: float) -> Array:

@@ -20,10 +20,10 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh, expm, solve_triangular
+from scipy.linalg import eigh, expm, lapack, solve_triangular
 
 from ..basics.arrays import Array, IntArray
 from ..model.sampled import Sampled, moved
@@ -65,6 +65,14 @@ class TimeBasis:
             k = 1 + 2 * self.F
             self.R[k, 0], self.R[k + 1, k], self.R[k + 2, k + 1] = 1.0, 2.0, 3.0
         self.dR = [self._generator(np.array([key[1 + p] for key in pairs], float)) for p in range(len(columns))]
+
+    @cached_property
+    def waves(self) -> tuple[Complex, Complex]:
+        """Eigenvalues and orthonormal eigenvectors of R without records: 0, and +- i w with (-+ i, 1)/sqrt 2."""
+        G = np.eye(1 + 2 * self.F, dtype=complex)
+        for k in range(1, 1 + 2 * self.F, 2):
+            G[k : k + 2, k : k + 2] = np.sqrt(0.5) * np.array([[-1j, 1j], [1.0, 1.0]])
+        return np.concatenate([[0.0], *np.multiply.outer(self.frequencies, [1j, -1j])]), G
 
     def _generator(self, frequencies: Array) -> Array:
         R = np.zeros((self.size, self.size))
@@ -249,9 +257,10 @@ class RegimeFlow:
         X = solve(right)
         self.acceleration, self.reactions = X[:n], X[n:]
         self.A = self._generator(X[:n], basis.R, 1.0)
-        each = zip(slopes, generators.columns, strict=True)
-        rights = [slope - saddle_times(x.mass, x.rows[self.held], X) for slope, x in each]
-        dX = np.split(solve(np.hstack(rights)), len(rights), axis=1) if rights else []
+        for slope, x in zip(slopes, generators.columns, strict=True):
+            if self.held or x.mass.any():
+                slope -= saddle_times(x.mass, x.rows[self.held], X)
+        dX = np.split(solve(np.hstack(slopes)), len(slopes), axis=1) if slopes else []
         self.dA = [self._generator(x[:n], dR, 0.0) for x, dR in zip(dX, basis.dR, strict=True)]
         self.reaction_slopes = [x[n:] for x in dX]
 
@@ -288,11 +297,7 @@ class RegimeFlow:
         free, right, left, energy, lowest, condition = made
         if not condition < WORST:
             return None
-        # R has the rates 0 and +- i w, with the vectors (1) and (-+ i, 1)/sqrt 2 of (sin, cos).
-        waves = np.sqrt(0.5) * np.array([[-1j, 1j], [1.0, 1.0]])
-        G = np.eye(N - h, dtype=complex)
-        G[1:, 1:] = np.kron(np.eye(basis.F), waves)
-        rates = np.concatenate([[0.0], *np.multiply.outer(basis.frequencies, [1j, -1j])])
+        rates, G = basis.waves
         # (rate - A_h) x = F g; nothing answers a force of zero.
         pushed = left @ (self.A[:h, h:] @ G)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -306,6 +311,14 @@ class RegimeFlow:
         V[:h, :h], V[:h, h:], V[h:, h:] = right, right @ answer, G
         W[:h, :h], W[:h, h:], W[h:, h:] = left, -answer @ G.conj().T, G.conj().T
         return np.concatenate([free, rates]), V, W
+
+    @cached_property
+    def upper(self) -> tuple[Complex, Complex, Complex]:
+        """(l, V, W) of one of two conjugate eigenvalues, (H,), (N, H) and (H, N): real motions are Re V exp(l t) W."""
+        assert self.eigen is not None
+        rates, V, W = self.eigen
+        half = rates.imag >= 0.0
+        return rates[half], V[:, half] * np.where(rates[half].imag > 0.0, 2.0, 1.0), W[half]
 
     @cached_property
     def balance(self) -> Array:
@@ -323,23 +336,27 @@ class RegimeFlow:
         return float(np.max(np.abs(np.imag(rates)), initial=0.0))
 
     @cached_property
-    def coupling(self) -> tuple[Complex, Complex, tuple[IntArray, IntArray], Complex]:
-        """B (p, N, N) = G_jl/(l_j - l_l) of eigenvalues apart, the diagonals of G (p, N), and which other pairs (j, l)
-        are near, with their G (p, k)."""
+    def coupling(self) -> tuple[IntArray, Complex, Complex, tuple[IntArray, IntArray], Complex]:
+        """The columns (p,) that change A, and of their G = W dA V, rows j (H,) of ``upper``: B (p, H, N) = G_jl/(l_j -
+        l_l) of eigenvalues apart, G_jj (p, H), and which other pairs (j, l) are near, with their G (p, k)."""
         assert self.eigen is not None
-        values, V, W = self.eigen
-        G = np.zeros((len(self.dA), len(values), len(values)), complex)
-        for each, dA in zip(G, self.dA, strict=True):  # most columns change few entries
-            rows, columns = np.flatnonzero(np.any(dA, axis=1)), np.flatnonzero(np.any(dA, axis=0))
-            each[:] = (W[:, rows] @ dA[np.ix_(rows, columns)]) @ V[columns]
+        rates, V, _ = self.eigen
+        values, _, W = self.upper
+        active = [p for p, dA in enumerate(self.dA) if np.any(dA)]
+        G = np.zeros((len(active), len(values), len(rates)), complex)
+        for each, p in zip(G, active, strict=True):  # most columns change few entries
+            rows, columns = np.flatnonzero(self.dA[p].any(axis=1)), np.flatnonzero(self.dA[p].any(axis=0))
+            each[:] = (W[:, rows] @ self.dA[p][np.ix_(rows, columns)]) @ V[columns]
         # Differences of near eigenvalues cancel: their pairs are left to sinh(x)/x. Zeros do not count as lowest.
-        apart = values[:, None] - values
+        apart = values[:, None] - rates
         sizes = np.abs(values)
         lowest = float(np.min(sizes[sizes > 1e-6 * np.max(sizes)], initial=np.max(sizes)))
         near = np.abs(apart) < max(NEAR * lowest, 1e-300)
         B = G * np.divide(1.0, apart, out=np.zeros_like(apart), where=~near)
-        j, k = np.nonzero(near & ~np.eye(len(values), dtype=bool))
-        return B, G.diagonal(axis1=1, axis2=2), (j, k), G[:, j, k]
+        at = np.flatnonzero(self.eigen[0].imag >= 0.0)
+        near[range(len(at)), at] = False
+        j, k = np.nonzero(near)
+        return np.array(active, np.int64), B, G[:, range(len(at)), at], (j, k), G[:, j, k]
 
     def flow(self, tau: float) -> Array:
         """exp(A tau), (N, N)."""
@@ -349,12 +366,10 @@ class RegimeFlow:
         """``flow`` of each of tau (k,), (k, N, N)."""
         if self.eigen is None:
             return np.array([self.flow(x) for x in tau.tolist()])
-        # One of two conjugates, twice its real part, in one real product.
-        rates, V, W = self.eigen
-        upper = rates.imag >= 0.0
-        V = V[:, upper] * np.where(rates[upper].imag > 0.0, 2.0, 1.0)
-        left = V * np.exp(np.multiply.outer(tau, rates[upper]))[:, None]
-        return np.concatenate([left.real, left.imag], axis=2) @ np.concatenate([W[upper].real, -W[upper].imag])
+        # One real product: the real part of the complex one.
+        rates, V, W = self.upper
+        left = V * np.exp(np.multiply.outer(tau, rates))[:, None]
+        return np.concatenate([left.real, left.imag], axis=2) @ np.concatenate([W.real, -W.imag])
 
     def series(self, Z: Array) -> Array:
         """Taylor series of the motions from Z (..., N): coefficients (ORDER + 1, ..., N) of the powers of tau."""
@@ -375,7 +390,7 @@ class RegimeFlow:
         if self.eigen is None:
             scale = self.balance
             return scale[:, None] * (expm(self.A * (tau * scale / scale[:, None])) @ (dZ / scale[:, None]))
-        values, V, W = self.eigen
+        values, V, W = self.upper
         return (V @ (np.exp(values * tau)[:, None] * (W @ dZ))).real
 
     def seen(
@@ -398,25 +413,36 @@ class RegimeFlow:
                 for p, dE in moved.items():
                     slopes[i, :, p] += forms @ (dE @ Z[s])
             return values, slopes
-        rates, V, W = self.eigen
-        B, same, (j, m), near = self.coupling
-        E, c, U = np.exp(np.multiply.outer(tau, rates)), Z @ W.T, (V if forms is None else forms @ V).T
-        carried, slopes = E * c[start], np.empty((len(tau), U.shape[1], D))
-        # L of near pairs: (exp(l_j tau) - exp(l_m tau))/(l_j - l_m) = tau exp of the mean times sinh(half)/half.
-        half = np.multiply.outer(tau, 0.5 * (rates[j] - rates[m]))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            # Below 1e-4 the series errs by half^4/120 < 1e-18.
-            ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
-        beside = tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (rates[j] + rates[m]))) * ratio * c[start][:, m]
-        for p, y in enumerate(np.zeros((D, 1, len(rates))) if dZ is None else np.moveaxis(W @ dZ, 2, 0)):
-            if p >= len(self.dA) or not np.any(self.dA[p]):
-                slopes[:, :, p] = ((E * y[start * (dZ is not None)]) @ U).real
-                continue
+        all_rates, _, all_W = self.eigen
+        rates, V, W = self.upper
+        active, B, same, (j, m), near = self.coupling
+        U = (V if forms is None else forms @ V).T
+        real = np.concatenate([U.real, -U.imag])  # the real part of a complex product in one real one
+        c, E = (Z @ all_W.T)[start], np.exp(np.multiply.outer(tau, all_rates))
+        at = np.flatnonzero(all_rates.imag >= 0.0)
+        here, carried = E[:, at], E * c
+        # Derivatives of the coefficients (D, k, H): those of the starts carried on, then what dA adds.
+        moved = np.zeros((D, len(tau), len(rates)), complex)
+        if dZ is not None:
+            moved += here * np.moveaxis(W @ dZ, 2, 0)[:, start]
+        if len(active):
             # Pairs apart are a difference of two products, an eigenvalue with itself tau exp(l tau).
-            total = (E * (y + c @ B[p].T)[start]) @ U - np.linalg.multi_dot([carried, B[p].T, U])
-            total += (tau[:, None] * carried) @ (same[p][:, None] * U) + (beside * near[p]) @ U[j]
-            slopes[:, :, p] = total.real
-        return (carried @ U).real, slopes
+            turned = np.concatenate([c, carried]) @ B.transpose(0, 2, 1)
+            added = here * turned[:, : len(tau)] - turned[:, len(tau) :] + tau[:, None] * carried[:, at] * same[:, None]
+            # L of near pairs: (exp(l_j tau) - exp(l_m tau))/(l_j - l_m) = tau exp of the mean times sinh(half)/half.
+            if len(j):
+                half = np.multiply.outer(tau, 0.5 * (rates[j] - all_rates[m]))
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    # Below 1e-4 the series errs by half^4/120 < 1e-18.
+                    ratio = np.where(np.abs(half) < 1e-4, 1.0 + half**2 / 6.0, np.sinh(half) / half)
+                beside = (
+                    tau[:, None] * np.exp(np.multiply.outer(tau, 0.5 * (rates[j] + all_rates[m]))) * ratio * c[:, m]
+                )
+                added += (beside * near[:, None]) @ np.eye(len(rates))[j]
+            moved[active] += added
+        y: Complex = np.concatenate([carried[None, :, at], moved])
+        seen = np.concatenate([y.real, y.imag], axis=2) @ real
+        return seen[0], np.moveaxis(seen[1:], 0, 2)
 
     def _blocks(self, tau: float) -> tuple[Array, dict[int, Array]]:
         """exp(A tau) and its derivatives in the columns that change it, by Van Loan's block exponential, balanced."""
@@ -466,14 +492,19 @@ def vibrations(motion: bytes, stiffness: bytes, mass: bytes) -> tuple[Complex, C
 
 def saddle(M: Array, H: Array) -> Callable[[Array], Array]:
     """Solver of [M, -H^T; H, 0] X = right, by the Schur complement."""
-    factor, n = cho_factor(M), len(M)
+    n, solver = len(M), cast("Any", lapack)  # of a matrix that was checked: without the checks of cho_factor
+    factor = solver.dpotrf(M)[0]
+
+    def unheld(right: Array) -> Array:
+        return solver.dpotrs(factor, right)[0]
+
     if not len(H):
-        return lambda right: cho_solve(factor, right)
-    back = cho_solve(factor, H.T)
+        return unheld
+    back = unheld(H.T)
     inner = H @ back
 
     def solve(right: Array) -> Array:
-        x, R = cho_solve(factor, right[:n]), np.zeros_like(right[n:])
+        x, R = unheld(right[:n]), np.zeros_like(right[n:])
         for _ in range(2):  # what rounding leaves of forces that cancel would move a body at rest
             step = np.linalg.solve(inner, right[n:] - H @ x)
             x, R = x + back @ step, R + step

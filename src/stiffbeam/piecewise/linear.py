@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner, inner_inlined
 from ..model.drive import Drive
 from ..model.graded import congruence, uncoupled
-from ..model.modes import Modes, undamped_modes
+from ..model.modes import Modes
 from ..model.system import System
 from .rounding import Perturbation, rounded_sum
 from .spectrum import Chain, Group, groups
@@ -45,7 +45,7 @@ class Regime:
     """eigenvalues: lambda (k,), those of chains among them. W, W_rate: (n, k), q and q' of the homogeneous part.
     from_q, from_v: (k, n), c = from_q q + from_v q' of the homogeneous part. response, response_rate: X (n, 1 + F)
     complex, to the constant and to exp(i Omega t) of every drive frequency, and what it adds to q'.
-    push: (k, R), y' = lambda y + push r(t) under the records r."""
+    push: (k, R), y' = lambda y + push r(t) under the records r. frame: what no load changes of it."""
 
     eigenvalues: Complex
     W: Complex
@@ -55,7 +55,8 @@ class Regime:
     response: Complex
     response_rate: Complex
     push: Complex
-    chains: tuple[Chain, ...] = ()
+    chains: tuple[Chain, ...]
+    frame: Frame
 
     @cached_property
     def single(self) -> NDArray[np.bool_]:
@@ -93,38 +94,51 @@ class Regime:
         return self.ahead(c.T, still, none, np.full(len(columns), tau), columns).T
 
 
+class Pushed(NamedTuple):
+    """Loads of a system and motions of its stops in the functions of its drive, (d, n) and (d, channels), and of its
+    records, (R, n) and (R, channels)."""
+
+    loads: Array
+    offsets: Array
+    records: Array
+    moved: Array
+
+    @classmethod
+    def of(cls, system: System, drive: Drive) -> Pushed:
+        """Both of a system. Raises InputError for functions that are none of these."""
+        loads, rest = drive.split(system.loads, system.size)
+        offsets, moving = drive.offsets(system)
+        return cls(loads, offsets, drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1]))
+
+
 def regime_of(
-    system: System,
-    drive: Drive,
-    chi: tuple[int, ...],
-    span: float,
-    perturbation: Perturbation | None = None,
-    basis: Modes | None = None,
-) -> Regime:
+    system: System, drive: Drive, pushed: Pushed, chi: tuple[int, ...], span: float, perturbation: Perturbation | None,
+    basis: Modes, frame: Frame | None = None,
+) -> Regime:  # fmt: skip
     """The regime with every contact on the given side, 0 free; span: the longest time that is asked for; basis: its
-    undamped modes, of a perturbed copy where that is asked for."""
+    undamped modes, of a perturbed copy where that is asked for; frame: that of a system with equal matrices."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
-    springs = tuple((c.row, c.stops.spring(side)[0]) for _, c, side in closed)
     # Seeded by the sides: a copy has the same regimes in whichever order its motion enters them.
     rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
-    basis = undamped_modes(system, springs) if basis is None else basis
     omega, shapes = basis.omega, basis.shapes
-    force, rest = drive.split(system.loads, system.size)
-    offsets, moving = drive.offsets(system)
-    records, moved = drive.recorded(rest, system.size), drive.recorded(moving, offsets.shape[1])
-    C = system.damping.copy()
+    force, offsets, records, moved = pushed.loads.copy(), pushed.offsets, pushed.records, pushed.moved
     for i, contact, side in closed:
         # sigma = kappa (gap - row q - offset) - c (row q' + offset'): the second terms are in the matrices.
         kappa, constant = contact.stops.spring(side)
         c = float(contact.stops.damping)
-        C += c * np.outer(contact.row, contact.row)
-        force = force - np.outer(kappa * offsets[:, i] + c * drive.derivative().T @ offsets[:, i], contact.row)
+        moves = kappa * offsets[:, i] + (c * drive.derivative().T @ offsets[:, i] if c else 0.0)
+        force = force - np.outer(moves, contact.row)
         records = records - kappa * np.outer(moved[:, i], contact.row)
         force[0] += constant * contact.row
     # Modal forces, and the sizes of their terms, which separate a force from rounding.
     modal_force = phasors(force) @ shapes  # (1 + F, n)
     terms_of_force = np.abs(phasors(force)) @ np.abs(shapes)
     push = records @ shapes  # (R, n)
+    if frame is not None:
+        return _driven(frame, drive, modal_force, terms_of_force, push, span)
+    C = system.damping.copy()
+    for _, contact, _ in closed:
+        C += float(contact.stops.damping) * np.outer(contact.row, contact.row)
     damping = _modal_damping(C, omega, shapes)
     to_modal = shapes.T @ system.mass
     order = np.arange(system.size)
@@ -140,10 +154,9 @@ def regime_of(
         to_modal += size * rounded_sum(shapes.T, system.mass) * rng.uniform(-1.0, 1.0, to_modal.shape)
         shapes = shapes * (1.0 + size * rng.uniform(-1.0, 1.0, shapes.shape))
         order = rng.permutation(order)  # the eigenvalue algorithm rounds otherwise
-    forces = modal_force[:, order], terms_of_force[:, order]
-    ordered = omega[order], shapes[:, order], to_modal[order], *forces, push[:, order]
     size = 0.0 if perturbation is None else perturbation.state
-    return _assembled(drive, *ordered, damping[np.ix_(order, order)], span, size, rng)
+    frame = _frame(omega[order], shapes[:, order], to_modal[order], damping[np.ix_(order, order)], span, size, rng)
+    return _driven(frame, drive, modal_force[:, order], terms_of_force[:, order], push[:, order], span)
 
 
 def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
@@ -152,66 +165,89 @@ def _modal_damping(C: Array, omega: Array, shapes: Array) -> Array:
     return uncoupled(C, shapes, congruence(C, shapes) if np.any(rigid) else shapes.T @ C @ shapes, rigid)
 
 
-def _assembled(
-    drive: Drive, omega: Array, shapes: Array, to_modal: Array, force: Complex, terms: Array, push: Array,
-    damping: Array, span: float, size: float, rng: np.random.Generator | None,
-) -> Regime:  # fmt: skip
-    """Regime from its modes: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the
-    records, all modal. size, rng: as in ``groups``."""
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The part of a regime of k coefficients that no load changes.
+
+    omega: (n,), s: (n,), damping: (n, n), see ``groups``. begins: of each group among the coefficients, and k. values:
+    (k,). paired: (k,). L: (k, 2n). shapes and the others: as in ``Regime``.
+    """
+
+    omega: Array
+    s: Array
+    damping: Array
+    groups: list[Group]
+    begins: list[int]
+    values: Complex
+    paired: NDArray[np.bool_]
+    L: Complex
+    shapes: Array
+    eigenvalues: Complex
+    W: Complex
+    W_rate: Complex
+    from_q: Complex
+    from_v: Complex
+
+
+def _frame(
+    omega: Array, shapes: Array, to_modal: Array, damping: Array, span: float, size: float,
+    rng: np.random.Generator | None,
+) -> Frame:  # fmt: skip
+    """Frame of a regime from its modes. size, rng: as in ``groups``."""
     # Eigenvalues in groups, and the places of these among the coefficients.
-    n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
+    n = len(omega)
     s, found = groups(omega, damping, span, size, rng)
-    begins = np.cumsum([0, *(len(group.T) for group in found)])
-    eigenvalues = np.concatenate([g.values for g in found])
-    L = np.vstack([g.L for g in found])
-    # Chains: groups of several eigenvalues, and single ones that a drive forces in resonance.
-    drawn = _drawn(
-        eigenvalues, np.repeat([g.paired for g in found], np.diff(begins)), L[:, n:], force, terms, rates, span
-    )
-    chains = [
-        _chain(g, np.arange(a, b), force, terms, rates, span)
-        if b > a + 1 or np.any(drawn[a])
-        else Chain(np.array([a]), g.T, NO_DRIVES, rates[:0], g.L[:, :0])
-        for g, a, b in zip(found, begins[:-1].tolist(), begins[1:].tolist(), strict=True)
-    ]
-    # With or without a force on them: of modes close to a drive the response is not asked for.
-    apart = np.abs(eigenvalues[:, None] - rates)
-    close = np.any(apart <= CLOSE * (np.abs(eigenvalues)[:, None] + np.abs(rates)), axis=0)
-    resonant = np.unique(np.concatenate([np.flatnonzero(close), *(chain.drives for chain in chains)]))
-    # The response to every drive. Its equation is singular at resonance and of rigid motions: group by group there.
-    response = np.empty((2 * n, len(rates)), complex)
-    for k, rate in enumerate(rates):
-        response[:, k] = (
-            _without(found, chains, force[k], terms[k], rates, k)
-            if k in resonant or np.any(omega == 0.0)
-            else _answer(omega, s, damping, force[k], rate)
-        )
+    counts = [len(group.T) for group in found]
+    values, L = np.concatenate([g.values for g in found]), np.vstack([g.L for g in found])
     # Conjugates are left out: z = 2 Re(V y).
-    weights = np.concatenate([np.full(len(g.T), 2.0 if g.paired else 1.0) for g in found])
-    V = np.hstack([g.V for g in found]) * weights
-    return Regime(
+    paired = np.repeat([g.paired for g in found], counts)
+    V = np.hstack([g.V for g in found]) * np.where(paired, 2.0, 1.0)
+    return Frame(
+        omega, s, damping, found, np.cumsum([0, *counts]).tolist(), values, paired, L, shapes,
         # The damping is positive semidefinite: a positive real part is rounding, and would grow.
-        np.minimum(np.real(eigenvalues), 0.0) + 1j * np.imag(eigenvalues),
+        np.minimum(np.real(values), 0.0) + 1j * np.imag(values),
         shapes @ (V[:n] / s[:, None]),
         shapes @ V[n:],
         (L[:, :n] * s) @ to_modal,
         L[:, n:] @ to_modal,
-        shapes @ (response[:n] / s[:, None]),
-        shapes @ response[n:],
-        L[:, n:] @ push.T,
-        tuple(chain for chain in chains if len(chain.T) > 1 or len(chain.drives)),
-    )
+    )  # fmt: skip
 
 
-def _drawn(
-    values: Complex, paired: NDArray[np.bool_], L: Complex, force: Complex, terms: Array, rates: Complex, span: float
-) -> NDArray[np.bool_]:
-    """(k, 1 + F), which drives force which of k eigenvalues that are no group with others in resonance; L: (k, n)."""
-    # A force below the rounding of its terms is none: a mode at the frequency of such a drive is not in resonance.
-    pulled = np.abs(L @ force.T) > UNFELT * (np.abs(L) @ terms.T)
+def _driven(frame: Frame, drive: Drive, force: Complex, terms: Array, push: Array, span: float) -> Regime:
+    """Regime from its frame: force (1 + F, n) of the drives, sums of terms of the sizes ``terms``, push (R, n) of the
+    records, all modal."""
+    omega, s, found, values, L = frame.omega, frame.s, frame.groups, frame.values, frame.L
+    n, rates = len(omega), 1j * np.array([0.0, *drive.frequencies])
+    # Chains: groups of several eigenvalues, and single ones that a drive forces in resonance.
     apart, sizes = np.abs(values[:, None] - rates), np.abs(values)[:, None]
     near = apart <= CLOSE * (sizes + np.abs(rates))
-    return pulled & (near | (~paired[:, None] & ((apart <= 1.0 / span) | (sizes <= 1.0 / span))))
+    # A force below the rounding of its terms is none: a mode at the frequency of such a drive is not in resonance.
+    pulled = np.abs(L[:, n:] @ force.T) > UNFELT * (np.abs(L[:, n:]) @ terms.T)
+    slow = ~frame.paired[:, None] & ((apart <= 1.0 / span) | (sizes <= 1.0 / span))
+    drawn = pulled & (near | slow)
+    # With or without a force on them: of modes close to a drive the response is not asked for.
+    near = near.any(axis=0)
+    if len(found) == len(values) and not (drawn.any() or near.any() or (omega == 0.0).any()):
+        chains, response = [], _answers(omega, s, frame.damping, force, rates)
+    else:
+        chains = [
+            _chain(g, np.arange(a, b), force, terms, rates, span)
+            if b > a + 1 or drawn[a].any()
+            else Chain(np.array([a]), g.T, NO_DRIVES, rates[:0], g.L[:, :0])
+            for g, a, b in zip(found, frame.begins[:-1], frame.begins[1:], strict=True)
+        ]
+        resonant = near | (omega == 0.0).any()
+        resonant[np.concatenate([chain.drives for chain in chains])] = True
+        # The equation of the response is singular at resonance and of rigid motions: group by group there.
+        response = np.empty((2 * n, len(rates)), complex)
+        response[:, ~resonant] = _answers(omega, s, frame.damping, force[~resonant], rates[~resonant])
+        for k in np.flatnonzero(resonant).tolist():
+            response[:, k] = _without(found, chains, force[k], terms[k], rates, k)
+    return Regime(
+        frame.eigenvalues, frame.W, frame.W_rate, frame.from_q, frame.from_v,
+        frame.shapes @ (response[:n] / s[:, None]), frame.shapes @ response[n:], L[:, n:] @ push.T,
+        tuple(chain for chain in chains if len(chain.T) > 1 or len(chain.drives)), frame,
+    )  # fmt: skip
 
 
 def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array, rates: Complex, span: float) -> Chain:
@@ -221,7 +257,7 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array,
     pull = group.L[:, n:] @ force.T  # (k, 1 + F)
     if group.paired:
         pull = pull / 2.0  # exp(i Omega t) is half of the cosine
-    # As in ``_drawn``, with the closest eigenvalue of the group.
+    # As in ``_driven``, with the closest eigenvalue of the group.
     pulled = np.any(np.abs(pull) > UNFELT * (np.abs(group.L[:, n:]) @ terms.T), axis=0)
     apart = np.min(np.abs(values[:, None] - rates), axis=0)
     near = apart <= CLOSE * (np.min(np.abs(values)) + np.abs(rates))
@@ -231,14 +267,17 @@ def _chain(group: Group, modes: NDArray[np.int64], force: Complex, terms: Array,
     return Chain(modes, group.T, drives, rates[drives], pull[:, drives])
 
 
-def _answer(omega: Array, s: Array, damping: Array, force: Complex, rate: complex) -> Complex:
-    """The response (2n,) to force exp(rate t), row by row to size one, so that stiff modes do not drown the soft."""
+def _answers(omega: Array, s: Array, damping: Array, force: Complex, rates: Complex) -> Complex:
+    """The responses (2n, k) to forces (k, n) of exp(rate t), row by row to size one, so that stiff modes do not drown
+    the soft."""
     # (Omega^2 + rate D + rate^2) eta = force
-    matrix = np.diag(omega**2 + rate**2) + rate * damping
-    size = np.maximum(omega**2, np.abs(rate) ** 2)
+    each = rates[:, None]
+    matrix = each[..., None] * damping
+    matrix[:, range(len(omega)), range(len(omega))] += omega**2 + each**2
+    size = np.maximum(omega**2, np.abs(each) ** 2)
     size = np.where(size > 0.0, size, 1.0)
-    eta = np.linalg.solve(matrix / size[:, None], force / size)
-    return np.concatenate([s * eta, rate * eta])
+    eta = np.linalg.solve(matrix / size[..., None], (force / size)[..., None])[..., 0]
+    return np.concatenate([s * eta, each * eta], axis=1).T
 
 
 def _without(found: list[Group], chains: list[Chain], force: Complex, terms: Array, rates: Complex, k: int) -> Complex:

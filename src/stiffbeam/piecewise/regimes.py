@@ -16,17 +16,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, content, same
 from ..model.drive import Drive
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
 from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
-from .linear import Regime, regime_of
+from .linear import Pushed, Regime, regime_of
 from .rounding import Correction, Perturbation, correction, rounded_sum
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
 NONE = np.zeros((0, 2), np.int64)
-Known = dict[tuple[float, ...], Modes]
+Known = dict[tuple[Any, ...], Any]
 _KNOWN: WeakKeyDictionary[System, Known] = WeakKeyDictionary()
 
 
@@ -88,7 +88,19 @@ class Pairs:
         return q.T, v.T
 
 
-def of_exponentials(regime: Regime, free: Modes) -> Pairs:
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """Between complex modes and the amplitudes of the free modes, as in ``Pairs``. to: (n, n), amplitudes of q."""
+
+    to: Array
+    sigma: Array
+    omega: Array
+    outward: Array
+    inward: Array
+    turns: Array
+
+
+def ways_of(regime: Regime, free: Modes) -> Ways:
     """The pairs x = Re c, y = -omega Im c of complex modes, in the amplitudes of the ``free`` modes; of a chain's
     coefficients y = -Im c."""
     to = free.shapes.T @ free.mass
@@ -98,9 +110,16 @@ def of_exponentials(regime: Regime, free: Modes) -> Pairs:
     outward = [(f(z) / w).T for z in (to @ regime.W, to @ regime.W_rate) for f, w in ((np.real, 1.0), (np.imag, turns))]
     inward = [f(z @ free.shapes).T for f in (np.real, np.imag) for z in (regime.from_q, regime.from_v)]
     inward[2:] = [-turns * z for z in inward[2:]]
-    response = np.stack([_real(to @ regime.response).T, _real(to @ regime.response_rate).T])
-    zeros, none = np.zeros(len(sigma)), np.zeros((0, 2))
-    return Pairs(sigma, omega, zeros, np.stack(outward), np.stack(inward), response, NONE, none, regime, turns)
+    return Ways(to, sigma, omega, np.stack(outward), np.stack(inward), turns)
+
+
+def of_exponentials(regime: Regime, ways: Ways) -> Pairs:
+    """The regime of complex modes as pairs."""
+    response = np.stack([_real(ways.to @ x).T for x in (regime.response, regime.response_rate)])
+    zeros, none = np.zeros(len(ways.sigma)), np.zeros((0, 2))
+    return Pairs(
+        ways.sigma, ways.omega, zeros, ways.outward, ways.inward, response, NONE, none, regime, ways.turns
+    )  # fmt: skip
 
 
 def _real(phasors: Any) -> Array:
@@ -110,31 +129,41 @@ def _real(phasors: Any) -> Array:
     return made
 
 
+def same_modes(one: System, other: System) -> bool:
+    """Return True where two systems may share what is known: they have equal matrices, contact rows and springs."""
+    pairs = [(one.mass, other.mass), (one.stiffness, other.stiffness)]
+    pairs += [(a.row, b.row) for a, b in zip(one.contacts, other.contacts, strict=True)]
+    springs = [[c.stops.stiffness for c in system.contacts] for system in (one, other)]
+    return springs[0] == springs[1] and all(same(a, b) for a, b in pairs)
+
+
 class Source:
     """Modes, loads and offsets from which the regimes of a system and of its perturbed copies are made.
 
-    known: modes by the stiffnesses of the closed contacts, 0 for open ones; used and added to, by default those that
-    the system has been found to have. span: the longest time that is asked for; over a short one the slow modes answer
-    the drive from rest.
+    known: modes by the stiffnesses of the closed contacts, 0 for open ones, and, of damped regimes, the parts that no
+    load changes; used and added to, by default those of the system itself. span: the longest time that is asked for;
+    over a short one the slow modes answer the drive from rest.
     """
 
     def __init__(self, system: System, known: Known | None = None, span: float = math.inf) -> None:
         self.system, self.drive, self.span = system, Drive.of(system), span
         self.known = _KNOWN.setdefault(system, {}) if known is None else known
         self.corrections: dict[tuple[float, ...], Correction] = {}
-        self.loads, _ = self.drive.split(system.loads, system.size)
-        self.offsets, moving = self.drive.offsets(system)
-        self.recorded = self.drive.recorded(moving, self.offsets.shape[1])
+        self.pushed = Pushed.of(system, self.drive)
         self.damped = system.damped or bool(self.drive.records)
-        self.lags = np.array([float(c.stops.damping) / float(c.stops.stiffness) for c in system.contacts])
+        self.kappas = [float(c.stops.stiffness) for c in system.contacts]
+        self.dampings = [float(c.stops.damping) for c in system.contacts]
+        self.lags = np.array([c / kappa for c, kappa in zip(self.dampings, self.kappas, strict=True)])
 
     def modes(
         self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
     ) -> Modes:
         """The undamped modes with the contacts on these sides closed, or those of a copy."""
         contacts = self.system.contacts
+        kappas = tuple(kappa if side else 0.0 for kappa, side in zip(self.kappas, sides, strict=True))
+        if kappas in self.known and perturbation is None:
+            return self.known[kappas]
         springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
-        kappas = tuple(c.stops.spring(side)[0] if side else 0.0 for c, side in zip(contacts, sides, strict=True))
         if kappas not in self.known:
             self.known[kappas] = undamped_modes(self.system, springs)
         base = self.known[kappas]
@@ -157,16 +186,22 @@ class Source:
         free = free or basis
         pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
-        close = close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
+        close = NONE if self.damped else close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
         if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
             span = self.span if self.span < math.inf else t_end
-            regime = regime_of(self.system, self.drive, sides, span, perturbation, basis)
-            return of_exponentials(regime, free), basis
-        force = self.loads.copy()
+            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i, _, _ in pressed))
+            frame, ways = (None, None) if perturbation else self.known.get(key, (None, None))
+            regime = regime_of(self.system, self.drive, self.pushed, sides, span, perturbation, basis, frame)
+            if ways is None or regime.chains:
+                ways = ways_of(regime, free)
+            if not (perturbation or regime.chains):
+                self.known[key] = regime.frame, ways
+            return of_exponentials(regime, ways), basis
+        force = self.pushed.loads.copy()
         for i, contact, side in pressed:
             # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
             kappa, constant = contact.stops.spring(side)
-            force -= kappa * np.outer(self.offsets[:, i], contact.row)
+            force -= kappa * np.outer(self.pushed.offsets[:, i], contact.row)
             force[0] += constant * contact.row
         # Modal forces, and the way from the free modes to those of this regime.
         modal, inward = basis.force(force), np.eye(len(basis.omega))
@@ -287,7 +322,7 @@ class Regimes:
         for i, contact in enumerate(source.system.contacts):
             row = self.free.force(contact.row)
             table.rows[r, :, i, :size] = made.outward[:2] @ row
-            table.waves[r, i] = made.steady @ row + source.offsets[:, i]
+            table.waves[r, i] = made.steady @ row + source.pushed.offsets[:, i]
         table.close[r, :p], table.pulls[r, :p] = made.close, made.pulls
         table.sizes[r] = size if made.followed else -size  # at last: now a loop may find it
 

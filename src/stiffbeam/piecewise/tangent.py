@@ -65,16 +65,15 @@ class Tangent:
         self.count = self.parameters + directions.shape[1]
         basis, k, N = generators.basis, len(path.times), generators.N
         # Z at the start of every segment.
-        self.intervals = [basis.interval(t) for t in path.times.tolist()]
+        self.intervals = [basis.interval(t) for t in path.times.tolist()] if basis.records else [0] * k
         self.Z = np.hstack([path.q, path.v, basis.all_values(path.times, self.intervals)])
-        self.dZ, self.ends = np.empty((2, k, N, self.count))  # at the starts and ends of segments
         self.lengths = np.diff(np.append(path.times, path.t_end))
         sides = map(tuple, np.where(np.abs(path.sides) == LET_GO, 0, path.sides).tolist())
         self.regimes = [generators.regime(x, path.rigid, i) for x, i in zip(sides, self.intervals, strict=True)]
         # Segments of one regime share its eigenvectors: most work is done a regime at a time.
         self.groups: dict[int, list[int]] = {}
-        for i, regime in enumerate(self.regimes):
-            self.groups.setdefault(id(regime), []).append(i)
+        for i, regime in enumerate(map(id, self.regimes)):
+            self.groups.setdefault(regime, []).append(i)
         self.impulses: dict[int, dict[int, tuple[float, Array]]] = {}  # rigid: by segment and contact, with derivative
         self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
@@ -84,27 +83,38 @@ class Tangent:
         for p, column in enumerate(generators.columns):
             start[: generators.n, p], start[generators.n : 2 * generators.n, p] = column.q0, column.v0
         start[: 2 * generators.n, self.parameters :] = directions
-        self.last = self._follow(start) if self.count else start
+        self.dZ, self.ends = self._follow(start)  # at the starts and ends of segments, (k, N, columns)
+        self.last = self.ends[-1]
 
-    def _follow(self, dZ: Array) -> Array:
-        """Fill dZ at the starts of all segments; return those at the end of the last."""
-        # The part of dA first, all segments of a regime at once; then from event to event.
-        k, N = self.Z.shape
-        driven, wide = np.empty((k, N, self.parameters)), 2 * self.count > N
-        flows = np.empty((k, N, N) if wide else 0)
-        for members in self.groups.values():
+    def _follow(self, dZ: Array) -> tuple[Array, Array]:
+        """dZ at the starts and ends of all segments."""
+        (k, N), P = self.Z.shape, self.parameters
+        # Where nothing happens at events, the end of a segment is the start of the next.
+        smooth = not (self.path.rigid or self.generators.basis.records or self._jumps)
+        # With many columns the flow of every segment, [E, d; 0, 1] with the part d of dA: one product a segment.
+        wide = 2 * self.count > N
+        rows = N + P if wide else N
+        starts = np.zeros((k + 1, rows, self.count))
+        starts[0, :N], starts[:, range(N, rows), range(rows - N)] = dZ, 1.0
+        ends = starts[1:] if smooth else np.zeros((k, rows, self.count))
+        driven, flows = np.zeros((k, N, P)), np.zeros((k, rows, rows) if wide else 0)
+        for members in self.groups.values() if self.count else ():
             regime, tau = self.regimes[members[0]], self.lengths[members]
-            driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
+            if P:
+                driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
             if wide:
-                flows[members] = regime.flows(tau)
-        for i, (regime, tau) in enumerate(zip(self.regimes, self.lengths.tolist(), strict=True)):
-            if i:
-                dZ = self.across(i, dZ)
-            self.dZ[i] = dZ
-            dZ = flows[i] @ dZ if wide else regime.ahead(dZ, tau)
-            dZ[:, : self.parameters] += driven[i]
-            self.ends[i] = dZ
-        return dZ
+                flows[members, :N, :N] = regime.flows(tau)
+        if wide:
+            flows[:, :N, N:], flows[:, range(N, rows), range(N, rows)] = driven, 1.0
+        for i, (start, end) in enumerate(zip(starts[:-1], ends, strict=True)):
+            if i and not smooth:
+                start[:N] = self.across(i, ends[i - 1, :N])
+            if wide:
+                np.dot(flows[i], start, out=end)
+            elif self.count:
+                end[:] = self.regimes[i].ahead(start, float(self.lengths[i]))
+                end[:, :P] += driven[i]
+        return starts[:-1, :N], ends[:, :N]
 
     def slope_of(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
         """Derivative of a form of Z, which depends on the parameters itself, (columns,)."""

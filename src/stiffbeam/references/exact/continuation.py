@@ -33,7 +33,7 @@ from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
-from ...piecewise.regimes import Known
+from ...piecewise.regimes import Known, same_modes
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
 from .orbit import ALONE, Orbit, PeriodMap, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
@@ -58,6 +58,7 @@ NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from
 BESIDE = 1e-4  # of a step: as near comes the search to a point where another branch crosses
 SPLIT = 12  # halvings of a step between two grazings
 AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
+LOST_AT = (SolverFailure, np.linalg.LinAlgError, FloatingPointError)  # errors at which no point is reached
 TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
     "fold": lambda m: float(np.prod(m - 1.0).real),
     "flip": lambda m: float(np.prod(m + 1.0).real),
@@ -223,8 +224,7 @@ class _Follower:
     ) -> None:  # fmt: skip
         self.make_system, self.period, self.parameter, self.limits = make_system, period, parameter, limits
         self.span, self.most, self.grazings = limits[1] - limits[0], most, grazings
-        self.first_step = first_step
-        self.scale = np.ones(0)
+        self.first_step, self.scale = first_step, np.ones(0)
         self._known: tuple[System, Known] | None = None
         self._last: tuple[float, PeriodMap, float] | None = None
         self._slopes: tuple[Array, Array] | None = None  # at both limits, where they are linear between them
@@ -236,15 +236,14 @@ class _Follower:
         """The period map at a value of the parameter, with its derivative by it, and dT/da."""
         if self._last is None or self._last[0] != value:
             system, period = self.make_system(value), self.period(value)
-            if self._known is None or not _same_modes(self._known[0], system):
+            if self._known is None or not same_modes(self._known[0], system):
                 self._known = system, {}
             mapping = PeriodMap(system, period, [self.slope(value, system)], self._known[1])
             self._last = value, mapping, slope_of_period(self.period, value)
         return self._last[1:]
 
     def _slope(self, value: float, system: System | None = None) -> Array:
-        slope, _ = slope_of(self.make_system, system or self.make_system(value), value, self.parameter)
-        return slope.vector()
+        return slope_of(self.make_system, system or self.make_system(value), value, self.parameter)[0].vector()
 
     def slope(self, value: float, system: System) -> SystemData:
         """Derivative of the data of the system by the parameter, without that of the initial data."""
@@ -268,12 +267,14 @@ class _Follower:
         return end, D, tangent.last[: len(z), 0] + rate * longer, tangent
 
     def point(
-        self, z0: Array, value0: float, normal: Array, ahead: Array, guess: Array | None = None, closed: float = CLOSED
-    ) -> tuple[_Point, int]:
+        self, z0: Array, value0: float, normal: Array, ahead: Array, guess: Array | None = None,
+        closed: float = CLOSED, length: float = np.inf,
+    ) -> tuple[_Point, int]:  # fmt: skip
         """The point of the branch in the plane through (z0, value0) across ``normal``, and the number of corrections.
 
         ahead: the direction along which the branch goes on. guess: a step (2n + 1,) in the plane to start from. closed:
-        relative defect at which a point counts. Raises SolverFailure where no point is reached.
+        relative defect at which a point counts. length: of the step; a point too far off is of another branch. Raises
+        SolverFailure where no point is reached.
         """
         z, value, N, before = z0, value0, len(z0), np.inf
         if guess is not None:
@@ -287,7 +288,11 @@ class _Follower:
             bordered[:N, :N] = (D - np.eye(N)) * self.scale / self.scale[:, None]
             bordered[:N, N] = by_value * self.span / self.scale
             bordered[N] = normal
+            moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
             if size < max(closed, ROUNDED * float(np.linalg.norm(bordered))) or 0.5 * before < size < CLOSED:
+                if np.linalg.norm(moved) > OFF * length:
+                    reason = "the corrector goes to another branch"
+                    raise SolverFailure("continuation", value, reason, "take closer values")
                 # Tangent of the branch: G does not change along it.
                 direction = np.linalg.solve(bordered, np.append(np.zeros(N), 1.0))
                 direction /= np.linalg.norm(direction)
@@ -300,19 +305,19 @@ class _Follower:
             if size > before and count > (2 if guess is None else 1):  # a kink: a shorter step costs less than more
                 break
             before = size
-            moved = np.append((z - z0) / self.scale, (value - value0) / self.span)
             step = np.linalg.solve(bordered, -np.append(defect, normal @ moved))
             if not np.linalg.norm(step) < 10.0:
                 break
             z, value = z + step[:N] * self.scale, value + float(step[N]) * self.span
         raise SolverFailure("continuation", value, "the corrector does not converge", "take closer values")
 
-    def ahead(self, start: _Point, ds: float, before: _Point | None = None) -> tuple[_Point, int]:
-        """The point at the distance ds along the direction of another; before: the point before that one."""
+    def ahead(self, start: _Point, ds: float, before: _Point | None, straight: bool) -> tuple[_Point, int]:
+        """The point at the distance ds along the direction of another; before: the point before that one. straight:
+        search from the tangent, else from the cubic through both points."""
         N = len(start.z)
         normal, guess = start.direction, None
         if before is not None:
-            apart = np.append((start.z - before.z) / self.scale, (start.value - before.value) / self.span)
+            apart = self.apart(before, start)
             bend = (start.direction - before.direction) / np.linalg.norm(apart)
             if (normal[N] + 2.0 * ds * bend[N]) * np.sign(normal[N]) > ALONG * abs(normal[N]):
                 normal = np.append(np.zeros(N), 1.0)  # one system for all corrections
@@ -321,32 +326,33 @@ class _Follower:
             u, rate = (x.direction / (normal @ x.direction) for x in (before, start))
             # A chord of close points is rounding: there a parabola along both directions.
             chord = apart / h - rate if np.linalg.norm(apart) > CLOSE else 0.5 * (u - rate)
-            guess = -((step / h) * (rate - u + 3.0 * chord) + (step / h) ** 2 * (rate - u + 2.0 * chord)) * step
+            curve = (step / h) * (rate - u + 3.0 * chord) + (step / h) ** 2 * (rate - u + 2.0 * chord)
+            guess = None if straight else -step * curve
         z = start.z + ds * start.direction[:N] * self.scale
         value = start.value + ds * float(start.direction[N]) * self.span
-        point, count = self.point(z, value, normal, start.direction, guess)
-        off = np.append((point.z - z) / self.scale, (point.value - value) / self.span)
-        if np.linalg.norm(off) > OFF * ds:
-            raise SolverFailure("continuation", value, "the corrector goes to another branch", "take closer values")
-        return point, count
+        return self.point(z, value, normal, start.direction, guess, length=ds)
+
+    def apart(self, one: _Point, other: _Point) -> Array:
+        """The way from one point to another, (2n + 1,)."""
+        return np.append((other.z - one.z) / self.scale, (other.value - one.value) / self.span)
 
     def follow(self, start: _Point, step: float, loses: bool = False) -> Branch:
         """The branch from a point on. loses: it is of twice the period, and ends where it is of one."""
         low, high = self.limits
         points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
-        point, before, end = start, None, ""
+        point, before, straight, end = start, None, False, ""
         while not end:
             if point.tangent.path.rigid and len(near) < len(points):
                 near.append(distances(point.tangent))
             reason = "the branch turns sharply"
             try:
-                new, count = self.ahead(point, step, before)
-            except (SolverFailure, np.linalg.LinAlgError) as error:
+                new, count = self.ahead(point, step, before, straight)
+            except LOST_AT as error:
                 reason = error.reason if isinstance(error, SolverFailure) else "the corrector does not converge"
                 new, count = None, CORRECTIONS
             # Lost, or turning sharply: a shorter step, along the tangent alone.
             if new is None or new.direction @ point.direction < TURN:
-                step, before = step * LOST, None
+                step, straight = step * LOST, True
                 if step < SHORTEST * self.first_step:
                     end = f"at {point.value:.10g} {reason}"
                     # On rigid stops the reason may be a graze just ahead, where the flow has no derivative.
@@ -365,7 +371,7 @@ class _Follower:
                 last = self.reached(point, new, low if new.value < low else high)
                 points += [] if last is None else [last.kept]
                 break
-            point, step, before = self.rescaled(new, step, point)
+            (point, step, before), straight = self.rescaled(new, step, point), False
             points.append(point.kept)
             step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
             step = min(step, LONGEST * self.first_step)
@@ -395,7 +401,7 @@ class _Follower:
         z = one.z + (value - one.value) / (other.value - one.value) * (other.z - one.z)
         try:
             return self.point(z, value, np.append(np.zeros(len(z)), 1.0), other.direction)[0]
-        except (SolverFailure, np.linalg.LinAlgError):
+        except LOST_AT:
             return None
 
     def between(self, one: _Point, other: _Point) -> Iterator[Bifurcation]:
@@ -432,7 +438,7 @@ class _Follower:
         if depth < SPLIT:
             try:
                 middle, _ = self.inside(one, other, 0.5)
-            except (SolverFailure, np.linalg.LinAlgError):
+            except LOST_AT:
                 return
             yield from self.grazings_between(one, middle, depth + 1)
             yield from self.grazings_between(middle, other, depth + 1)
@@ -454,7 +460,7 @@ class _Follower:
                 try:
                     z = flip.z + away * normal[:-1] * self.scale
                     point, _ = follower.point(z, flip.value, normal, normal)
-                except (SolverFailure, np.linalg.LinAlgError):
+                except LOST_AT:
                     continue
                 # Orbits of one period solve this too: the halves must differ.
                 if np.linalg.norm(point.other_half() / self.scale) > away:
@@ -467,14 +473,15 @@ class _Follower:
     ) -> tuple[_Point, Array]:
         """The point between two neighbours, in the plane across the cubic through them at a share of the way, and the
         step (2n + 1,) to it in the plane. guess: of that step. closed: see ``point``."""
-        apart = np.append((other.z - one.z) / self.scale, (other.value - one.value) / self.span)
+        apart = self.apart(one, other)
         length, s = float(np.linalg.norm(apart)), share
         along = s * s * (3.0 - 2.0 * s) * apart
         along += length * s * (1.0 - s) * ((1.0 - s) * one.direction - s * other.direction)
         rate = 6.0 * s * (1.0 - s) * apart
         rate += length * ((1.0 - s) * (1.0 - 3.0 * s) * one.direction + s * (3.0 * s - 2.0) * other.direction)
         z, value = one.z + along[:-1] * self.scale, one.value + float(along[-1]) * self.span
-        point = self.point(z, value, rate / np.linalg.norm(rate), one.direction, guess, closed)[0]
+        within, normal = np.inf if guess is None else length, rate / np.linalg.norm(rate)
+        point = self.point(z, value, normal, one.direction, guess, closed, within)[0]
         return point, np.append((point.z - z) / self.scale, (point.value - value) / self.span)
 
     def located(
@@ -491,7 +498,10 @@ class _Follower:
             if s not in known:
                 places = sorted(known, key=lambda x: abs(x - s))[:4]  # of the nearest points
                 step = krogh_interpolate(places, [known[x][1] for x in places], s)
-                known[s] = self.inside(one, other, s, step, closed)
+                try:
+                    known[s] = self.inside(one, other, s, step, closed)
+                except LOST_AT:
+                    known[s] = self.inside(one, other, s, None, closed)
             return known[s][0]
 
         try:
@@ -501,7 +511,7 @@ class _Follower:
                 share = float(krogh_interpolate([test(known[x][0]) for x in places], places, 0.0))
             # Where another branch crosses, the corrector is singular: the interpolated point is the better one.
             return at(share, BESIDE**2 if crossed else LOCATED)
-        except (SolverFailure, np.linalg.LinAlgError, ValueError):
+        except (*LOST_AT, ValueError):
             return None
 
 
@@ -510,21 +520,11 @@ def _units(path: Path) -> Array:
     return np.repeat([max(float(np.max(np.abs(x))), 1e-300) for x in (path.q, path.v)], path.q.shape[1])
 
 
-def _same_modes(one: System, other: System) -> bool:
-    """Return True where two systems have equal matrices and contacts, and so the same modes."""
-    pairs = [(one.mass, other.mass), (one.stiffness, other.stiffness)]
-    pairs += [(a.row, b.row) for a, b in zip(one.contacts, other.contacts, strict=True)]
-    springs = [[c.stops.stiffness for c in system.contacts] for system in (one, other)]
-    return springs[0] == springs[1] and all(np.array_equal(a, b) for a, b in pairs)
-
-
 def _reached(kind: str, point: _Point) -> bool:
     """Return True where a multiplier has its value at a bifurcation: a test function jumps where an event goes."""
     m = point.multipliers
-    if kind == "torus":
-        m = m[np.abs(m.imag) > REACHED]
-        return bool(len(m)) and bool(np.min(np.abs(np.abs(m) - 1.0)) <= REACHED * max(1.0, point.size))
-    return bool(np.min(np.abs(m - (1.0 if kind == "fold" else -1.0))) <= REACHED * max(1.0, point.size))
+    m = np.abs(m[np.abs(m.imag) > REACHED]) if kind == "torus" else m
+    return bool(np.min(np.abs(m + (kind == "flip" or -1.0)), initial=np.inf) <= REACHED * max(1.0, point.size))
 
 
 def continuation(
