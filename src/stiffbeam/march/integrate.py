@@ -23,8 +23,8 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import check_contract, require_scheme
 from ..trajectory.ensemble import Runs
-from ..trajectory.ledger import Ledger, step_ledger
 from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
+from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, inner
 from ..model.drive import Drive
-from ..model.graded import congruence, uncoupled
-from ..model.modes import Modes, undamped_modes
+from ..model.modes import Modes, congruence, uncoupled, undamped_modes
 from ..model.system import System
 from .rounding import Perturbation, rounded_sum
 from .spectrum import Chain, Group, groups

@@ -17,8 +17,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
-from ..figures.panels import column, tip_name, tip_symbol
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.continuation import Bifurcation, Branch, continuation
@@ -26,7 +25,7 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import sweep
 from .common import Form, Treatment, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 from .parameters import (
     EXACT,
     PARAMETERS,

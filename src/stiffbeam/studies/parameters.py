@@ -22,7 +22,7 @@ from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..schemes import Scheme
 from .common import scheme_of
-from .engine.study import Point
+from .interface import Point
 
 EXACT = "exact"
 

@@ -28,8 +28,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, one_of, positive
-from ..figures.chart import Axis, Curve, Map, Panel, Picture
-from ..figures.panels import COLOURS, column, dashed, look, tip_name, tip_symbol
+from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
@@ -42,8 +41,7 @@ from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
-from .engine.table import Selection
+from .interface import Answer, Point, Records, Row, Rows, Selection, by_contact, declared
 from .parameters import (
     EXACT,
     IN_STEP,

@@ -26,7 +26,7 @@ from ...piecewise.measures import audit, contact_between, exact_ledger, path_of,
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
 from ...piecewise.tracer import tracer_of
-from ...trajectory.impacts import ContactRecord
+from ...trajectory.records import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import output_times
 from .derivative import derivative
