@@ -41,12 +41,50 @@ def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds:
             raise InputError(field, value, rule, f"{remedy}, or set {name}")
 
 
+class Clock:
+    """Seconds by ``now`` without compiling and loading of kernels: the time that a second, equal run takes."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._still, self._stopping, self._since = now, 0.0, 0, 0.0
+
+    def __call__(self) -> float:
+        """Return the time in seconds."""
+        return (self._since if self._stopping else self._now()) - self._still
+
+    def stop(self) -> None:
+        """Stop the clock until ``go`` has been called as often as ``stop``."""
+        if not self._stopping:
+            self._since = self._now()
+        # Calls nest: a kernel that is compiled may have others compiled.
+        self._stopping += 1
+
+    def go(self) -> None:
+        """Start the clock again, see ``stop``."""
+        self._stopping -= 1
+        if not self._stopping:
+            self._still += self._now() - self._since
+
+
+clock = Clock(time.process_time)  # of the processor, which other programs on the machine do not lengthen
+wall_clock = Clock(time.perf_counter)  # for work on several threads, which processor time would add up
+
+
+@contextmanager
+def stopped_clock() -> Generator[None, None, None]:
+    """Context in which all Clocks are stopped."""
+    for each in (clock, wall_clock):
+        each.stop()
+    try:
+        yield
+    finally:
+        for each in (clock, wall_clock):
+            each.go()
+
+
 class Forecast:
     """Estimate of the cost of work over [0, t_end], extrapolated from its first part."""
 
     def __init__(self, t_end: float) -> None:
-        from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
-
         self.t_end, self._clock, self.begun = t_end, clock, clock()
         # Below these amounts no forecast: a small first part is no basis for the whole. 2^27 numbers are 1 GiB.
         self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27

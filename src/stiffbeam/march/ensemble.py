@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..basics.compiled import wall_clock
-from ..basics.resources import cores, on_executor, over_slices, require_executor
+from ..basics.resources import cores, on_executor, over_slices, require_executor, wall_clock
 from ..basics.validation import InputError
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System

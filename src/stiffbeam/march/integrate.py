@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import clock
-from ..basics.resources import afford
+from ..basics.resources import afford, clock
 from ..basics.units import KNOWN
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.compiled import wall_clock
-from ..basics.resources import cores, on_executor, over_slices, require_executor, silent
+from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System

@@ -45,8 +45,9 @@ from .interface import Answer, Point, Records, Row, Rows, Selection, by_contact,
 from .parameters import (
     EXACT,
     IN_STEP,
-    Coupling,
+    Couple,
     Setup,
+    Values,
     couplings,
     drive_period,
     is_path,
@@ -79,16 +80,10 @@ def points(
         "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
         "stops[0].damping",
     ] = "frequency",
-    values: Annotated[
-        Sequence[float] | None,
-        "start:stop:count, start:stop:count:log, or comma-separated; in the case's units",
-    ] = None,
+    values: Values = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
-    couple: Annotated[
-        Mapping[str, Coupling] | Sequence[str] | None,
-        'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
-    ] = None,
+    couple: Couple = None,
     method: Annotated[
         str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     ] = None,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.compiled import clock
+from ..basics.resources import clock
 from ..basics.validation import InputError, near, number, one_of
 from ..march.integrate import integrate
 from ..model.system import System

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
-from ...basics.resources import afford
+from ...basics.resources import afford, clock
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.right_hand_side import RightHandSide

@@ -13,8 +13,7 @@ from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
-from ...basics.resources import afford
+from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
 from ...model.drive import Drive

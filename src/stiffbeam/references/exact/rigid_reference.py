@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, numbers, positive
 from ...model.drive import Drive
 from ...model.system import System, require_system

@@ -12,7 +12,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
+from ...basics.resources import clock
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate
 from ...trajectory.records import ContactRecord, Impacts, Ledger
