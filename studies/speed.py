@@ -246,6 +246,10 @@ def waits(quick: bool, repetitions: int) -> Rows:
     def modes_of(cells: int) -> Callable[[], object]:
         return lambda: sb.modes(sb.semidiscretise(case.problem, cells))
 
+    samples = 1000 if quick else 10_000
+    tube, tube_end = tube_under_a_record(samples), 5e-5 * samples
+    tube_run, tube_exact = sb.integrate(tube, scheme, 5e-5, tube_end), sb.reference(tube, tube_end)
+
     cells = 100 if quick else 1600
     bar: dict[str, Any] = {"schemes": ["trapezoidal"], "cells": [25], "starts": 2 if quick else 8}
     works: dict[str, tuple[str, float, Callable[[], object], float | None]] = {
@@ -270,6 +274,11 @@ def waits(quick: bool, repetitions: int) -> Rows:
         "multiprecision to 2": (
             "s", 1.0, lambda: sb.reference(system, 0.1 if quick else 2.0, method="multiprecision"), None,
         ),
+        "tube under a record: HHT": ("ms", 1e3, lambda: sb.integrate(tube, scheme, 5e-5, tube_end), None),
+        "tube under a record: energy balance of HHT": ("ms", 1e3, lambda: replace(tube_run).energy, None),
+        "tube under a record: exact reference, with horizon": ("s", 1.0, lambda: sb.reference(tube, tube_end), None),
+        "tube under a record: energy balance of the reference": ("s", 1.0, lambda: replace(tube_exact).energy, None),
+        "tube under a record: `compare` of both": ("s", 1.0, lambda: sb.compare(tube_run, tube_exact), None),
         "study rigid-bar, trapezoidal, 25 cells": ("s", 1.0, lambda: sb.study("rigid-bar", case, **bar), None),
     }  # fmt: skip
     hand, _ = numpy_loop(system, dt, 1000)
@@ -290,6 +299,19 @@ def beam(frequency: float) -> sb.System:
     """A damped beam of 8 cells between stops on a moving base."""
     stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, frequency)
     return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
+
+
+def tube_under_a_record(samples: int) -> sb.System:
+    """A damped steel tube in two loose supports, of 20 cells, under a force with samples 50 microseconds apart."""
+    stops = [sb.Stops(-3e-4, 3e-4, position=x, stiffness=1e6) for x in (0.6, 1.2)]
+    t = np.linspace(0.0, 5e-5 * samples, samples)
+    noise = sb.noise(float(t[-1]), rms=3.0, band=(5.0, 1200.0), seed=19)
+    force = 12.0 * np.sin(44.0 * np.pi * t) + 6.0 * np.sin(122.0 * np.pi * t + 1.0) + noise.value(t)
+    load = sb.PointLoad(0.9, sb.Sampled(t, force, kind="cubic"))
+    problem = sb.BeamProblem(
+        length=1.2, stiffness=668.0, mass_per_length=0.647, viscosity=0.15, stops=stops, loads=(load,)
+    )  # fmt: skip
+    return sb.semidiscretise(problem, 20)
 
 
 def _records_of_a_sweep(values: int) -> Rows:

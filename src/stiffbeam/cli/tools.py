@@ -95,19 +95,22 @@ def _installed() -> dict[str, str]:
 
 def _places() -> dict[str, Any]:
     """Caches, frozen references, threads, devices."""
-    import jax
-
+    from ..basics.arrays import jax_devices
     from ..basics.resources import cores
     from ..basics.storage import directory
     from ..studies.references import shipped
 
     cache, frozen = directory(), shipped()
     size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
+    try:
+        devices = ", ".join(str(device) for device in jax_devices())
+    except InputError as error:
+        devices = str(error)
     return {
         "cache": f"{cache}, {size / 1e6:.0f} MB",
         "frozen references": "none" if frozen is None else f"{frozen}, {len(list(frozen.glob('*.nc')))} files",
         "threads": cores(),
-        "JAX devices": ", ".join(str(device) for device in jax.devices()),
+        "JAX devices": devices,
     }
 
 

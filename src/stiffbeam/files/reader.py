@@ -41,7 +41,7 @@ def read_matrix(file: Path) -> Any:
 def _market(file: Path) -> Any:
     from scipy.io import mmread
 
-    return mmread(file)
+    return mmread(file, spmatrix=False)  # an array, as in SciPy's newer versions by default
 
 
 def _npz(file: Path) -> Any:

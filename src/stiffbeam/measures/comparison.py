@@ -387,15 +387,16 @@ def _contact(
     t_end = min(float(run.t[-1]), known_to)
     # Where no impact of the run is known, nothing parts and nothing is paired.
     unpaired = record.impacts.kind == "unknown"
+    measures = {end: (of_run(end), of_reference(end)) for end in {window, t_end}}
     return ContactComparison(
         place=_place(system, i),
-        run=of_run(window),
-        reference=of_reference(window),
+        run=measures[window][0],
+        reference=measures[window][1],
         matching=Matching(0, window, np.nan, np.nan)
         if unpaired
         else match(impacts, true, window, longest_delay(system, known_to)),
-        run_totals=of_run(t_end),
-        reference_totals=of_reference(t_end),
+        run_totals=measures[t_end][0],
+        reference_totals=measures[t_end][1],
     )
 
 

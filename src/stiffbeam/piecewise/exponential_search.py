@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner
 from ..trajectory.trajectory import SolverFailure
-from .linear import answers, forced_derivatives, forced_sizes
+from .linear import alike, answers, basis_at, forced_derivatives, forced_sizes, response
 from .spectrum import differences, largest
 from .touching import (
     CLOSES,
@@ -285,7 +285,9 @@ def pass_samples(
     real, imaginary, spin = np.empty((m, total)), np.empty((m, total)), np.empty(total - K, np.complex128)
     force, seen, shift = np.empty((K, P), np.complex128), np.empty((m, K, P), np.complex128), np.empty((m, P))
     # At a sample no contact has just switched.
-    psi, resting = np.empty(P, np.complex128), np.zeros(m, np.int64)
+    resting = np.zeros(m, np.int64)
+    # The exponentials of a cell's length are those of the next one as long.
+    decay, psi, base = np.empty(K, np.complex128), np.empty((K, P), np.complex128), -math.inf
     chains, most = cells.nodes.shape
     chained, D = np.zeros((m, chains, ORDER + 1, most), np.complex128), np.empty(most, np.complex128)
     B, g = np.empty((most, most), np.complex128), np.empty((most, most), np.complex128)
@@ -328,11 +330,10 @@ def pass_samples(
         # No event: the coefficients at the end of the cell.
         tau = end - t
         ahead = out[cell]
-        for k in range(K):
-            answers(eigenvalues[k], tau, psi)
-            ahead[k] = np.exp(eigenvalues[k] * tau) * c[k]
-            for j in range(P):
-                ahead[k] += force[k, j] * psi[j]
+        if not alike(eigenvalues, tau, base):
+            base = tau
+            basis_at(eigenvalues, tau, decay, psi)
+        response(eigenvalues, c, force, decay, psi, base, tau - base, ahead)
         for b in range(chains):
             # Anew, since ``see_chain`` has changed g, and B holds the last chain.
             newton_form(cells, b, c, spin, force, B, g)

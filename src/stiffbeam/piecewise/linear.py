@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
-from ..basics.compiled import compiled, inner
+from ..basics.arrays import Array, IntArray
+from ..basics.compiled import compiled, inner, inner_inlined
 from ..model.drive import Drive
 from ..model.modes import Modes, congruence, uncoupled, undamped_modes
 from ..model.system import System
@@ -74,23 +74,22 @@ class Regime:
         """q and q' (n,)."""
         return (self.W @ y + self.response @ spin).real, (self.W_rate @ y + self.response_rate @ spin).real
 
-    def ahead(self, c: Complex, spin: Complex, force: Complex, tau: Array) -> Complex:
-        """y (p, k) at tau (p,) after starts with the coefficients c (p, k), where the drives are ``spin`` (p, 1 + F)
-        and the records push by sum_j force_j tau^j (p, k, P)."""
-        y = np.exp(np.multiply.outer(tau, self.eigenvalues)) * c
-        if force.shape[2]:
-            answer = np.empty_like(y)
-            forced(self.eigenvalues, np.ascontiguousarray(tau), np.ascontiguousarray(force), answer)
-            y += answer
+    def ahead(self, c: Complex, spin: Complex, force: Complex, tau: Array, start: IntArray) -> Complex:
+        """y (p, k) at tau (p,) after the given of s starts, with the coefficients c (s, k), where the drives are
+        ``spin`` (s, 1 + F) and the records push by sum_j force_j tau^j (s, k, P)."""
+        y = np.empty((len(tau), len(self.eigenvalues)), complex)
+        c, force, tau = (np.ascontiguousarray(x) for x in (c, force, tau))
+        respond(self.eigenvalues, tau, start, c, force, y)
         for chain in self.chains:
-            y[:, chain.modes] = chain.ahead(c, spin, force, tau)
+            y[:, chain.modes] = chain.ahead(c[start], spin[start], force[start], tau)
         return y
 
     def free(self, c: Complex, tau: float) -> Complex:
         """The homogeneous coefficients (k, columns) at tau after c."""
         still = np.zeros((c.shape[1], 1 + max((int(np.max(x.drives, initial=0)) for x in self.chains), default=0)))
         none = np.zeros((c.shape[1], len(c), 0))
-        return self.ahead(c.T, still, none, np.full(c.shape[1], tau)).T
+        columns = np.arange(c.shape[1])
+        return self.ahead(c.T, still, none, np.full(len(columns), tau), columns).T
 
 
 def regime_of(
@@ -268,6 +267,8 @@ def phasors(basis: Array) -> Complex:
 TERMS = 24  # of the series for |z| <= 2: the next is below 2^24/28!, 5e-23
 MOST = 4  # P at most: cubics
 SERIES = 2.0  # up to this |z|
+ALIKE = 4e-9  # of the time, and radians of the fastest motion: times as close share their exponentials
+REMEMBERED = 64  # times
 LEAST = 1e-19  # the series ends with a term below this: the sum is above 1/40, and each term below half of the last
 
 
@@ -306,17 +307,62 @@ def answers(eigenvalue: complex, tau: float, psi: Array) -> None:
         scale *= tau * (j + 1)
 
 
+@inner
+def basis_at(eigenvalues: Array, tau: float, decay: Array, psi: Array) -> None:
+    """exp(lambda tau) and psi_j(lambda, tau) into decay (k,) and psi (k, P)."""
+    for k in range(eigenvalues.size):
+        z = eigenvalues[k] * tau
+        decay[k] = math.exp(z.real) * complex(math.cos(z.imag), math.sin(z.imag))
+        answers(eigenvalues[k], tau, psi[k])
+
+
+@inner_inlined
+def response(
+    eigenvalues: Array, c: Array, force: Array, decay: Array, psi: Array, base: float, late: float, out: Array
+) -> None:
+    """c exp(lambda tau) + sum_j force_j psi_j(lambda, tau) at tau = base + late into out (k,); c: (k,), force: (k, P);
+    decay, psi: at the base, see ``basis_at``. What is late counts to first order."""
+    for k in range(eigenvalues.size):
+        y, push = c[k] * decay[k], 0.0j
+        for j in range(force.shape[1] - 1, -1, -1):
+            y += force[k, j] * psi[k, j]
+            push = push * base + force[k, j]
+        # y' = lambda y + push
+        out[k] = y + late * (eigenvalues[k] * y + push)
+
+
+@inner
+def alike(eigenvalues: Array, tau: float, base: float) -> bool:
+    """True if tau may share the exponentials of the base: what ``response`` leaves out is below ALIKE^2, 2e-17."""
+    late, fastest = abs(tau - base), 0.0
+    for k in range(eigenvalues.size):
+        fastest = max(fastest, abs(eigenvalues[k].real) + abs(eigenvalues[k].imag))
+    return late <= ALIKE * tau and late * fastest <= ALIKE
+
+
 @compiled
-def forced(eigenvalues: Array, tau: Array, force: Array, out: Array) -> None:
-    """sum_j force[i, k, j] psi_j(eigenvalues[k], tau[i]) into out (times, k)."""
-    psi = np.empty(force.shape[2], np.complex128)
+def respond(eigenvalues: Array, tau: Array, start: IntArray, c: Array, force: Array, out: Array) -> None:
+    """``response`` at times tau after the starts of c (starts, k) and force (starts, k, P), into out (times, k).
+
+    The exponentials of the last REMEMBERED times are kept: equal cells have the same nodes, in the same order.
+    """
+    K, P = eigenvalues.size, force.shape[2]
+    decay, psi = np.empty((REMEMBERED, K), np.complex128), np.empty((REMEMBERED, K, P), np.complex128)
+    base = np.full(REMEMBERED, -math.inf)
+    newest = g = -1
     for i in range(tau.size):
-        for k in range(eigenvalues.size):
-            answers(eigenvalues[k], tau[i], psi)
-            total = 0.0 + 0.0j
-            for j in range(psi.size):
-                total += force[i, k, j] * psi[j]
-            out[i, k] = total
+        # The time remembered after the last one comes first, then the others.
+        for _ in range(REMEMBERED):
+            g = (g + 1) % REMEMBERED
+            if alike(eigenvalues, tau[i], base[g]):
+                break
+        else:
+            newest = (newest + 1) % REMEMBERED
+            g = newest
+            base[g] = tau[i]
+            basis_at(eigenvalues, tau[i], decay[g], psi[g])
+        s = start[i]
+        response(eigenvalues, c[s], force[s], decay[g], psi[g], base[g], tau[i] - base[g], out[i])
 
 
 @inner

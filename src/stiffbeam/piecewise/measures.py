@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -54,8 +54,13 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     return Impacts.at(starts[counted], sides[counted], "event")
 
 
-def contact_between(system: System, solution: Motion, start: float, end: float, i: int) -> ContactRecord:
-    """``record_of`` for [start, end], a part of the solution's span."""
+def contact_between(
+    system: System, solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord],
+    start: float, end: float, i: int,
+) -> ContactRecord:  # fmt: skip
+    """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
+    if (start, end) == span:
+        return records[i]
     pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
     return record_of(system, pieces, i, path_of(system, pieces, np.array([start, end]), i), end, start)
 
@@ -190,12 +195,14 @@ def _between(times: Array, starts: Array, ends: Array) -> tuple[NDArray[np.int64
     return owner, begins, np.minimum(cut[after], ends[owner])
 
 
-def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tuple[NDArray[np.int64], Array, Array]:
+def panels(
+    longest: float, starts: Array, ends: Array, decay: float = 0.0, events: Array | None = None
+) -> tuple[NDArray[np.int64], Array, Array]:
     """Panels no longer than half of ``longest``, since products have twice the frequency, of the intervals
     [starts, ends]: owner, left end and width of each.
 
-    The first of an interval is cut at 1/decay from its start, and at twice, four times that and so on: on
-    each part exp(-decay s) is smooth or nothing.
+    The first of an interval is cut at 1/decay from the event before it, and at twice, four times that and so on: on
+    each part exp(-decay s) is smooth or nothing. events: the times of these, by default the starts.
     """
     # Equal panels in every interval, refused first if there are too many.
     count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
@@ -210,9 +217,10 @@ def panels(longest: float, starts: Array, ends: Array, decay: float = 0.0) -> tu
     longest_first = float(np.max((ends - starts) / count, initial=0.0))
     if decay * longest_first <= 1.0:
         return index, left, width
-    cuts = 2.0 ** np.arange(np.ceil(np.log2(decay * longest_first))) / decay
-    owners, cut = (x.ravel() for x in np.broadcast_arrays(np.arange(len(starts))[:, None], cuts))
-    inner = cut < ((ends - starts) / count)[owners]
+    passed = np.zeros(len(starts)) if events is None else starts - events
+    cuts = 2.0 ** np.arange(np.ceil(np.log2(decay * (longest_first + np.max(passed))))) / decay
+    owners, cut = (x.ravel() for x in np.broadcast_arrays(np.arange(len(starts))[:, None], cuts - passed[:, None]))
+    inner = (cut > 0.0) & (cut < ((ends - starts) / count)[owners])
     index, left = np.append(index, owners[inner]), np.append(left, (starts[owners] + cut)[inner])
     order = np.lexsort((left, index))
     index, left = index[order], left[order]
@@ -228,7 +236,8 @@ def integrated(
     By Gauss-Legendre quadrature, exact to rounding, on panels that are short behind every edge, see ``panels``.
     densities: at times t (k,) in the given intervals.
     """
-    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay)
+    events = solution.times[solution.piece_at(edges[:-1])]
+    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay, events)
     totals = np.zeros((2, len(edges) - 1))
     # Some 20 000 panels at a time, so that the states at their nodes fit into memory.
     for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):

@@ -15,9 +15,10 @@ from ..basics.compiled import compiled, inner
 from ..model.contact import Contact
 from ..model.drive import Drive
 from ..model.system import System
+from ..model.time_functions import evaluate
 from .events import LET_GO
 from .follow import Table, drive, leave, see, see_close, turn
-from .linear import spin_of
+from .linear import Complex, spin_of
 from .measures import NODES, WEIGHTS, integrated, pressed_by
 from .regimes import Pairs, Regimes
 from .terms import (
@@ -128,8 +129,9 @@ class Motion:
         """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
         t = np.array(t, float)
         q, v = np.zeros((2, len(t), self.regimes.source.system.size))
-        states(self.regimes.table, self.times, self.regime, self.x, self.y, t, piece, q, v)
-        q, v = self.regimes.nodal(q, v)
+        if any(pairs.followed for pairs in self._met):
+            states(self.regimes.table, self.times, self.regime, self.x, self.y, t, piece, q, v)
+            q, v = self.regimes.nodal(q, v)
         # Segments that the compiled loop cannot follow.
         self._alone(piece, t, np.eye(q.shape[1]), q, v)
         return q, v
@@ -157,21 +159,24 @@ class Motion:
             regime, size = pairs.exponentials, len(pairs.sigma)
             if regime is None or pairs.followed:
                 continue
-            moved, response = (row @ regime.W).T, (row @ regime.response).T
-            moved_rate, response_rate = (row @ regime.W_rate).T, (row @ regime.response_rate).T
+            # What the row sees of the coefficients and of the drives: of z its real part, as real numbers.
+            seen, seen_rate = (
+                _parts(np.concatenate([(row @ x).T, (row @ y).T]))
+                for x, y in ((regime.W, regime.response), (regime.W_rate, regime.response_rate))
+            )
             here = np.flatnonzero(self.regime[piece] == r)
             # Parts of some 1e6 numbers each, so that the exponentials fit into memory.
-            for part in np.array_split(here, max(1, len(here) * size * (1 + self.drive.order) // 1_000_000)):
+            for part in np.array_split(here, max(1, len(here) * (size + 1 + self.drive.order) // 1_000_000)):
                 if not len(part):
                     continue
-                at, spin = piece[part], spin_of(self.drive, t[part])
-                begun = self.times[at]
                 # Coefficients at the start of each segment, then at its times.
+                at, start = np.unique(piece[part], return_inverse=True)
+                begun = self.times[at]
                 c = pairs.coefficients(self.x[at, :size], self.y[at, :size])
                 force = regime.push @ self.drive.polynomials(begun)
-                z = regime.ahead(c, spin_of(self.drive, begun), force, t[part] - begun)
-                u[part] = (z @ moved).real + (spin @ response).real
-                v[part] = (z @ moved_rate).real + (spin @ response_rate).real
+                z = regime.ahead(c, spin_of(self.drive, begun), force, t[part] - begun[start], start)
+                terms = np.concatenate([z, spin_of(self.drive, t[part])], axis=1).view(float)
+                u[part], v[part] = terms @ seen, terms @ seen_rate
 
     def press(
         self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
@@ -192,8 +197,8 @@ class Motion:
         """ln of the growth of unit tangent vectors dq, dv (n, vectors) at the edges (k,), and how far that got: see
         ``grow``."""
         logs = np.zeros((len(edges), dq.shape[1]))
-        # Chains and records are no pairs: the compiled loop passes none of their segments.
-        if not all(pairs.followed for pairs in self._met):
+        # The tangent flow knows no records, but chains are no pairs: the compiled loop passes none of their segments.
+        if any(pairs.exponentials is not None and pairs.exponentials.chains for pairs in self._met):
             return 0, logs
         free = self.regimes.free
         assert free is not None
@@ -221,7 +226,8 @@ class Motion:
             piece, (power, drag) = pieces[owner], np.zeros((2, t.size))
             if system.damped or rest:
                 _, v = self.states_in(t, piece)
-                power += np.sum(system.load(t) * v, axis=1)
+                for vector, function in system.loads:
+                    power += evaluate(function, t) * (v @ vector)
                 drag += np.sum(v * (v @ system.damping), axis=1)
             else:
                 g = self.drive.coefficients(t)
@@ -244,6 +250,11 @@ class Motion:
             kappa, constant = contact.stops.spring(side)
             sigma = sigma + np.where(self.sides[piece, i] == side, constant - kappa * u, 0.0)
         return np.asarray(sigma)
+
+
+def _parts(z: Complex) -> Array:
+    """(2k, ...), by which real and imaginary parts in turn give Re sum_k (a + i b)_k z_k."""
+    return np.stack([z.real, -z.imag], axis=1).reshape(2 * len(z), *z.shape[1:])
 
 
 def oscillating(pairs: Pairs) -> Array:
@@ -380,7 +391,7 @@ def grow(
     for i in range(widths.size):
         over = False
         r = regime[piece[i]]
-        size, inward, outward = table.sizes[r], table.inward[r], table.outward[r]
+        size, inward, outward = abs(table.sizes[r]), table.inward[r], table.outward[r]
         # Turns of the pairs over this width, decay included.
         x, y, c, s, versine = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
         oscillations(table.omega[r, :size], widths[i], c, s, versine)

@@ -28,6 +28,7 @@ from .touching import ORDER, REMEDY
 
 EVENTS_PER_CALL, FIRST_EVENTS = 4096, 16
 QUIET = np.zeros((0, 3, 0))  # no noise
+FIRST = np.zeros(1, np.int64)
 
 
 class Tracer:
@@ -130,7 +131,7 @@ class Tracer:
             tau, contact, side, used = self.gaps.next_switch(regime, c, key, switched != 0, t, edge)
             evaluations += used
             event = contact >= 0 and t + tau < edge
-            ahead = regime.ahead(c[None], spin[None], force[None], np.array([tau if event else edge - t]))[0]
+            ahead = regime.ahead(c[None], spin[None], force[None], np.array([tau if event else edge - t]), FIRST)[0]
             if event or edge >= t_end:
                 break
             # Rounding at a sample: of the coefficients, and of the answer to the records by the smaller of two bounds.

@@ -115,7 +115,7 @@ def reference_of(
         state_at=solution.states,
         # Ledger and measures of parts of the motion are computed on demand.
         ledger=partial(exact_ledger, system, solution, t),
-        contact_by_events=partial(contact_between, system, solution),
+        contact_by_events=partial(contact_between, system, solution, (since, t_end), contacts),
         solution=solution,
         derive=derivative,
     )
