@@ -1,13 +1,11 @@
-"""The array type, arrays laid out for vector registers, recent results by their content, float64 in JAX."""
+"""The array type, arrays laid out for vector registers, and recent results by their content."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 import weakref
-from collections.abc import Callable, Generator, Hashable
-from contextlib import contextmanager
-from importlib import import_module
+from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import Any, Generic, TypeVar
 from weakref import WeakValueDictionary
@@ -77,40 +75,6 @@ def step_lengths(t: Array) -> Array:
     """Length of time (k,) that each of the times t (k,) represents: half of both intervals next to it, at the ends a
     whole interval. It is dt everywhere for equidistant times, and 1 for a single time."""
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
-
-
-def jax_devices() -> list[Any]:
-    """The devices of JAX. Raises InputError where one does not start: a card without free memory, or one that
-    JAX_PLATFORMS names and that is not there."""
-    import jax
-
-    from .validation import InputError
-
-    try:
-        return jax.local_devices()
-    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
-        reason = str(error).partition(" (you may")[0] or "none"
-        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-
-
-@contextmanager
-def float64_on_the_processor() -> Generator[None]:
-    """A context in which JAX computes in float64 on the processor; outside it stays as it was.
-
-    A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts.
-    """
-    import jax
-
-    # A switch of the whole process in older versions of JAX moved out of ``experimental``.
-    home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    jax_devices()
-    try:
-        processor = jax.local_devices(backend="cpu")[0]
-    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
-        processor = None
-    with home.enable_x64(True), jax.default_device(processor):
-        yield
 
 
 MOST = 256  # rows of an array whose content is compared: larger ones take longer to read than they save

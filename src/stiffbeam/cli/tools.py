@@ -95,8 +95,7 @@ def _installed() -> dict[str, str]:
 
 def _places() -> dict[str, Any]:
     """Caches, frozen references, threads, devices."""
-    from ..basics.arrays import jax_devices
-    from ..basics.resources import cores
+    from ..basics.resources import cores, jax_devices
     from ..basics.storage import directory
     from ..studies.references import shipped
 

@@ -377,9 +377,9 @@ CONVERGES, NOT_FALLING, LOW_ORDER = "converges", "error does not fall", "order t
 ONE_RUN, TOO_ALIKE, FEW_DIGITS = "one run", "steps too alike", "too few digits"
 SPAN = 0.26  # of the longest step, what the shortest is at most where it is judged how errors fall
 FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
-ALIKE = 1.25  # what an error that has come to stay may scatter by
+STEADY = 1.25  # what an error that has come to stay may scatter by
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
-SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
+ORDER_SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
 COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
 RATE = 0.02  # what the velocity may be off by as a whole from the rate of the position
 MAGNIFIED = 100.0  # times what its digits make of the tip may be lost in the rest of a motion
@@ -444,7 +444,7 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     """``entry`` with its observed order and, unless it was not taken or failed, its outcome.
 
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
-    through all steps, its 95 % interval included, come within ``SLACK`` of what is expected; the errors of impact
+    through all steps, its 95 % interval included, come within ``ORDER_SLACK`` of what is expected; the errors of impact
     times, peak force, energy and velocity must fall as well (``_missed``); the error of an adaptive solver must stay
     within ``TIMES_TOLERANCE`` times its tolerance. Steps that span less than a factor of four are not judged.
     """
@@ -468,7 +468,7 @@ def verdict(entry: Entry, smooth: float) -> Entry:
         return replace(entry, outcome=NOT_FALLING)
     if missed := _missed(entry, levels):
         return replace(entry, outcome=NOT_FALLING, missed=missed)
-    low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - SLACK
+    low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - ORDER_SLACK
     return replace(entry, outcome=LOW_ORDER if low else CONVERGES)
 
 
@@ -519,7 +519,7 @@ def _falls(levels: Array, errors: Array) -> bool:
 
     # The finest errors are nearly equal and leave no room for an order of 1/2: they have come to stay.
     last = errors[-max(3, count) :]
-    stays = np.max(last) < ALIKE * np.min(last) and most(len(last)) < 0.5
+    stays = np.max(last) < STEADY * np.min(last) and most(len(last)) < 0.5
     return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array, float64_on_the_processor
-from ...basics.resources import stopped_clock
+from ...basics.arrays import Array
+from ...basics.resources import float64_on_the_processor, stopped_clock
 from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
 from ...model.right_hand_side_kernels import THROUGH
 from ...model.time_functions import require_closed_form
