@@ -1,6 +1,6 @@
 """Sizes of the installed packages, and modules that are loaded at each moment.
 
-    python studies/weight.py
+    python studies/weight.py        # writes both tables into studies/guide/weight.md
 
 Sizes are those of the files that each distribution lists. Loaded modules are counted in a fresh Python.
 """
@@ -10,10 +10,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from importlib.metadata import distributions
+from pathlib import Path
+
+PAGE = Path(__file__).parent / "guide" / "weight.md"
 
 SERVES = {
     "everything": ("numpy",),
-    "compiled loops: march, ensembles, exact solution": ("numba", "llvmlite"),
+    "compiled loops: time stepping, ensembles, exact solution": ("numba", "llvmlite"),
     "matrices, eigenvalues; DOP853, Radau, LSODA": ("scipy",),
     "Kvaerno methods": (
         "jax", "jaxlib", "diffrax", "equinox", "optimistix", "lineax", "jaxtyping", "ml-dtypes", "opt-einsum",
@@ -27,12 +30,12 @@ SERVES = {
     "the command": ("typer", "rich", "click", "pygments", "markdown-it-py", "mdurl", "shellingham", "platformdirs"),
 }  # fmt: skip
 MOMENTS = {
-    "import stiffbeam": "import stiffbeam",
-    "sb.Stops, a model": "import stiffbeam as sb; sb.Stops(upper=0.1, stiffness=1.0)",
-    "sb.semidiscretise": "import stiffbeam as sb; sb.semidiscretise",
-    "sb.integrate": "import stiffbeam as sb; sb.integrate",
-    "sb.reference": "import stiffbeam as sb; sb.reference",
-    "stiffbeam --help": "import stiffbeam.cli; stiffbeam.cli.app(['--help'], standalone_mode=False)",
+    "`import stiffbeam`": "import stiffbeam",
+    "`sb.Stops(...)`, a model": "import stiffbeam as sb; sb.Stops(upper=0.1, stiffness=1.0)",
+    "`sb.semidiscretise`, the name": "import stiffbeam as sb; sb.semidiscretise",
+    "`sb.integrate`, the name": "import stiffbeam as sb; sb.integrate",
+    "`sb.reference`, the name": "import stiffbeam as sb; sb.reference",
+    "`stiffbeam --help`": "sys.argv = ['stiffbeam', '--help']; import stiffbeam.cli; stiffbeam.cli.main()",
 }
 WATCHED = (
     "numpy",
@@ -60,30 +63,35 @@ def megabytes() -> dict[str, float]:
     return found
 
 
-def loaded(code: str) -> tuple[int, list[str], float]:
-    """(modules, the heavy libraries among them, seconds) of ``code`` in a fresh Python, itself not counted."""
+def loaded(code: str) -> tuple[int, list[str]]:
+    """(modules, the heavy libraries among them) of ``code`` in a fresh Python, itself not counted."""
     program = (
-        "import sys, time, io, contextlib; before = set(sys.modules); begun = time.perf_counter()\n"
-        f"with contextlib.redirect_stdout(io.StringIO()): exec({code!r})\n"
-        "seconds = time.perf_counter() - begun\n"
-        "new = set(sys.modules) - before; print(len(new), seconds, *sorted({m.partition('.')[0] for m in new}))"
+        "import sys, io, contextlib; before = set(sys.modules)\n"
+        f"with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): exec({code!r})\n"
+        "new = set(sys.modules) - before; print(len(new), *sorted({m.partition('.')[0] for m in new}))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    count, seconds, *tops = done.stdout.split()
-    return int(count), [name for name in WATCHED if name in tops], float(seconds)
+    count, *tops = done.stdout.split()
+    return int(count), [name for name in WATCHED if name in tops]
 
 
-def main() -> None:
+def tables() -> str:
+    """Return both tables as Markdown."""
     sizes = megabytes()
-    print("| serves | packages | MB |\n|---|---|---|")
-    for purpose, names in SERVES.items():
-        here = [name for name in names if name in sizes]
-        print(f"| {purpose} | {', '.join(here)} | {sum(sizes[name] for name in here):.0f} |")
-    print("\n| moment | modules | of them heavy | seconds |\n|---|---|---|---|")
+    lines = ["| serves | packages | MB |", "|---|---|---|"]
+    weights = {purpose: [name for name in names if name in sizes] for purpose, names in SERVES.items()}
+    for purpose, names in sorted(weights.items(), key=lambda item: -sum(sizes[name] for name in item[1])):
+        lines.append(f"| {purpose} | {', '.join(names)} | {sum(sizes[name] for name in names):.0f} |")
+    lines += ["", "Modules loaded at each moment, in a fresh Python:", ""]
+    lines += ["| moment | modules | large ones among them |", "|---|---|---|"]
     for moment, code in MOMENTS.items():
-        count, heavy, seconds = loaded(code)
-        print(f"| `{moment}` | {count} | {', '.join(heavy) or 'none'} | {seconds:.2f} |")
+        count, heavy = loaded(code)
+        lines.append(f"| {moment} | {count} | {', '.join(heavy) or 'none'} |")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    main()
+    text = PAGE.read_text(encoding="utf-8")
+    begun, end = "<!-- made by studies/weight.py -->", "<!-- end -->"
+    before, after = text.partition(begun)[0], text.partition(end)[2]
+    PAGE.write_text(f"{before}{begun}\n\n{tables()}\n\n{end}{after}", encoding="utf-8")

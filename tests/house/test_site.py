@@ -13,10 +13,14 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
+from browser import browse
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "studies" / "first_beam.ipynb"
 RECORDS = (ROOT / "studies" / "guide" / "records.md").read_text(encoding="utf-8")
+
+AXE = """axe.run(document.querySelector("main") || document, {resultTypes: ["violations"]}).then(
+  found => found.violations.map(x => x.id + ": " + x.nodes.map(node => node.html).slice(0, 3).join(" ")))"""
 
 
 def documented(command: str) -> set[str]:
@@ -25,21 +29,24 @@ def documented(command: str) -> set[str]:
     return set(re.findall(r"`(\w+)`", line.partition(": a list of")[0] if command == "`cases`" else line))
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The site as the command builds it, each study in its smallest configuration."""
+@pytest.mark.slow
+@pytest.mark.timeout(1800)  # three minutes of a core, and a minute of the browser's
+def test_the_site_is_whole(tmp_path):
+    """As the command builds it, the longest studies in their smallest configuration. A warning, a link that leads
+    nowhere or a typed number ends the build; then a browser opens every page."""
     pytest.importorskip("sphinx")
-    out = tmp_path_factory.mktemp("site") / "site"
+    out = tmp_path / "site"
     strict = ["-W", "error", "-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning"]
     command = [sys.executable, *strict, str(ROOT / "studies" / "site.py"), "--out", str(out), "--smoke"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return out
+    check_pages(out)
+    check_names(out)
+    check_chapter(out)
+    check_in_browser(out, tmp_path / "profile")
 
 
-@pytest.mark.slow
-def test_the_site_has_every_page(site):
-    """A link that leads nowhere would have ended the build."""
+def check_pages(site: Path) -> None:
     sources = [*(ROOT / "studies").glob("guide/*.md"), *(ROOT / "studies").glob("theory/*.md"), NOTEBOOK]
     for source in sources:
         page = (site / source.relative_to(ROOT)).with_suffix(".html")
@@ -52,6 +59,50 @@ def test_the_site_has_every_page(site):
     assert any("_images" in source for source in drawn)  # a kernel shows what the last line of a cell returns
 
 
+def check_names(site: Path) -> None:
+    """The reference of names holds every public name."""
+    import stiffbeam as sb
+
+    pages = "".join(page.read_text(encoding="utf-8") for page in (site / "studies" / "names").glob("*.html"))
+    assert [name for name in sb.__all__ if f'id="stiffbeam.{name}"' not in pages] == []
+
+
+def check_chapter(site: Path) -> None:
+    """A chapter shows sentence and picture of its pages."""
+    page = (site / "how-to.html").read_text(encoding="utf-8")
+    assert "A scheme advances the system by a fixed time step." in page
+    assert page.count("<h2") > 10
+    assert len(re.findall(r'<img[^>]*src="_images/[^"]*"', page)) >= 6  # of every script
+
+
+def check_in_browser(site: Path, profile: Path) -> None:
+    """No page is wider than a screen or a telephone or writes to the console; axe finds no violation."""
+    pages = sorted(str(page.relative_to(site)) for page in site.rglob("*.html") if "_static" not in page.parts)
+    assert len(pages) > 50
+    wrong = [(x["page"], x["overflow"], x["complaints"]) for x in browse(site, pages, [1400, 390], "null", profile)]
+    assert [x for x in wrong if x[1] > 0 or x[2]] == []
+    package = importlib.util.find_spec("axe_core_python")
+    if package is not None and package.origin is not None:
+        axe = (Path(package.origin).parent / "axe.min.js").read_text(encoding="utf-8")
+        seen = browse(site, pages, [1400], AXE, profile.with_name("axe"), f"<script>{axe}</script>")
+        assert [(x["page"], x["look"]) for x in seen if x["look"]] == []
+
+
+@pytest.mark.slow
+def test_a_browser_sees_what_is_wrong(tmp_path):
+    """A message in the console fails at once; a missing picture, and a page that is too wide, are in the report."""
+    (site := tmp_path / "site").mkdir()
+    page = "<!DOCTYPE html><html><head></head><body>{}</body></html>"
+    (site / "a.html").write_text(page.format('<script>console.warn("oh")</script>'))
+    with pytest.raises(AssertionError, match="oh"):
+        browse(site, ["a.html"], [1400], "null", tmp_path / "first")
+    (site / "a.html").write_text(page.format('<div style="width: 1000px"><img src="missing.png"></div>'))
+    wide, narrow = browse(site, ["a.html"], [1400, 390], "1 + 1", tmp_path / "second")
+    assert (wide["look"], wide["overflow"]) == (2, 0)
+    assert narrow["overflow"] > 600
+    assert "missing.png" in wide["complaints"][0]
+
+
 def test_the_page_of_variables_is_the_schema():
     from stiffbeam.trajectory.schema import COORDINATES, SCHEMA
 
@@ -62,14 +113,6 @@ def test_the_page_of_variables_is_the_schema():
     assert "| `energy_loss` | `energy.loss` | time | J | numerical loss since t = 0 |" in page
 
 
-@pytest.mark.slow
-def test_a_chapter_shows_sentence_and_picture_of_its_pages(site):
-    page = (site / "how-to.html").read_text(encoding="utf-8")
-    assert "A scheme advances the system by a fixed time step." in page
-    assert page.count("<h2") > 10
-    assert len(re.findall(r'<img[^>]*src="_images/[^"]*"', page)) >= 6  # of every script
-
-
 def test_what_a_chapter_shows_of_a_page():
     entry = runpy.run_path(str(ROOT / "studies" / "site.py"))["entry"]
     page = "# Head\n\n    python x.py\n\n```python\nx\n\ny\n```\n\nSee [a page](b.md): one. Two.\n\n![words](c/d.png)"
@@ -77,12 +120,20 @@ def test_what_a_chapter_shows_of_a_page():
     assert entry("studies/e.md", page) == f"## [Head](/studies/e.md)\n\nSee a page\n\n{picture}"
 
 
-@pytest.mark.slow
-def test_the_reference_of_names_holds_every_public_name(site):
-    import stiffbeam as sb
+def site_module():
+    spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
-    pages = "".join(page.read_text(encoding="utf-8") for page in (site / "studies" / "names").glob("*.html"))
-    assert [name for name in sb.__all__ if f'id="stiffbeam.{name}"' not in pages] == []
+
+def test_a_typed_number_ends_the_build(tmp_path, monkeypatch):
+    monkeypatch.setattr("quotes.typed", lambda page: [f"{page}: 7 %"] if page == "README.md" else [])
+    with pytest.raises(SystemExit, match=r"README.md: 7 %"):
+        site_module().build(tmp_path / "site", smoke=True)
+    assert not (tmp_path / "site").exists()
 
 
 @pytest.mark.slow
@@ -90,9 +141,7 @@ def test_the_reference_of_names_holds_every_public_name(site):
 def test_a_broken_link_ends_the_build(tmp_path, monkeypatch, capfd):
     pytest.importorskip("sphinx")
 
-    spec = importlib.util.spec_from_file_location("stiffbeam_site", ROOT / "studies" / "site.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = site_module()
     monkeypatch.setattr(module, "CHAPTERS", {"Theory": ["studies/theory/exact.md"]})  # README links to other pages
     with pytest.raises(SystemExit):
         module.build(tmp_path / "site", smoke=True)

@@ -178,7 +178,7 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
     for one in solutions:
         known = sb.contact_rates(one)
         wanted = known.to_dataframe().loc[0]
-        for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_rate_high"):
+        for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_fraction", "contact_rate_high"):
             assert rates.loc[(one.label, 0), name] == pytest.approx(wanted[name], rel=1e-9)
         table = known.impacts_to_dataframe(0)
         np.testing.assert_allclose(impacts.loc[(one.label, 0), "impact_normal_work"], table.impact_normal_work)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import json
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,6 +14,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from browser import browse
 
 import stiffbeam as sb
 from dumont2002.page import DOI
@@ -24,7 +23,6 @@ from stiffbeam import cli
 from stiffbeam.files.cases import paper_cases
 
 STORE = Path(__file__).parents[2] / "reference"
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
 
 class Page(HTMLParser):
@@ -226,63 +224,23 @@ def test_the_package_imports_no_study():
 
 # ---------------------------------------------------------------- a real browser
 
-PROBE = """<script>
-window.complaints = [];
-window.addEventListener("error", e => complaints.push(String(e.message || e.target.outerHTML)), true);
-for (const kind of ["error", "warn"]) {
-  const own = console[kind]; console[kind] = (...x) => { complaints.push(x.join(" ")); own(...x); };
-}
-</script>"""
-REPORT = """<script>
-addEventListener("load", () => {
-  const out = document.createElement("pre");
-  out.id = "report";
-  out.textContent = JSON.stringify({
-    complaints,
-    images: [...document.images].map(x => [x.naturalWidth, x.getBoundingClientRect().width]),
-    links: [...document.links].map(x => [x.hash, !!document.getElementById(x.hash.slice(1)), x.host]),
-    overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth,
-    resources: performance.getEntriesByType("resource").map(x => x.name).filter(x => !x.startsWith("data:")),
-  });
-  document.body.append(out);
-});
-</script>"""
-
-
-def looked_at(file: Path, tmp_path: Path, width: int) -> dict:
-    """What a headless browser finds on the page at this width."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"no browser is installed: none of {', '.join(BROWSERS)} is on the path")
-    text = file.read_text(encoding="utf-8")
-    probed = tmp_path / "probed.html"
-    probed.write_text(
-        text.replace("<head>", "<head>" + PROBE, 1).replace("</body>", REPORT + "</body>", 1), encoding="utf-8"
-    )
-    done = subprocess.run(
-        [
-            browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars",
-            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--virtual-time-budget=100000",
-            "--dump-dom", probed.as_uri(),
-        ],
-        capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
-    match = re.search(r'<pre id="report">(.*?)</pre>', done.stdout, re.DOTALL)
-    assert match, done.stderr[-2000:]
-    assert "CONSOLE" not in done.stderr
-    return json.loads(html.unescape(match[1]))
+LOOK = """({
+  images: [...document.images].map(x => [x.naturalWidth, x.getBoundingClientRect().width]),
+  links: [...document.links].map(x => [x.hash, !!document.getElementById(x.hash.slice(1)), x.host]),
+  resources: performance.getEntriesByType("resource").map(x => x.name).filter(x => !x.startsWith("data:")),
+})"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [1280, 500])
-def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path, width):
-    found = looked_at(made / "index.html", tmp_path, width)
-    assert found["complaints"] == []
-    assert found["resources"] == []
-    assert len(found["images"]) == 5
-    assert all(natural > 0 and shown > 0.3 * width for natural, shown in found["images"])
-    assert all(there for target, there, _ in found["links"] if target)  # the others are files in the page
-    assert found["overflow"] <= 0  # wide tables scroll inside their own box, never the page
+def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path):
+    for seen in browse(made, ["index.html"], [1280, 500], LOOK, tmp_path / "profile"):
+        found = seen["look"]
+        assert seen["complaints"] == []
+        assert found["resources"] == []
+        assert len(found["images"]) == 5
+        assert all(natural > 0 and shown > 0.3 * seen["width"] for natural, shown in found["images"])
+        assert all(there for target, there, _ in found["links"] if target)  # the others are files in the page
+        assert seen["overflow"] <= 0  # wide tables scroll inside their own box, never the page
 
 
 # ---------------------------------------------------------------- everything
@@ -319,9 +277,9 @@ def test_the_whole_reproduction(tmp_path):
     }
     for words, verdict in known.items():
         assert [found for claim, found in verdicts.items() if claim.startswith(words)] == [verdict], words
-    found = looked_at(file, tmp_path, 1280)
-    assert found["complaints"] == []
-    assert all(natural > 0 for natural, _ in found["images"])
+    (seen,) = browse(file.parent, [file.name], [1280], LOOK, tmp_path / "profile")
+    assert seen["complaints"] == []
+    assert all(natural > 0 for natural, _ in seen["look"]["images"])
 
 
 @pytest.mark.campaign

@@ -1,4 +1,4 @@
-"""The array type, arrays laid out for vector registers, and recent results by their content."""
+"""The array type, arrays laid out for vector registers, recent results by their content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long calls: memory, time, threads, devices and progress. A call that would take too much raises an error first.
+"""Long calls: memory, time, threads, processes and progress. One that would take too much raises an error first.
 
 STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed, STIFFBEAM_THREADS sets the threads.
 """
@@ -15,7 +15,6 @@ from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, TypeVar
 
 from .validation import InputError
@@ -111,38 +110,6 @@ def _allowed(name: str, most: float) -> float:
     if not allowed > 0.0:
         raise InputError(name, text, "be a number > 0", f"unset it for {most:g}")
     return allowed
-
-
-def jax_devices() -> list[Any]:
-    """The devices of JAX. Raises InputError where one does not start: a card without free memory, or one that
-    JAX_PLATFORMS names and that is not there."""
-    import jax
-
-    try:
-        return jax.local_devices()
-    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
-        reason = str(error).partition(" (you may")[0] or "none"
-        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-
-
-@contextmanager
-def float64_on_the_processor() -> Generator[None]:
-    """A context in which JAX computes in float64 on the processor; outside it stays as it was.
-
-    A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts.
-    """
-    import jax
-
-    # A switch of the whole process in older versions of JAX moved out of ``experimental``.
-    home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    jax_devices()
-    try:
-        processor = jax.local_devices(backend="cpu")[0]
-    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
-        processor = None
-    with home.enable_x64(True), jax.default_device(processor):
-        yield
 
 
 Part = TypeVar("Part", bound=Sized)

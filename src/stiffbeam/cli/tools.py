@@ -95,8 +95,9 @@ def _installed() -> dict[str, str]:
 
 def _places() -> dict[str, Any]:
     """Caches, frozen references, threads, devices."""
-    from ..basics.resources import cores, jax_devices
+    from ..basics.resources import cores
     from ..basics.storage import directory
+    from ..references.adaptive.diffrax import jax_devices
     from ..studies.references import shipped
 
     cache, frozen = directory(), shipped()

@@ -125,16 +125,38 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
     m = len(system.contacts)
     coordinates, last = stepper.coordinates, (system.q0[None], system.v0[None], np.full((1, m), np.nan))
     for segment, one in _segments(stepper, system, steps):
-        step, place, starts = step_of(segment, one, len(segment.starts))
         n, N = coordinates.parts, coordinates.rows.shape[1]
-        out = aligned((segment.steps, step.transition.shape[1]))
-        states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
+        if n == 1:
+            step, place, starts = step_of(segment, one, 1)
+            out = _states_together(step, place, starts, segment.block.steps)
+        else:
+            step, place, starts = step_of(segment, one, len(segment.starts))
+            out = aligned((segment.steps, step.transition.shape[1]))
+            states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
         z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[: coordinates.equation.order])
         new = q, v, node_forces_at_ends(segment, step, m)
         q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
         yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, node_forces
         last = q[-1:], v[-1:], node_forces[-1:]
+
+
+def _states_together(step: Step, place: IntArray, starts: Array, K: int) -> Array:
+    """The states (steps, D) of unknowns that step together, at the ends of all steps: the blocks of K steps from their
+    ``starts`` (B, ..) side by side, one product of matrices for all of them in place of B with vectors."""
+    steps, D = len(step.forces), step.transition.shape[1]
+    # Row e of the packed transition multiplies what is e components later, see Step.
+    component, T = np.arange(D), np.zeros((D, D))
+    for e, row in enumerate(step.transition[:D]):
+        T[(component + e) % D, component] = row
+    out = step.g[:steps] @ step.driven + step.forces @ step.push
+    z = np.zeros((len(starts), D))
+    z[:, place] = starts[:, : len(place)]
+    for k in range(min(K, steps)):
+        rows = slice(k, steps, K)
+        z = z[: len(out[rows])] @ T + out[rows]
+        out[rows] = z
+    return out
 
 
 def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Ledger:

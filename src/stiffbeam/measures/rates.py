@@ -43,6 +43,7 @@ LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
 RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
+NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction"}  # of the columns
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
 Nodes = tuple[Array, Array, Array, Array, Array]
 
@@ -113,11 +114,15 @@ class ContactRates:
     run: Trajectory = field(repr=False)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on."""
+        """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on.
+
+        ``contact_fraction`` is the share of the time in contact. The columns ``contact_rate...`` repeat it under
+        its former name.
+        """
         columns: dict[str, Any] = {"contact": np.arange(len(self.rates))}
-        for name in RATES:
+        for name, column in [*NAMES.items(), ("contact", "contact_rate")]:
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
-                columns[f"{name}_rate{suffix}"] = [getattr(each[name], end) for each in self.rates]
+                columns[f"{column}{suffix}"] = [getattr(each[name], end) for each in self.rates]
         return table(columns | {"source": list(self.sources)}).set_index("contact")
 
     def impacts_to_dataframe(self, contact: int = 0) -> pandas.DataFrame:
@@ -163,7 +168,7 @@ class ContactRates:
                     unit = over.get(
                         quantity, f" {units.of(quantity)}" if quantity in ("rate", "force") else ""
                     ).rstrip()
-                    label = f"contact {i}: {name.replace('_', ' ')} rate"
+                    label = f"contact {i}: {NAMES[name].replace('_', ' ')}"
                     lines.append(f"{label} {x.value:.4g}{unit} ({x.low:.4g} to {x.high:.4g}), {source}")
         return "\n".join(lines)
 
@@ -171,7 +176,8 @@ class ContactRates:
 def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
-    """Rates of impacts, impulse, contact, normal work and sliding work at every contact, each with its 95 % interval.
+    """Rates of impacts, impulse, normal work and sliding work, and the fraction of the time in contact, at every
+    contact, each with its 95 % interval.
 
     Parameters
     ----------
@@ -208,39 +214,57 @@ def contact_rates(
     record_from(since, end)
     rows = _tangents(run, tangents)
     edges = windows(run.system, since, end)
-    parts, width = len(edges) - 1, edges[1] - edges[0]
-    rates, works, sources = [], [], []
+    width = edges[1] - edges[0]
+    sums = [_Sums(edges, contact.impacts.listed()[0].times) for contact in run.contacts]
+    sources, marched = [], []
     for i, contact in enumerate(run.contacts):
-        listed, _ = contact.impacts.listed()
-        window, impact = np.zeros((4, parts)), np.zeros((2, listed.count))
         source = "impacts"
+        if not contact.stops.rigid:
+            source, nodes = _nodes(run, i, rows[i])
+            if nodes is None:
+                marched.append(i)
+            else:
+                sums[i].add(*nodes)
+        sources.append(source)
+    # One more march for all contacts whose steps were not kept.
+    if marched:
+        for i, nodes in _steps(run, marched, rows):
+            sums[i].add(*nodes)
+    rates, works = [], []
+    for i, (contact, (window, impact)) in enumerate(zip(run.contacts, (x.totals for x in sums), strict=True)):
         if contact.stops.rigid:
             # Rigid stops have impulses, no forces: works are NaN, the rest follows from the table of impacts.
-            window[:] = np.nan
-            impact[:] = np.nan
+            window[2:], impact[:] = np.nan, np.nan
             window[:2] = _of_impacts(run, i, edges)
-        else:
-            source, chunks = _nodes(run, i, rows[i])
-            for t, weights, force, v, sliding in chunks:
-                # One pass: integrals over every part of the run, and over every impact.
-                size = weights * np.abs(force)
-                columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding))
-                # Entry 0 of the sums, nodes before ``since``, is cut off.
-                place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
-                for total, column in zip(window, columns, strict=True):
-                    total += np.bincount(place + 1, column, parts + 1)[1:]
-                # Here entry 0 are the nodes before the first contact.
-                row = np.searchsorted(listed.times, t, "right")
-                for total, column in zip(impact, columns[2:], strict=True):
-                    total += np.bincount(row, column, listed.count + 1)[1:]
         if rows[i] is None:
             window[3], impact[1] = np.nan, np.nan
         counts = np.histogram(contact.impacts.times, edges)[0]
         series = dict(zip(RATES, (counts, *window), strict=True))
         rates.append({name: _rate(x / width) for name, x in series.items()})
         works.append(impact)
-        sources.append(source)
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
+
+
+class _Sums:
+    """Integrals at one contact: impulse, time in contact, normal and sliding work over every part of the run between
+    the edges, and both works over every impact."""
+
+    def __init__(self, edges: Array, impacts: Array) -> None:
+        self.edges, self.impacts = edges, impacts
+        self.totals = np.zeros((4, len(edges) - 1)), np.zeros((2, len(impacts)))
+
+    def add(self, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> None:
+        """Add the nodes of a quadrature in time."""
+        size, parts = weights * np.abs(force), len(self.edges) - 1
+        columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding))
+        # Entry 0 of the sums, nodes before the first edge, is cut off.
+        place = np.clip(np.searchsorted(self.edges, t, "right") - 1, -1, parts - 1)
+        for total, column in zip(self.totals[0], columns, strict=True):
+            total += np.bincount(place + 1, column, parts + 1)[1:]
+        # Here entry 0 are the nodes before the first contact.
+        row = np.searchsorted(self.impacts, t, "right")
+        for total, column in zip(self.totals[1], columns[2:], strict=True):
+            total += np.bincount(row, column, len(self.impacts) + 1)[1:]
 
 
 def windows(system: System | None, since: float, end: float) -> Array:
@@ -286,9 +310,9 @@ def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
     return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
-    """Source of the forces of contact i, and the nodes of an integral over time with all that it needs."""
-    contact = run.contacts[i]
+def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Nodes | None]:
+    """Source of the forces of contact i, and the nodes of an integral over time; None for those of ``_steps``."""
+    contact, every = run.contacts[i], int(run.provenance.get("every", 1))
     # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
@@ -296,12 +320,11 @@ def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Iterato
                 return _between_events(run, i, tangent)
             except InputError:  # a saved reference that answers at its outputs only
                 pass
-    elif run.pieces is not None and run.system is not None:
-        return "every step", _steps(run, i, tangent)
-    every = int(run.provenance.get("every", 1))
+    elif every > 1 and run.pieces is not None and run.system is not None:
+        return "every step", None
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
     sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run, i, *run.states, tangent)
-    return source, iter([(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)])
+    return source, (run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)
 
 
 def _trapezoidal(t: Array) -> Array:
@@ -309,15 +332,16 @@ def _trapezoidal(t: Array) -> Array:
     return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
 
 
-def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
+def _steps(run: Trajectory, contacts: Sequence[int], tangents: Sequence[Array | None]) -> Iterator[tuple[int, Nodes]]:
+    """Nodes of each of the contacts at every step, in pieces of the run."""
     assert run.pieces is not None
     assert run.system is not None
-    row, offset = run.system.channels[i]
     for t, q, rate, forces in run.pieces():
-        u, v = channel_motion(row, offset, t, q, rate)
-        # A force that jumps is that of the node, others follow from the state.
-        force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-        yield t, _trapezoidal(t), force, v, _sliding(run, i, q, rate, tangent)
+        for i in contacts:
+            u, v = channel_motion(*run.system.channels[i], t, q, rate)
+            # A force that jumps is that of the node, others follow from the state.
+            force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
+            yield i, (t, _trapezoidal(t), force, v, _sliding(run, i, q, rate, tangents[i]))
 
 
 def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None) -> Array:
@@ -329,12 +353,13 @@ def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None)
     return polar(q @ run.system.contacts[i].row.T, v @ tangent.T)[1]
 
 
-def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Iterator[Nodes]]:
+def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Nodes]:
     """Gauss nodes in every contact, refined until the normal work no longer changes."""
     listed, _ = run.contacts[i].impacts.listed()
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     if not len(starts):
-        return "events", iter(())
+        none = np.zeros(0)
+        return "events", (none, none, none, none, none)
     # Panels start at twice the median contact and are halved until the work no longer changes.
     longest, before, change = 2.0 * float(np.median(ends - starts)), np.nan, np.inf
     while True:
@@ -352,4 +377,4 @@ def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str,
     if tangent is not None:
         assert run.state_at is not None
         sliding = _sliding(run, i, *run.state_at(t), tangent)
-    return f"events, quadrature to {max(change, 1e-15):.0e}", iter([(t, weights, force, v, sliding)])
+    return f"events, quadrature to {max(change, 1e-15):.0e}", (t, weights, force, v, sliding)

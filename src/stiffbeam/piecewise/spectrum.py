@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse.csgraph
+import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
@@ -102,13 +103,22 @@ def _groups(
         m, w, place = len(here), omega[here], np.append(here, n + here)
         A = np.block([[np.zeros((m, m)), np.diag(s[here])], [-np.diag(w**2 / s[here]), -damping[np.ix_(here, here)]]])
         if rng is not None and m > 1:  # of one mode the vectors are its eigenvalues, see ``known_until``
-            A += size * np.linalg.norm(A, 2) * rng.uniform(-1.0, 1.0, A.shape)
+            A += size * _norm(A) * rng.uniform(-1.0, 1.0, A.shape)
         for group in (_of_one(float(s[here[0]]), float(w[0]), float(A[1, 1]), span) if m == 1 else []) or _of(A, span):
             # From the coordinates of the set to those of all modes.
             V, L = np.zeros((2 * n, len(group.T)), complex), np.zeros((len(group.T), 2 * n), complex)
             V[place], L[:, place] = group.V, group.L
             found.append(Group(group.T, V, L, group.paired))
     return s, found
+
+
+def _norm(A: Array) -> float:
+    """The largest singular value of A, to a thousandth by Lanczos' method where all of them would take long."""
+    if len(A) <= 2 * KEPT:
+        return float(np.linalg.norm(A, 2))
+    start = np.random.default_rng(0).normal(size=len(A))  # a fixed one, for the same value in every process
+    largest: Any = scipy.sparse.linalg.eigsh(A.T @ A, 1, v0=start, tol=1e-3, return_eigenvectors=False)  # type: ignore[arg-type]
+    return float(np.sqrt(largest[0]))
 
 
 def _of_one(s: float, w: float, rate: float, span: float) -> list[Group]:
@@ -135,8 +145,10 @@ def _of_one(s: float, w: float, rate: float, span: float) -> list[Group]:
 def _of(A: Array, span: float) -> list[Group]:
     """The groups of the real matrix A of which no conjugate is kept twice. Those slower than the span are together, in
     a real basis: their answer to a constant is the small difference of large ones."""
-    values, left, right = (x.astype(complex) for x in scipy.linalg.eig(A, left=True))  # type: ignore[misc]
-    # Left and right eigenvectors become orthogonal where eigenvalues meet.
+    values, right = (x.astype(complex) for x in scipy.linalg.eig(A))
+    # Left and right eigenvectors become orthogonal where eigenvalues meet. The left ones are the rows of the inverse.
+    inverse = _inverse(right)
+    left = inverse.conj().T if np.all(np.isfinite(inverse)) else scipy.linalg.eig(A, left=True, right=False)[1]
     cosine = np.abs(np.sum(left.conj() * right, axis=0))
     cosine /= np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
     sensitive = cosine * SENSITIVE < 1.0
@@ -145,14 +157,19 @@ def _of(A: Array, span: float) -> list[Group]:
     sets = [[int(j)] for j in np.flatnonzero(~sensitive)] + _together(values, np.flatnonzero(sensitive), span)
     spaces = [right[:, own] if len(own) == 1 else _space(A, values, own) for own in sets]
     basis = np.hstack(spaces)
-    condition = float(np.linalg.cond(basis))
+    inverse = _inverse(basis) if np.any(sensitive) else inverse
+    # Frobenius' norms bound the condition; the exact one takes long and is asked for where they do not decide.
+    condition = float(np.linalg.norm(basis) * np.linalg.norm(inverse))
+    if not condition < CONDITION_LIMIT:
+        condition = float(np.linalg.cond(basis))
     if not condition < CONDITION_LIMIT:
         raise InputError(
             "damping", f"eigenvectors of condition {condition:.1g}", f"keep it below {CONDITION_LIMIT:g}",
             "its modes are further apart than float64 holds together: use the adaptive solver cvode",
         )  # fmt: skip
     # Of conjugate sets the one above the real axis stays; a set with its own conjugates is real.
-    inverse, found, begin = np.linalg.inv(basis), [], 0
+    found: list[Group] = []
+    begin = 0
     for own, V in zip(sets, spaces, strict=True):
         L = inverse[begin : begin + len(own)]
         begin += len(own)
@@ -165,6 +182,14 @@ def _of(A: Array, span: float) -> list[Group]:
             Group(T, V, L, paired) if paired else Group(np.real(T) + 0j, np.real(V) + 0j, np.real(L) + 0j, False)
         )
     return found
+
+
+def _inverse(basis: Complex) -> Complex:
+    """The inverse of a basis, inf where it is none."""
+    try:
+        return np.linalg.inv(basis)
+    except np.linalg.LinAlgError:
+        return np.full_like(basis, np.inf)
 
 
 def known_until(omega: Array, damping: Array, tolerance: float) -> float:
