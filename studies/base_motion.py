@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import make_lsq_spline
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import new_figure, short
+from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
 from stiffbeam.files.reader import read_samples
 

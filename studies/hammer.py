@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import new_figure, short
+from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
 from stiffbeam.files.reader import read_samples
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares, minimize
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import new_figure
+from stiffbeam.figures.chart import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

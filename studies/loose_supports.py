@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import new_figure
+from stiffbeam.figures.chart import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import look
+from stiffbeam.figures.chart import look
 
 HERE = Path(__file__).parent
 MANIFEST = json.loads((HERE.parent / "reference" / "MANIFEST.json").read_text(encoding="utf-8"))["references"]

@@ -197,7 +197,7 @@ class Pages:
         """Return every study on Table 10: question, command, verdict, picture, table."""
         from stiffbeam.files.cases import find_case
         from stiffbeam.studies import STUDIES, find_study
-        from stiffbeam.studies.engine.runner import run_study
+        from stiffbeam.studies.runner import run_study
 
         parts = [
             "# All studies on Table 10",

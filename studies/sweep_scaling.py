@@ -33,7 +33,7 @@ from distributed import Client, LocalCluster
 
 import stiffbeam as sb
 from stiffbeam.studies import find_study
-from stiffbeam.studies.engine.runner import run_study, scheduler
+from stiffbeam.studies.runner import run_study, scheduler
 
 PICTURE = Path("stiffbeam-output/sweep_scaling.png")
 VALUES, STEPS_PER_PERIOD, TRANSIENT, REPETITIONS = 400, 6250, 6, 3

@@ -14,8 +14,8 @@ from importlib import metadata as _metadata
 from pathlib import Path as _Path
 from typing import Any as _Any
 
-from .basics.deprecation import warn_of as _warn_of
-from .basics.notebook import DRAW as _DRAW
+from .basics.text import DRAW as _DRAW
+from .basics.validation import warn_of as _warn_of
 
 _SCHEMES = "schemes.registry"  # every class in it is public
 _STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))

@@ -77,7 +77,7 @@ from .testset.problem import problems as problems
 from .testset.score import score as score
 from .testset.scorecard import Scorecard as Scorecard
 from .trajectory.ensemble import Ensemble as Ensemble
-from .trajectory.impacts import Impacts as Impacts
+from .trajectory.records import Impacts as Impacts
 from .trajectory.trajectory import (
     Diverged as Diverged,
 )

@@ -11,11 +11,10 @@ from typing import Any
 
 from stiffbeam.basics.resources import cores
 from stiffbeam.basics.storage import source_hash
-from stiffbeam.figures.panels import save_figure
+from stiffbeam.figures.chart import save_figure
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.march.integrate import integrate
-from stiffbeam.studies.engine.journal import Journal
-from stiffbeam.studies.engine.runner import processes, undisturbed
+from stiffbeam.studies.runner import Journal, processes, undisturbed
 
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import close_up, film, panels, picture, save_small, together

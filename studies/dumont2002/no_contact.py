@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.figures.panels import new_figure
+from stiffbeam.figures.chart import new_figure
 from stiffbeam.march.integrate import integrate
 from stiffbeam.model.closed_form import mode, roots
 from stiffbeam.model.problem import BeamProblem, DistributedLoad

@@ -10,9 +10,9 @@ import numpy as np
 
 from stiffbeam.basics.text import plain
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.panels import save_figure
+from stiffbeam.figures.chart import save_figure
 from stiffbeam.files.cases import paper_case
-from stiffbeam.studies.engine.journal import Journal
+from stiffbeam.studies.runner import Journal
 
 from .claims import judged
 from .costs import costs

@@ -9,7 +9,7 @@ import mpmath as mp
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.basics.exact_float import as_doubles
+from stiffbeam.basics.validation import as_doubles
 
 INF = float("inf")  # the stiffness of a rigid stop
 

@@ -83,13 +83,13 @@ def files(seed: int, count: int, place: Path) -> collections.Counter[str]:
     from fuzz_surfaces import run
 
     import stiffbeam as sb
-    from stiffbeam.basics import netcdf
+    from stiffbeam.basics import storage
 
-    netcdf.SECONDS = 5.0
+    storage.READ_SECONDS = 5.0
     found, file = collections.Counter[str](), place / "damaged.nc"
     content = run().save(file).read_bytes()
     for i in range(count):
-        file.write_bytes(damaged(content[: -netcdf.LENGTH] if i % 10 == 0 else content, 10**6 * seed + i))
+        file.write_bytes(damaged(content[: -storage.SEAL_LENGTH] if i % 10 == 0 else content, 10**6 * seed + i))
         try:
             found["harmless" if (sb.load(file).tip == run().tip).all() else "passed"] += 1
         except sb.InputError as refused:

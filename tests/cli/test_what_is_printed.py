@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.compiled import stopped_clock
+from stiffbeam.basics.resources import stopped_clock
 from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, find_study, study

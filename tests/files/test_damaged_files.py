@@ -12,9 +12,9 @@ import pytest
 from break_it import damaged
 
 import stiffbeam as sb
-from stiffbeam.basics import netcdf
+from stiffbeam.basics import storage
 
-SEALED = netcdf.LENGTH  # bytes behind those that HDF5 reads
+SEALED = storage.SEAL_LENGTH  # bytes behind those that HDF5 reads
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def read(file: Path, run: sb.Trajectory) -> bool:
 
 
 def test_damage_to_a_file_of_ours_is_found_before_hdf5_sees_it(run, content, tmp_path, monkeypatch):
-    monkeypatch.setattr(netcdf, "_unreadable", lambda file, size: "its seal is damaged")
+    monkeypatch.setattr(storage, "_unreadable", lambda file, size: "its seal is damaged")
     monkeypatch.setattr("xarray.open_dataset", None)
     for seed in range(600):
         (file := tmp_path / "run.nc").write_bytes(damaged(content, seed))
@@ -49,7 +49,7 @@ def test_damage_to_a_file_of_ours_is_found_before_hdf5_sees_it(run, content, tmp
 @pytest.mark.slow
 def test_a_file_that_hdf5_does_not_come_back_from_is_refused_in_time(run, content, tmp_path, monkeypatch):
     """An object of a global heap whose size is 16 less than nothing: HDF5 reads it for ever."""
-    monkeypatch.setattr(netcdf, "SECONDS", 3.0)
+    monkeypatch.setattr(storage, "READ_SECONDS", 3.0)
     at = content.index(b"GCOL") + 24
     endless = content[:at] + struct.pack("<Q", 2**64 - 16) + content[at + 8 : -SEALED]
     (file := tmp_path / "endless.nc").write_bytes(endless)
@@ -71,7 +71,7 @@ def test_a_file_that_another_tool_has_written_again_is_read(run, content, tmp_pa
 @pytest.mark.slow
 def test_damage_to_a_file_without_a_seal_is_found_or_harmless(run, content, tmp_path, monkeypatch):
     """Each opened by a process that may take five seconds; without a limit some take for ever."""
-    monkeypatch.setattr(netcdf, "SECONDS", 5.0)
+    monkeypatch.setattr(storage, "READ_SECONDS", 5.0)
     refused = 0
     for seed in range(20):
         (file := tmp_path / "run.nc").write_bytes(damaged(content[:-SEALED], seed))

@@ -26,8 +26,7 @@ from stiffbeam.cli import app
 from stiffbeam.cli.output import file_name
 from stiffbeam.files.cases import paper_case
 from stiffbeam.studies import find_study
-from stiffbeam.studies.engine.journal import Journal
-from stiffbeam.studies.engine.runner import run_study
+from stiffbeam.studies.runner import Journal, run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 AMPLIFICATION = {"schemes": ["bdf2", "HHT(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
@@ -38,7 +37,7 @@ import numpy as np
 import stiffbeam as sb
 run = sb.Trajectory.from_arrays(np.linspace(0.0, 1.0, 20001), np.random.default_rng(1).normal(size=20001))
 figure = sb.mode_shapes(sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 4))
-from stiffbeam.figures.panels import save_figure
+from stiffbeam.figures.chart import save_figure
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 for suffix in ("nc", "csv", "mat", "png"):
     try:

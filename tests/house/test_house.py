@@ -107,10 +107,10 @@ def test_no_measure_knows_a_solver():
     [
         "from ..figures import look",
         "def f():\n    from stiffbeam.figures import look",
-        "import stiffbeam.figures.panels",
+        "import stiffbeam.figures.chart",
         'importlib.import_module(f"stiffbeam.figures.{x}")',
         'import_module("..figures", __name__)',
-        'code = "from stiffbeam.figures.panels import look"',
+        'code = "from stiffbeam.figures.chart import look"',
     ],
 )
 def test_an_arrow_to_the_right_is_seen_in_every_spelling(line, tmp_path, monkeypatch):

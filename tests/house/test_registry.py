@@ -25,7 +25,7 @@ def test_every_method_stands_in_the_room_of_its_kind_and_says_how_it_solves(meth
 
 
 def test_every_adaptive_solver_has_a_look_of_its_own_and_the_exact_ones_that_of_the_exact_motion():
-    from stiffbeam.figures.panels import look, short
+    from stiffbeam.figures.chart import look, short
 
     assert len({method.look for method in REFERENCES.values()}) == len(METHODS)
     looks = {name: str(look(name)) for name in METHODS}
@@ -60,7 +60,7 @@ def test_the_rooms_of_references_part():
 
 def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):
     """Seen by the call, the horizon, the cache's key, the picture and the study of agreement."""
-    from stiffbeam.figures.panels import look, short
+    from stiffbeam.figures.chart import look, short
     from stiffbeam.studies.references import agree
 
     added = Method("bulirsch", "adaptive.sundials", "Bulirsch", 99, 0.2, libraries={"numpy": "numpy"})

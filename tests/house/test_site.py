@@ -217,7 +217,7 @@ def test_every_command_has_examples_that_it_understands():
 
 
 def test_a_phase_begins_where_it_is_another():
-    from stiffbeam.basics.progress import _Phases
+    from stiffbeam.basics.resources import _Phases
 
     phases = _Phases()
     calls = [("a", 0, 10), ("a", 5, 10), ("b", 6, 10), ("c", 0, 10), ("cvode", 0, 0), ("cvode", 0, 0), ("exact", 0, 0)]

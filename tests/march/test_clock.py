@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from stiffbeam.basics.compiled import clock, stopped_clock, wall_clock
+from stiffbeam.basics.resources import clock, stopped_clock, wall_clock
 
 FIRST = """
 import stiffbeam as sb

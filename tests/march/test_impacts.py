@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import time_tolerance
-from stiffbeam.trajectory.impacts import COLUMNS, Impacts
+from stiffbeam.trajectory.records import COLUMNS, Impacts
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

@@ -12,7 +12,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.model.semidiscretisation import FORMS
 from stiffbeam.schemes import registered
-from stiffbeam.trajectory.ledger import Ledger, step_ledger
+from stiffbeam.trajectory.records import Ledger, step_ledger
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

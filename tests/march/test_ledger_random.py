@@ -11,7 +11,7 @@ import stiffbeam as sb
 from stiffbeam.march import replay
 from stiffbeam.model.time_functions import offset_rate, offset_values
 from stiffbeam.schemes import registered
-from stiffbeam.trajectory.ledger import Ledger, step_ledger
+from stiffbeam.trajectory.records import Ledger, step_ledger
 
 LAWS = [{}, {}, {"damping": 3.0}, {"dissipation": 0.3}, {"exponent": 1.5}]
 SCHEMES = list(registered())

@@ -13,10 +13,10 @@ from rich.console import Console
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.measures.comparison import phase_lag
+from stiffbeam.measures.errors import match
 from stiffbeam.measures.frequencies import amplitude_spectrum
-from stiffbeam.measures.impacts import match
 from stiffbeam.measures.report import comparison_tables
-from stiffbeam.trajectory.impacts import Impacts
+from stiffbeam.trajectory.records import Impacts
 
 
 def impacts(times, stops):

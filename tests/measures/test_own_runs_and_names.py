@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.figures.panels import tip_name, tip_symbol
+from stiffbeam.figures.chart import tip_name, tip_symbol
 
 TUBE = {"length": 1.2, "stiffness": 700.0, "mass_per_length": 1.2, "supports": "pinned-pinned"}
 

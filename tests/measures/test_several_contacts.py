@@ -12,10 +12,10 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.files.cases import paper_case
-from stiffbeam.measures.impacts import first_impacts_end, impact_times, match, matched_until
+from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.studies import find_study, study
 from stiffbeam.studies.common import solve_once, system_of
-from stiffbeam.studies.engine.study import by_contact
+from stiffbeam.studies.interface import by_contact
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 

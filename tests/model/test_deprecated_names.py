@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.deprecation import Renamed
+from stiffbeam.basics.validation import Renamed
 from stiffbeam.studies.advice import Advice
-from stiffbeam.trajectory.ledger import Ledger
+from stiffbeam.trajectory.records import Ledger
 
 OLD = {
     "Growth": "PerturbationGrowth",

@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import stiffbeam as sb
-from stiffbeam.basics.exact_float import ExactFloat, as_doubles, exact_float, exact_value
+from stiffbeam.basics.validation import ExactFloat, as_doubles, exact_float, exact_value
 from stiffbeam.files.cases import case_text, find_case, paper_cases
 from stiffbeam.files.store import freeze
 from stiffbeam.model.drive import Drive

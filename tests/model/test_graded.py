@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.model.graded import congruence, product
-from stiffbeam.model.modes import modes
+from stiffbeam.model.modes import congruence, modes, product
 
 mpmath = pytest.importorskip("mpmath")
 EPS = float(np.finfo(float).eps)

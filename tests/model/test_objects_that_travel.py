@@ -10,8 +10,8 @@ import xarray
 from systems import bouncing_chain
 
 import stiffbeam as sb
+from stiffbeam import references
 from stiffbeam.basics.validation import InputError
-from stiffbeam.references import estimate
 from stiffbeam.references.registry import Steps
 from stiffbeam.studies.comparison import compare_case
 
@@ -115,7 +115,7 @@ def test_work_of_minutes_is_announced(monkeypatch):
     """By a pilot, with its estimate; not where progress is shown, and not for what takes seconds."""
     system = bouncing_chain()
     sb.reference(system, 1.0, "dop853", t_eval=np.linspace(0.0, 1.0, 11))  # a warning would fail the test
-    monkeypatch.setattr(estimate, "MINUTES", 1e-9)
+    monkeypatch.setattr(references, "MINUTES", 1e-9)
     for method in ("exact", "dop853"):
         with pytest.warns(UserWarning, match=f"{method} will take about"):
             sb.reference(system, 1.0, method)
@@ -132,8 +132,9 @@ def test_what_compiling_takes_is_not_taken_times_the_span(monkeypatch):
         compiled.add(t_end)
         return SimpleNamespace(work=SimpleNamespace(march_seconds=seconds))
 
-    monkeypatch.setattr(estimate, "FASTEST_TIME", 1e-9)
-    estimate.warn_of_minutes(system, span, "exact", 1e-10, None, Steps(), solve)  # a warning would fail the test
+    monkeypatch.setattr(references, "FASTEST_TIME", 1e-9)
+    monkeypatch.setattr(references, "solve", solve)
+    references.warn_of_minutes(system, span, "exact", 1e-10, None, Steps())  # a warning would fail the test
 
 
 def test_a_comparison_of_a_case_shows_itself():

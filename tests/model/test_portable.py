@@ -12,8 +12,8 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.files.cases import load_cases
 from stiffbeam.studies import study
-from stiffbeam.studies.engine.runner import run_study
-from stiffbeam.studies.engine.study import Study
+from stiffbeam.studies.interface import Study
+from stiffbeam.studies.runner import run_study
 
 STEEL = """
 [[case]]
@@ -74,7 +74,7 @@ def test_what_cannot_travel_is_refused_before_a_process_starts(steel, monkeypatc
     def never(*_):
         raise AssertionError("a process was started")
 
-    monkeypatch.setattr("stiffbeam.studies.engine.runner.ProcessPoolExecutor", never)
+    monkeypatch.setattr("stiffbeam.studies.runner.ProcessPoolExecutor", never)
     bent = replace(steel, problem=replace(steel.problem, initial_velocity=lambda x: 0.5 * x))
     with pytest.raises(sb.InputError, match=r"travel to other processes.*jobs=1.*lambda"):
         run_study(PROBE, bent, jobs=2)

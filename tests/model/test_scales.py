@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.measures.impacts import longest_delay
+from stiffbeam.measures.errors import longest_delay
 from stiffbeam.model.modes import undamped_modes
 from stiffbeam.model.scales import scales
 

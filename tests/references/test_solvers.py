@@ -13,7 +13,7 @@ from stiffbeam.references import solve
 from stiffbeam.references.adaptive import diffrax
 from stiffbeam.references.horizon import agreement, impacts_match_until, time_tolerance
 from stiffbeam.references.registry import REFERENCES
-from stiffbeam.trajectory.impacts import Impacts
+from stiffbeam.trajectory.records import Impacts
 
 ADAPTIVE = [method for method in REFERENCES.values() if method.kind == "adaptive"]
 AFFORDABLE = [method.name for method in ADAPTIVE if method.seconds < 10.0]

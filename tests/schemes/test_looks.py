@@ -8,8 +8,8 @@ from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import stiffbeam as sb
 from dumont2002 import figures as page
-from stiffbeam.figures import panels
-from stiffbeam.figures.panels import EXACT, look
+from stiffbeam.figures import chart
+from stiffbeam.figures.chart import EXACT, look
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered
 
@@ -37,7 +37,7 @@ def test_a_new_scheme_changes_no_other_look(place, registry):
     registry.update(entries)
     assert {label: look(label) for label in labels} == before
     new = look("newcomer")
-    assert all((new["linestyle"], new["marker"]) != (x["linestyle"], x["marker"]) for x in map(look, panels.LOOKS))
+    assert all((new["linestyle"], new["marker"]) != (x["linestyle"], x["marker"]) for x in map(look, chart.LOOKS))
     assert look("newcomer") == new
 
 
@@ -76,6 +76,6 @@ def test_a_comparison_draws_every_scheme_in_its_look():
 
 def test_registered_schemes_can_be_told_apart_in_grey():
     """Those of LOOKS by their dashes alone: a print has no colours."""
-    dashes = [look(name)["linestyle"] for name in panels.LOOKS]
-    assert len(set(map(str, dashes))) == len(dashes) == len(panels.DASHES)
-    assert {*SCHEMES, *RIGID} <= set(panels.LOOKS)
+    dashes = [look(name)["linestyle"] for name in chart.LOOKS]
+    assert len(set(map(str, dashes))) == len(dashes) == len(chart.DASHES)
+    assert {*SCHEMES, *RIGID} <= set(chart.LOOKS)

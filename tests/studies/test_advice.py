@@ -20,7 +20,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.cli import app
 from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
-from stiffbeam.studies.engine.journal import Journal
+from stiffbeam.studies.runner import Journal
 
 
 def errors_by_another_solver(case, run) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.files.cases import paper_case
-from stiffbeam.measures.impacts import first_impacts_end
+from stiffbeam.measures.errors import first_impacts_end
 from stiffbeam.studies import comparison, precision, study
 
 SMALL = replace(paper_case(10), cells=6, t_end=0.1, dt=1e-4)

@@ -15,7 +15,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.studies import find_study, study
-from stiffbeam.studies.engine.runner import run_study
+from stiffbeam.studies.runner import run_study
 from stiffbeam.trajectory.trajectory import Unfinished
 
 SHORT = {"periods": 3, "transient": 2}
@@ -133,7 +133,7 @@ def alive(pid: int) -> bool:
 def test_dask_workers_find_what_one_process_does_and_one_may_be_killed(tmp_path, serial, monkeypatch):
     """A local cluster of worker processes; one gets SIGKILL in the middle of a batch."""
     distributed = pytest.importorskip("distributed")
-    from stiffbeam.studies.engine.runner import scheduler
+    from stiffbeam.studies.runner import scheduler
 
     monkeypatch.setenv("STIFFBEAM_TEST_KILLED", str(tmp_path / "killed"))
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0")
@@ -150,7 +150,7 @@ def test_dask_workers_that_keep_dying_are_given_up(tmp_path):
     distributed = pytest.importorskip("distributed")
     import dask
 
-    from stiffbeam.studies.engine.runner import scheduler
+    from stiffbeam.studies.runner import scheduler
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
@@ -163,7 +163,7 @@ def test_dask_workers_that_keep_dying_are_given_up(tmp_path):
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     pytest.importorskip("distributed")
-    from stiffbeam.studies.engine import runner as module
+    from stiffbeam.studies import runner as module
 
     monkeypatch.setattr(module, "PATIENCE", 0.5)
     with pytest.raises(sb.InputError, match="running scheduler"), module.scheduler("tcp://127.0.0.1:9"):
@@ -171,7 +171,7 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
 
 
 def test_without_dask_the_package_is_named(monkeypatch):
-    from stiffbeam.studies.engine.runner import scheduler
+    from stiffbeam.studies.runner import scheduler
 
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(sb.InputError, match=r"pip install 'stiffbeam\[dask\]'"), scheduler("tcp://127.0.0.1:9"):

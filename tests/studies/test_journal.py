@@ -13,9 +13,8 @@ import pytest
 from measured import settled
 
 from stiffbeam.files.cases import paper_case
-from stiffbeam.studies import find_study, study
-from stiffbeam.studies.engine import journal
-from stiffbeam.studies.engine.runner import run_study
+from stiffbeam.studies import find_study, runner, study
+from stiffbeam.studies.runner import run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
@@ -148,10 +147,10 @@ def test_the_journal_of_another_version_study_or_option_is_never_read(tmp_path, 
     assert evaluated(per_decade=11) == 4
     assert evaluated(replace(one, name="another")) == 4
     with monkeypatch.context() as patch:
-        patch.setattr(journal, "version", lambda package: "0.0.0")
+        patch.setattr(runner, "version", lambda package: "0.0.0")
         assert evaluated() == 4
     with monkeypatch.context() as patch:
-        patch.setattr(journal, "source_hash", lambda: "edited")
+        patch.setattr(runner, "source_hash", lambda: "edited")
         assert evaluated() == 4
     assert evaluated() == 0
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.testset.measure import CONVERGES, FAILED, NOT_TAKEN
 from stiffbeam.testset.problem import folder
-from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_TAKEN
 
 ADAPTERS = {"mujoco": "mujoco_engine.py", "exudyn": "exudyn_engine.py", "siconos": "siconos_engine.py",
             "getfem": "getfem_engine.py", "pybullet": "pybullet_engine.py"}  # fmt: skip

@@ -206,7 +206,7 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
 def test_an_installed_package_says_where_the_page_is_made(tmp_path, command, monkeypatch):
     """``pip install`` takes the package alone: one line names the checkout that the page needs."""
     installed = tmp_path / "lib" / "python3" / "site-packages" / "stiffbeam" / "cli" / "reproduce.py"
-    monkeypatch.setattr("stiffbeam.cli.reproduce.__file__", str(installed))
+    monkeypatch.setattr("stiffbeam.cli.tools.__file__", str(installed))
     code, out, err = command("reproduce", "table", "10")
     assert (code, out) == (2, "")
     (line,) = err.splitlines()

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.studies import study
-from stiffbeam.studies.engine import runner
-from stiffbeam.studies.engine.runner import evaluate_point
+from stiffbeam.studies import runner, study
+from stiffbeam.studies.runner import evaluate_point
 
 SMALL = replace(sb.paper_case(10), cells=8, t_end=0.8)
 

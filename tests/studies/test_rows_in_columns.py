@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.studies.engine import runner
-from stiffbeam.studies.engine.journal import Journal
-from stiffbeam.studies.engine.table import Batch, Column, Selection, Table
+from stiffbeam.studies import runner
+from stiffbeam.studies.interface import Batch, Column, Selection, Table
+from stiffbeam.studies.runner import Journal
 
 FLOATS = np.random.default_rng(3).normal(size=500).tolist()
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import stiffbeam as sb
 import stiffbeam.studies
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.panels import EXACT, look, short
+from stiffbeam.figures.chart import EXACT, look, short
 from stiffbeam.files.cases import paper_case, parse_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import STUDIES, Records, find_study, study

@@ -273,7 +273,7 @@ def test_values_that_cannot_be_read_are_refused(values):
 
 
 def test_lists_and_ranges_of_values():
-    from stiffbeam.cli.options import values_of
+    from stiffbeam.cli.application import values_of
 
     assert values_of("8:14:4") == [8.0, 10.0, 12.0, 14.0]
     assert values_of("1e-4, 2e-4") == [1e-4, 2e-4]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_FALLING
+from stiffbeam.testset.measure import CONVERGES, FAILED, NOT_FALLING
 
 mp = pytest.importorskip("mpmath")
 ROOT = Path(__file__).parents[2]

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.testset.measure import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, ONE_RUN
 from stiffbeam.testset.problem import folder, read
 from stiffbeam.testset.score import score_trajectories
-from stiffbeam.testset.verdicts import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, ONE_RUN
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "reference" / "problems" / "README.md").read_text(encoding="utf-8")

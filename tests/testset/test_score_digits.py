@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.testset.measure import CONVERGES, FEW_DIGITS, NOT_FALLING
 from stiffbeam.testset.score import score_trajectories
-from stiffbeam.testset.verdicts import CONVERGES, FEW_DIGITS, NOT_FALLING
 
 NAME = "bilinear-gap"
 FORMATS = {

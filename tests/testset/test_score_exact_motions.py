@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.testset.measure import errors_of, motion_of
+from stiffbeam.testset.measure import CONVERGES, NOT_FALLING, errors_of, motion_of
 from stiffbeam.testset.score import score_trajectories
-from stiffbeam.testset.verdicts import CONVERGES, NOT_FALLING
 
 
 def sampled(name, steps, everything=False):

@@ -11,11 +11,10 @@ from test_score import moreau_jean, newmark
 from test_score_exact_motions import ball
 
 import stiffbeam as sb
-from stiffbeam.testset.measure import read_trajectory
+from stiffbeam.testset.measure import CONVERGES, FAILED, NOT_FALLING, ONE_RUN, TOO_ALIKE, read_trajectory
 from stiffbeam.testset.problem import folder
 from stiffbeam.testset.score import score_trajectories
 from stiffbeam.testset.scorecard import Scorecard, reasons
-from stiffbeam.testset.verdicts import CONVERGES, FAILED, NOT_FALLING, ONE_RUN, TOO_ALIKE
 
 
 @pytest.mark.parametrize("name", ["bouncing-ball", "impact-oscillator"])

@@ -55,6 +55,15 @@ def is_read_only(values: Any) -> bool:
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
+def freeze(owner: object, *names: str) -> None:
+    """Read-only copies of these arrays, and of the vectors of ``loads``: a pickled array can be written to again."""
+    for name in names:
+        values = getattr(owner, name)
+        object.__setattr__(owner, name, None if values is None else read_only(values))
+    if loads := getattr(owner, "loads", ()):
+        object.__setattr__(owner, "loads", tuple((read_only(vector), f) for vector, f in loads))
+
+
 def same(a: Array | None, b: Array | None) -> bool:
     """Return True if a and b are equal number by number; None equals only itself."""
     if a is None or b is None:

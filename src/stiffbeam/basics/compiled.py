@@ -17,6 +17,7 @@ from numba import types
 from numba.extending import register_jitable
 
 from . import storage
+from .resources import stopped_clock
 from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
@@ -85,46 +86,6 @@ class CFunction:
 def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
     """``function`` compiled for C with this signature."""
     return lambda function: CFunction(function, signature)
-
-
-class Clock:
-    """Seconds by ``now`` without compiling and loading of kernels: the time that a second, equal run takes."""
-
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now, self._still, self._stopping, self._since = now, 0.0, 0, 0.0
-
-    def __call__(self) -> float:
-        """Return the time in seconds."""
-        return (self._since if self._stopping else self._now()) - self._still
-
-    def stop(self) -> None:
-        """Stop the clock until ``go`` has been called as often as ``stop``."""
-        if not self._stopping:
-            self._since = self._now()
-        # Calls nest: a kernel that is compiled may have others compiled.
-        self._stopping += 1
-
-    def go(self) -> None:
-        """Start the clock again, see ``stop``."""
-        self._stopping -= 1
-        if not self._stopping:
-            self._still += self._now() - self._since
-
-
-clock = Clock(time.process_time)  # of the processor, which other programs on the machine do not lengthen
-wall_clock = Clock(time.perf_counter)  # for work on several threads, which processor time would add up
-
-
-@contextmanager
-def stopped_clock() -> Generator[None, None, None]:
-    """Context in which all Clocks are stopped."""
-    for each in (clock, wall_clock):
-        each.stop()
-    try:
-        yield
-    finally:
-        for each in (clock, wall_clock):
-            each.go()
 
 
 @lru_cache

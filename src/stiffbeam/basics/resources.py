@@ -1,4 +1,4 @@
-"""Memory, time, threads and processes: a call that would take too much raises an error before it begins.
+"""Long calls: memory, time, threads, processes and progress. One that would take too much raises an error first.
 
 STIFFBEAM_MEMORY, in GiB, and STIFFBEAM_SECONDS raise or lower what is allowed, STIFFBEAM_THREADS sets the threads.
 """
@@ -7,10 +7,14 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 import threading
+import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence, Sized
+from collections.abc import Callable, Generator, Iterator, Sequence, Sized
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from .validation import InputError
@@ -37,12 +41,50 @@ def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds:
             raise InputError(field, value, rule, f"{remedy}, or set {name}")
 
 
+class Clock:
+    """Seconds by ``now`` without compiling and loading of kernels: the time that a second, equal run takes."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now, self._still, self._stopping, self._since = now, 0.0, 0, 0.0
+
+    def __call__(self) -> float:
+        """Return the time in seconds."""
+        return (self._since if self._stopping else self._now()) - self._still
+
+    def stop(self) -> None:
+        """Stop the clock until ``go`` has been called as often as ``stop``."""
+        if not self._stopping:
+            self._since = self._now()
+        # Calls nest: a kernel that is compiled may have others compiled.
+        self._stopping += 1
+
+    def go(self) -> None:
+        """Start the clock again, see ``stop``."""
+        self._stopping -= 1
+        if not self._stopping:
+            self._still += self._now() - self._since
+
+
+clock = Clock(time.process_time)  # of the processor, which other programs on the machine do not lengthen
+wall_clock = Clock(time.perf_counter)  # for work on several threads, which processor time would add up
+
+
+@contextmanager
+def stopped_clock() -> Generator[None, None, None]:
+    """Context in which all Clocks are stopped."""
+    for each in (clock, wall_clock):
+        each.stop()
+    try:
+        yield
+    finally:
+        for each in (clock, wall_clock):
+            each.go()
+
+
 class Forecast:
     """Estimate of the cost of work over [0, t_end], extrapolated from its first part."""
 
     def __init__(self, t_end: float) -> None:
-        from .compiled import clock  # here, since ``afford`` is asked where numba is not needed
-
         self.t_end, self._clock, self.begun = t_end, clock, clock()
         # Below these amounts no forecast: a small first part is no basis for the whole. 2^27 numbers are 1 GiB.
         self._many = 0.02 * _allowed("STIFFBEAM_MEMORY", MEMORY) * 2**27
@@ -201,3 +243,84 @@ def _result(future: Future[Part]) -> Part | None:
 def _alone(work: Callable[[Any], Part], items: Any) -> Part:
     with _ALONE:
         return work(items)
+
+
+Show = Callable[[str, int, int], None]
+
+
+@dataclass
+class Talk:
+    """Amount of progress output: nothing with ``--quiet``, one line for each phase with ``--verbose``."""
+
+    quiet: bool = False
+    verbose: bool = False
+
+
+TALK = Talk()
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Progress function that shows nothing."""
+
+
+@contextmanager
+def progress() -> Generator[Show, None, None]:
+    """A progress display on stderr, or in a notebook; silent where there is neither.
+
+    Yields show(what, done, total), total 0 where it is not known. Bar and time left are those of the phase:
+    one begins where the total is another, where less is done than before, and with every new name without a total.
+    """
+    if TALK.quiet or TALK.verbose:
+        yield silent if TALK.quiet else _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Clock(ProgressColumn):
+        """Elapsed seconds of the phase, and the estimated rest if the length of the phase is known."""
+
+        def render(self, task: Task) -> Text:
+            left = "" if task.time_remaining is None else f", about {task.time_remaining:.0f} s left"
+            return Text(f"{task.elapsed or 0.0:.0f} s{left}")
+
+    console = Console(stderr=True)
+    if not (console.is_terminal or console.is_jupyter):  # a hidden display of rich 13 ends with an empty line
+        yield silent
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), Clock())
+    with Progress(*columns, speed_estimate_period=600.0, console=console, transient=True) as display:
+        task, phases = display.add_task("starting", total=None), _Phases()
+
+        def show(what: str, done: int, total: int) -> None:
+            if phases.begins(what, done, total):
+                display.reset(task, description=what, completed=done, total=total or None)
+            else:
+                display.update(task, description=what, completed=done)
+
+        yield show
+
+
+class _Phases:
+    """Detector of the calls of show(what, done, total) that begin a phase."""
+
+    def __init__(self) -> None:
+        self.last = ("", 0, -1)
+
+    def begins(self, what: str, done: int, total: int) -> bool:
+        name, before, of = self.last
+        self.last = (what, done, total)
+        # Without a total only a new name shows a new phase.
+        return total != of or done < before or (total == 0 and what != name)
+
+
+def _lines() -> Show:
+    """Progress as lines on stderr: one at the start of each phase, with the elapsed time."""
+    begun, phases = time.perf_counter(), _Phases()
+
+    def show(what: str, done: int, total: int) -> None:
+        if phases.begins(what, done, total):
+            of = f" ({total})" if total else ""
+            print(f"{time.perf_counter() - begun:8.2f} s  {what}{of}", file=sys.stderr, flush=True)
+
+    return show

@@ -1,4 +1,8 @@
-"""The cache directory, and files that are either complete or absent."""
+"""The cache directory, files that are either complete or absent, and netCDF-4 files.
+
+Behind the bytes of a netCDF-4 file stands their sha256, which HDF5 passes over: HDF5 may hang or crash on a damaged
+file, so one is opened only where that is right, or where another process has read all of it in time.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,26 @@ import re
 import secrets
 import socket
 import stat
+import subprocess
+import sys
 import tempfile
 import warnings
+from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import platformdirs
 
+from .arrays import Array
 from .validation import InputError, file_path
+
+if TYPE_CHECKING:
+    import h5py
+    import xarray as xr
 
 
 @cache
@@ -132,3 +147,157 @@ def _lives(process: int) -> bool:
     except OSError:  # somebody else's
         return True
     return True
+
+
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10d}"  # the name that netCDF-4 prescribes
+
+SEAL = b"\nsha256 "  # before the digest of all bytes in front of it
+SEAL_LENGTH = len(SEAL) + 64
+READ_SECONDS = 20.0  # for another process to read a file of 100 MB that bears no seal; a damaged one may take for ever
+READ_ALL = """
+import sys, h5py
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+except ImportError:
+    pass
+def read(name, item):
+    dict(item.attrs)
+    if isinstance(item, h5py.Dataset):
+        item[()]
+try:
+    with h5py.File(sys.argv[1]) as file:
+        read("", file)
+        file.visititems(read)
+except Exception as error:
+    sys.exit(f"{type(error).__name__}: {error}")
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """variables: name to (dimensions, values, attributes); one that has its dimension's name is a coordinate."""
+
+    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
+    attributes: dict[str, Any]
+
+    @classmethod
+    def of(cls, data: xr.Dataset) -> Arrays:
+        """The variables of a dataset, unchanged."""
+        each = {str(name): (tuple(map(str, x.dims)), x.values, dict(x.attrs)) for name, x in data.variables.items()}
+        return cls(each, dict(data.attrs))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The variables as an xarray.Dataset."""
+        import xarray as xr
+
+        coordinates, data = self._parts()
+        return xr.Dataset(data, coords=coordinates, attrs=self.attributes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The variables in the layout of ``xarray.Dataset.to_dict``, which ``xarray.Dataset.from_dict`` reads."""
+        coordinates, data = (
+            {
+                name: {"dims": dims, "attrs": attributes, "data": values}
+                for name, (dims, values, attributes) in x.items()
+            }
+            for x in self._parts()
+        )
+        return {"coords": coordinates, "attrs": self.attributes, "dims": self.sizes, "data_vars": data}
+
+    def _parts(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Coordinates, those named like their dimension or in an attribute ``coordinates``, and the other variables;
+        without that attribute, which only files need."""
+        named = {name for _, _, x in self.variables.values() for name in x.get("coordinates", "").split()}
+        parts: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+        for name, (dims, values, attributes) in self.variables.items():
+            notes = {key: text for key, text in attributes.items() if key != "coordinates"}
+            parts[not (dims == (name,) or name in named)][name] = (dims, values, notes)
+        return parts
+
+    def hash(self, attributes: Iterable[str]) -> str:
+        """sha256 of every variable and of the named attributes."""
+        digest = hashlib.sha256()
+        for name in sorted(self.variables):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(self.variables[name][1]).tobytes())
+        for name in sorted(attributes):
+            digest.update(f"{name}={self.attributes.get(name)}".encode())
+        return digest.hexdigest()
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Length of every dimension."""
+        return {dim: n for dims, x, _ in self.variables.values() for dim, n in zip(dims, np.shape(x), strict=True)}
+
+
+def write_netcdf(data: Arrays, file: str | Path, compression: int = 0) -> Path:
+    """Write a netCDF-4 file, compressed where ``compression`` is 1 to 9: into memory, since HDF5 does not survive a
+    full disk, then in one step. Raises InputError for a place that cannot be written to.
+
+    The layout is that of the netCDF-4 format on HDF5: a dimension is a dimension scale, and names itself in every
+    variable that has it.
+    """
+    import h5py
+
+    packing = {"compression": "gzip", "compression_opts": compression, "shuffle": True} if compression else {}
+    sizes = data.sizes
+    # In memory: the file on the disk is written in one step below.
+    with h5py.File(Path(file).name, "w", driver="core", backing_store=False, track_order=True) as target:
+        target.attrs.update(data.attributes)
+        scales: dict[str, h5py.Dataset] = {}
+        # Dimensions first: variables refer to their scales. A coordinate is its own scale.
+        for k, (name, size) in enumerate(sizes.items()):
+            _, values, attributes = data.variables.get(name, ((), None, {}))
+            unlimited = {"maxshape": (None,)} if size == 0 else {}  # what netCDF takes a length of zero for
+            scale = target.create_dataset(name, (size,), ">f4" if values is None else None, values, **unlimited)
+            scale.make_scale(NO_VARIABLE.format(size) if values is None else name)
+            scale.attrs.update(attributes | {"_Netcdf4Dimid": np.int32(k)})
+            scales[name] = scale
+        # Then the variables, with their dimensions attached.
+        for name, (dims, values, attributes) in data.variables.items():
+            if name in sizes:
+                continue
+            unlimited = {"maxshape": tuple(n or None for n in np.shape(values))} if np.size(values) == 0 else {}
+            stored = target.create_dataset(name, data=values, **(unlimited or (packing if dims else {})))
+            for axis, dim in enumerate(dims):
+                stored.dims[axis].attach_scale(scales[dim])
+            stored.attrs.update(attributes)
+        target.flush()
+        image = target.id.get_file_image()
+    return write_whole(file, image + SEAL + hashlib.sha256(image).hexdigest().encode())
+
+
+def require_whole(file: Path) -> None:
+    """Raise InputError if a file does not match its checksum. A file without checksum must be readable to its end, by a
+    separate process, within ``READ_SECONDS`` and 8 GiB."""
+    content = file.read_bytes()
+    # At the very end only: the same letters may stand among the data.
+    body, seal, digest = content[-SEAL_LENGTH:].rpartition(SEAL)
+    body = content[:-SEAL_LENGTH] + body
+    if seal and hashlib.sha256(body).hexdigest().encode() == digest:
+        return
+    reason = "its bytes are not those that were written" if seal else _unreadable(file, len(content))
+    if reason:
+        raise InputError("file", str(file), "be a whole netCDF-4 file", f"it is damaged, make it again: {reason}")
+
+
+def _unreadable(file: Path, size: int) -> str:
+    """Reason why the file cannot be read to its end; "" if it can."""
+    # -P, and PYTHONPATH below: the packages of this process, and none from the current folder.
+    words = [sys.executable, "-P", "-c", READ_ALL, str(file.absolute()), str(8 * 2**30)]
+    seconds = READ_SECONDS * (1.0 + size / 1e8)
+    try:
+        done = subprocess.run(
+            words,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"reading it takes more than {seconds:.3g} seconds"
+    said = done.stderr.decode("utf-8", "replace").strip()
+    # The last line that the reader wrote names the error.
+    return "" if done.returncode == 0 else said.splitlines()[-1] if said else f"a reader ended with {done.returncode}"

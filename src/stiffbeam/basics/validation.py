@@ -1,9 +1,17 @@
-"""The error type for invalid input, with the field, the value, the rule and a fix; and the checks that raise it."""
+"""Arguments of callers: the error for invalid input, the checks that raise it, exact numbers, and old names.
+
+An exact number is a float64 value with the number as it was written, for multiprecision: 0.001 in a case file or in the
+paper is the decimal 1/1000. The double next to it is another number, and past the horizon of float64 its problem is
+another problem.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
 from decimal import Decimal
 from difflib import get_close_matches
 from fractions import Fraction
@@ -13,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array
-from .exact_float import ExactFloat, exact_float
 from .text import sentence, shown
 
 MOST = 2**53  # integers up to here are floats as well
@@ -199,3 +206,147 @@ def require_jax_float64() -> None:
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         remedy = 'call jax.config.update("jax_enable_x64", True) first'
         raise InputError("jax_enable_x64", False, "be True: double precision", remedy)
+
+
+Exact = str | Fraction | Decimal | int
+
+_DECIMAL = r"(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?"
+_FACTOR = rf"(?:pi|{_DECIMAL})"
+_PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
+
+
+class ExactFloat(float):
+    """The double nearest to ``ratio``, or to ``ratio`` times pi where ``pi`` is true; both differ from it.
+
+    It computes, compares and hashes as that double; what is computed from it is a plain float. ``repr``
+    is the text, in quotes, that makes it again. Make one with ``exact_float``.
+    """
+
+    __slots__ = ("pi", "ratio")
+    ratio: Fraction
+    pi: bool
+
+    @property
+    def text(self) -> str:
+        """The shortest text: '0.001', '1/3', '-3*pi/4'; equal numbers have equal texts."""
+        if not self.pi:
+            decimal = float.__repr__(self)
+            return decimal if Fraction(decimal) == self.ratio else str(self.ratio)
+        top, bottom = self.ratio.numerator, self.ratio.denominator
+        times = {1: "", -1: "-"}.get(top, f"{top}*")
+        return f"{times}pi" + (f"/{bottom}" if bottom > 1 else "")
+
+    def __repr__(self) -> str:
+        return repr(self.text)
+
+    def __str__(self) -> str:
+        return float.__repr__(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return exact_float, (self.text,)
+
+
+def exact_float(value: Exact) -> float:
+    """``value`` as an ExactFloat, or as a plain float where a double holds it.
+
+    value: a Fraction, Decimal or integer, or a text of decimals and pi joined by * and /, such as
+    "0.001", "1/3", "pi/2", "2*pi*50", with pi at most once and not below a /. Raises ValueError for other texts.
+    Outside the range of normal doubles it is what float() makes of it.
+    """
+    ratio, pi = _read(value) if isinstance(value, (str, Decimal)) else (Fraction(value), False)
+    if ratio is None:
+        return float(value)
+    try:
+        nearest = float(ratio * _PI if pi else ratio)
+    except OverflowError:
+        raise ValueError(f"{value!r} is too large for float64") from None
+    # A plain float is enough where it is the number itself; with pi it never is.
+    if not pi and Fraction(nearest) == ratio:
+        return nearest
+    number = ExactFloat(nearest)
+    number.ratio, number.pi = ratio, pi
+    return number
+
+
+def exact_value(x: float) -> tuple[Fraction, bool]:
+    """(ratio, pi): the exact number behind ``x``, ratio times pi where pi is true; of a plain float itself."""
+    return (x.ratio, x.pi) if isinstance(x, ExactFloat) else (Fraction(x), False)
+
+
+def exact_parts(value: Any, name: str = "") -> Iterator[str]:
+    """Name and text of every ExactFloat in a dataclass or tuple and in what they hold, in order."""
+    if isinstance(value, ExactFloat):
+        yield f"{name} = {value.text}"
+    elif is_dataclass(value) and not isinstance(value, type):
+        for field in fields(value):
+            yield from exact_parts(getattr(value, field.name), f"{name}.{field.name}".lstrip("."))
+    elif isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield from exact_parts(item, f"{name}[{i}]")
+
+
+def as_doubles(value: Any) -> Any:
+    """A dataclass or tuple with every ExactFloat in it replaced by the double that it computes as."""
+    if isinstance(value, ExactFloat):
+        return float(value)
+    if isinstance(value, tuple):
+        return tuple(map(as_doubles, value))
+    # Fields that a class computes by itself are no arguments.
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{f.name: as_doubles(getattr(value, f.name)) for f in fields(value) if f.init})
+    return value
+
+
+def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
+    """(ratio, pi) of a text, (None, False) where it is one number outside the range of normal doubles."""
+    text = re.sub(r"\s*([*/])\s*", r"\1", str(value).strip())
+    # Infinity and NaN have no ratio.
+    if re.fullmatch(r"[+-]?(inf|nan)", text, re.IGNORECASE):
+        return None, False
+    match = re.fullmatch(rf"([+-]?)({_FACTOR}(?:[*/]{_FACTOR})*)", text)
+    if match is None:
+        raise ValueError(f"{value!r} is not a number")
+    # A product of numbers, and of pi once.
+    ratio, pis = Fraction(-1 if match[1] == "-" else 1), 0
+    for operation, factor in re.findall(rf"([*/]?)({_FACTOR})", match[2]):
+        if factor == "pi":
+            pis += -1 if operation == "/" else 1
+            continue
+        nearest = float(factor)
+        if not math.isfinite(nearest) or nearest < 1e-300:  # the Fraction of 1e999999999 fills the memory
+            if match[2] == factor:
+                return None, False
+            raise ValueError(f"{value!r} leaves the range of float64")
+        ratio = ratio / Fraction(factor) if operation == "/" else ratio * Fraction(factor)
+    # ExactFloat is a ratio or a ratio times pi, nothing else.
+    if pis not in (0, 1):
+        raise ValueError(f"{value!r} is not a number or a number times pi")
+    return ratio, bool(pis)
+
+
+def warn_of(old: str, new: str, stacklevel: int = 3) -> None:
+    """Warn that ``old`` is now called ``new``. The warning points to the caller."""
+    warnings.warn(f"{old} is called {new} now", DeprecationWarning, stacklevel=stacklevel)
+
+
+class Renamed:
+    """An attribute under its old name. Reading it warns and returns the attribute under the new name.
+
+    >>> class Ledger:
+    ...     supplied = 3.0
+    ...     given = Renamed("supplied")
+    """
+
+    def __init__(self, new: str) -> None:
+        self.new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.old = name
+        self.__doc__ = f"Deprecated: use ``{self.new}``."
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        kind = type(instance).__name__
+        warn_of(f"{kind}.{self.old}", f"{kind}.{self.new}")
+        return getattr(instance, self.new)

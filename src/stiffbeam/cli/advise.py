@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ..basics.progress import TALK, progress
+from ..basics.resources import TALK, progress
 from ..basics.validation import InputError
-from .application import app
-from .options import Case, Dt, Form, Json, TEnd, option
+from .application import Case, Dt, Form, Json, TEnd, app, option
 from .output import check_json, default_folder, make_folder, say, write_json
 
 
@@ -40,7 +39,7 @@ def advise(
     from ..files.cases import find_case
     from ..schemes.labels import parse_run, split_runs
     from ..studies.advice import advise as find
-    from ..studies.engine.journal import Journal
+    from ..studies.runner import Journal
 
     chosen = find_case(case)
     wanted: dict[str, float] | None = None if want is None else {}

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..basics.progress import TALK, progress
+from ..basics.resources import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, COMPARED, REFERENCES
-from .application import app
-from .options import Case, Dt, Json, TEnd, option
+from .application import Case, Dt, Json, TEnd, app, option
 from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from ..basics.progress import Show
+    from ..basics.resources import Show
     from ..files.cases import Case as CaseFile
     from ..measures.rates import ContactRates
     from ..schemes import Scheme
@@ -83,8 +82,9 @@ def compare(
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
         if value is not None:
             positive(name, value)
-    runs = compared_runs(chosen)
-    if schemes is not None:
+    if schemes is None:
+        runs = compared_runs(chosen)
+    else:
         runs = [_like_case(parse_integrator(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
     names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
     check_json(json_file)
@@ -214,7 +214,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
-        from ..figures.panels import save_figure
+        from ..figures.chart import save_figure
         from ..figures.runs import four_panels, verdict
 
         runs = [run for run in result.runs if run.provenance["form"] == form]

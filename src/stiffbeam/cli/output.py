@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..basics.progress import TALK
+from ..basics.resources import TALK
 from ..basics.text import cells_of, cut, plain
 from ..basics.validation import InputError, file_path
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.resources import Show, silent
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, integer, positive
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import look, new_figure, short, tip_name, tip_symbol
+from .chart import look, new_figure, short, tip_name, tip_symbol
 
 SUFFIXES = (".gif", ".mp4")
 POINTS = 80  # along a beam

@@ -1,37 +1,265 @@
-"""Pictures declared as data, marks on named axes, and the one function that draws them all."""
+"""Line styles of the methods, pictures declared as marks on named axes, and the function that draws them.
+
+The functions that draw load matplotlib.
+"""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from io import BytesIO
 from math import lcm
+from pathlib import Path
 from string import ascii_letters
 from typing import TYPE_CHECKING, Any, TypeVar
+from zlib import crc32
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.storage import write_whole
 from ..basics.units import Units
-from .panels import (
-    COLOURS,
-    MARKERS,
-    column,
-    dashed,
-    log_scale,
-    look,
-    mark_order,
-    new_figure,
-    panel_legend,
-    say_empty,
-    shared_legend,
-    short,
-    signed_log,
-)
+from ..measures.report import short
+from ..references.registry import REFERENCES
+from ..schemes import RIGID, SCHEMES, make
+from ..schemes.labels import scheme_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import XAxis, YAxis
     from matplotlib.figure import Figure
+
+    from ..files.cases import Case
+    from ..model.problem import BeamProblem
+
+
+# Okabe and Ito's palette, distinguishable with any colour vision, and two more; black is the exact motion.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5E3C99", "#7F5A1D")
+# Thirteen, one for each scheme of the package, so that they can be told apart in grey.
+DASHES = (
+    (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
+    (4, 4), (10, 2, 3, 2), (3, 1, 1, 1, 1, 1, 1, 1), (8, 5), (3, 3, 1, 3),
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
+# Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
+LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items() if scheme.look is not None}
+_TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
+_FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
+
+
+def look(label: str) -> dict[str, Any]:
+    """Colour, dashes and marker of a method, the same in every picture; arguments of ``Axes.plot``.
+
+    The exact motion is black. A scheme has its colour by name; other parameters than its default's change
+    dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are
+    grey, a user's own scheme has a colour chosen by its label.
+    """
+    if label in EXACT:
+        return {"color": "black", "linestyle": "-", "marker": "*"}
+    if label in REFERENCES:
+        k = REFERENCES[label].look
+        return {"color": ("0.6", "0.3")[k % 2], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
+    scheme = scheme_of(label)
+    # A class of one's own may have kept the name of the one it is made from.
+    known = None if scheme is None or ":" in label else scheme.name
+    colour, dashes, marker = look_of_name(known or label)
+    other = 0
+    if known and short(label) != short(known):
+        pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
+        other = 1 + crc32(short(label).encode()) % (pairs - 1)
+    return {
+        "color": COLOURS[colour],
+        "linestyle": dashed(dashes + other),
+        "marker": MARKERS[(marker + other) % len(MARKERS)],
+    }
+
+
+def look_of_name(name: str) -> tuple[int, int, int]:
+    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else chosen by the name's checksum."""
+    if name in LOOKS:
+        return LOOKS[name]
+    rest, colour = divmod(crc32(name.encode()), len(COLOURS))
+    return colour, *_FREE[rest % len(_FREE)]
+
+
+def dashed(i: int) -> Any:
+    """The i-th line style of the palette."""
+    dashes = DASHES[i % len(DASHES)]
+    return (0, dashes) if dashes else "-"
+
+
+def default_label(name: str) -> str:
+    """The label of a registered scheme with its default parameters."""
+    return str(make(name))
+
+
+WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line
+FLAT = 0.07  # share of the axis that the steepest triangle of mark_order rises at least
+
+
+def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
+    """An empty picture, in inches, that makes room for what is put around its axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    # IPython learns to draw bare figures only from pyplot, which this package does not load.
+    figure._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """Return the picture as PNG of 100 dpi, as notebooks show it."""
+    content = BytesIO()
+    figure.savefig(content, format="png", dpi=100)
+    return content.getvalue()
+
+
+def numeric(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows with NaN instead of None."""
+    return list(map(with_nan, rows))
+
+
+def with_nan(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row with NaN instead of None."""
+    return {key: np.nan if value is None else value for key, value in row.items()}
+
+
+def column(rows: Iterable[Mapping[str, Any]], name: str) -> Array:
+    """One entry of every row as numbers; NaN stands for what is missing."""
+    return np.fromiter((np.nan if (value := row.get(name)) is None else value for row in rows), float)
+
+
+def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
+    """Logarithmic axes wherever what is drawn so far holds anything positive."""
+    if x and np.isfinite(axis.dataLim.minposx):
+        axis.set_xscale("log", nonpositive="mask")
+        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx, 10.0)
+    if y and np.isfinite(axis.dataLim.minposy):
+        axis.set_yscale("log", nonpositive="mask")
+        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy, 50.0)
+
+
+def _few_ticks(axis: XAxis | YAxis, span: float, most: float) -> None:
+    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other."""
+    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
+
+    if 1.0 < span < most:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def mark_order(axis: Axes, orders: Iterable[float], x: float = 0.96, y: float = 0.05, width: float = 0.09) -> None:
+    """Triangles of slope p on a log-log axis, the first at the right, to hold lines against; p < 0 for lines that fall.
+
+    x, y: where the first one's upright meets its base, as shares of the axis; width: that of one, more where the axis
+    spans so many decades that it would be flat. Call when the limits are final.
+    """
+    if (axis.get_xscale(), axis.get_yscale()) != ("log", "log"):
+        return
+    (left, right), (low, high) = np.log10(axis.get_xlim()), np.log10(axis.get_ylim())
+    orders = list(orders)
+    steepest = max(map(abs, orders)) * abs(right - left) / (high - low)
+    width = min(max(width, FLAT / steepest), 0.7 / len(orders))
+    run = width * abs(right - left)
+    for order in orders:
+        rise = order * run / (high - low)
+        corners = np.array([[x - width, y], [x, y], [x, y + rise]])
+        axis.plot(*corners[[0, 1, 2, 0]].T, transform=axis.transAxes, color="0.35", lw=0.8)
+        axis.annotate(f"{abs(order):g}", (x, y + rise / 2), xycoords="axes fraction", xytext=(2, -3),
+                      textcoords="offset points", fontsize=8, color="0.25")  # fmt: skip
+        x -= width + 0.05
+
+
+def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
+    """A logarithmic y axis for ``values``; where some lie below ``threshold``, linear around zero and no
+    further down than they go."""
+    known = np.concatenate([*values, np.zeros(0)])
+    known = known[np.isfinite(known)]
+    if not known.size or np.min(known) > threshold:
+        log_scale(axis, x=False)
+        return
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    low, high = float(np.min(known)), float(np.max(known))
+    down, up = (max(1.0, np.log10(max(abs(end), threshold) / threshold)) for end in (min(low, 0.0), high))
+    # The linear part is as wide as a twelfth of all decades, so that the ticks at its ends stay apart from zero's.
+    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, (down + up) / 12.0))
+    axis.set_ylim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
+    ends = (int(np.floor(np.log10(threshold))), int(np.ceil(np.log10(max(-low, high, threshold)))))
+    powers = 10.0 ** np.arange(ends[0] + 1, ends[1] + 1, max(1, (ends[1] - ends[0]) // 6))
+    axis.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
+    axis.yaxis.set_minor_locator(NullLocator())
+
+
+def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
+    """Text in a panel without curves."""
+    axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", va="center", color="0.35", in_layout=False)
+    axis.set(xticks=[], yticks=[])
+
+
+def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> dict[str, Any]:
+    """Entries of a legend by their text, each text once; curves of one panel with one text are one entry."""
+    entries: dict[str, Any] = {}
+    for axis in axes:
+        by_words: dict[str, list[Any]] = {}
+        for handle, text in zip(*axis.get_legend_handles_labels(), strict=True):
+            by_words.setdefault(words(text), []).append(handle)
+        for text, handles in by_words.items():
+            entries.setdefault(text, handles[0] if len(handles) == 1 else tuple(handles))
+    return entries
+
+
+def panel_legend(axis: Axes, words: Callable[[str], str] = str, below: bool = False) -> None:
+    """The legend of one panel, with every text once, inside it or ``below`` it."""
+    if entries := legend_entries([axis], words):
+        columns = 2 if max(map(len, entries)) < WIDE else 1
+        place: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": columns, "columnspacing": 1.0}
+        axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5, **place if below else {})
+
+
+def shared_legend(
+    figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None, words: Callable[[str], str] = str
+) -> None:
+    """One legend below all panels, with every label of ``axes`` once, of all of them by default."""
+    entries = legend_entries(figure.axes if axes is None else axes, words)
+    if entries:
+        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False,
+                      fontsize=9, handlelength=3.2)  # fmt: skip
+
+
+def heading(case: Case, text: str) -> str:
+    """A picture's title: the case, the note on units where its axes name none, and ``text``."""
+    note = case.units.note
+    name = case.name.replace("$", r"\$")  # no formula of matplotlib's
+    return f"{name}{f' ({note})' if note else ''}: {text}"
+
+
+def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
+    """u(1, t) as in the paper, u(L, t) of a beam that is not of length 1, at L/2 where its end is held, u(t) of
+    matrices."""
+    if problem is None:
+        return f"$u({t})$"
+    end = "1" if problem.length == 1.0 and not problem.units.known else "L"
+    return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
+
+
+def tip_name(problem: BeamProblem | None) -> str:
+    """Name of the observed point: the tip, or the middle of a beam whose end is held."""
+    return "tip" if problem is None or problem.ends[1] == "free" else "mid-span"
+
+
+def save_figure(figure: Figure, file: str | Path) -> Path:
+    """Write PNG (200 dpi) or SVG by the file's ending."""
+    content = BytesIO()
+    figure.savefig(content, format=Path(file).suffix.removeprefix("."), dpi=200)
+    return write_whole(file, content.getvalue())
+
 
 Row = TypeVar("Row", bound=Mapping[str, Any])
 LINE = 118  # letters in a line of a title

@@ -22,7 +22,7 @@ from ..march.integrate import integrate
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
+from .chart import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
 from .runs import draw_stops, drive_axis, first_contact, line_of, zoom_on_stop
 
 if TYPE_CHECKING:

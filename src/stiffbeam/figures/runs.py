@@ -24,9 +24,9 @@ from ..model.problem import BeamProblem
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.ensemble import Ensemble
-from ..trajectory.impacts import Impacts
+from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .panels import COLOURS, log_scale, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
+from .chart import COLOURS, log_scale, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

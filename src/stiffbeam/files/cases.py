@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from ..basics.exact_float import exact_float
 from ..basics.units import Units
-from ..basics.validation import InputError, file_path, integer, near, positive, step_count
+from ..basics.validation import InputError, exact_float, file_path, integer, near, positive, step_count
 from ..model.contact import Stops
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
 from ..model.reduction import ReducedModel
@@ -171,8 +171,8 @@ def _excited(system: System) -> tuple[int, list[Stops]]:
 def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
     """The paper's three, or three with an impact law where rigid stops have restitution."""
     paper, each = [make("bdf2"), SDIRK(nystrom=True), make("hht")], list(stops)
-    taken = [scheme for scheme in [*paper, *map(make, RIGID)] if takes_stops(scheme, each)]
-    return taken[:3] or paper
+    taken = (scheme for scheme in chain(paper, map(make, RIGID)) if takes_stops(scheme, each))
+    return list(islice(taken, 3)) or paper
 
 
 def case_of(

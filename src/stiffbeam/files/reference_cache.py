@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.progress import Show
+from ..basics.resources import Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of

@@ -20,8 +20,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics import netcdf
 from ..basics.arrays import Array
+from ..basics.storage import Arrays, require_whole, write_netcdf
 from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
@@ -32,8 +32,7 @@ from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run, run_label
-from ..trajectory.impacts import ContactRecord, Impacts
-from ..trajectory.ledger import Ledger
+from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
 from .cases import parse_case
@@ -83,7 +82,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     dataset.attrs["bound"] = BOUND
     dataset.attrs["deviation"] = deviation
     dataset.attrs["hash"] = _hash(dataset)
-    path = netcdf.write(netcdf.Arrays.of(dataset), file, compression=9)
+    path = write_netcdf(Arrays.of(dataset), file, compression=9)
     return {
         "file": path.name,
         "form": reference.provenance["form"],
@@ -288,7 +287,7 @@ def _positions(system: System, solution: Motion, t: Array) -> Array:
 
 def _hash(data: xr.Dataset) -> str:
     """Hash of the content of the file, without the hash itself and machine-dependent entries."""
-    return netcdf.Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})
+    return Arrays.of(data).hash(data.attrs.keys() - {"hash", "deviation"})
 
 
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
@@ -335,7 +334,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
         # The checksum comes first: HDF5 may hang or crash on a damaged file.
-        netcdf.require_whole(path)
+        require_whole(path)
         with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as opened:
             data = opened.load()
             if "stiffbeam_frozen" in data.attrs:
@@ -355,7 +354,7 @@ def _from_dataset(data: xr.Dataset, path: Path, system: System | None) -> Trajec
         raise InputError("file", str(path), rule, f"it has format {data.attrs.get('stiffbeam_format')}")
     if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
-    if data.attrs.get("hash") != netcdf.Arrays.of(data).hash(HASHED):
+    if data.attrs.get("hash") != Arrays.of(data).hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         raise InputError("file", str(path), "be of the system it is read with", "it is of another one")

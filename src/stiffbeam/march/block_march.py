@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..basics.arrays import MOST, Array, Recent, aligned, content
-from ..basics.compiled import clock
+from ..basics.resources import clock
 from ..model.contact import channel_motion, laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import clock
+from ..basics.resources import clock
 from ..model.contact import laws, polar, solve_several
 from ..model.first_order import FirstOrderSystem
 from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_stage, solve_turning, turned

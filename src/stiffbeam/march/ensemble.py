@@ -8,14 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from ..basics.compiled import wall_clock
-from ..basics.resources import cores, on_executor, over_slices, require_executor
+from ..basics.resources import cores, on_executor, over_slices, require_executor, wall_clock
 from ..basics.validation import InputError
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
-from ..trajectory.ledger import Ledger
+from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
 from .warm import any_law, wait, warm_up

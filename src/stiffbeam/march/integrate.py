@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import clock
-from ..basics.resources import afford
+from ..basics.resources import afford, clock
 from ..basics.units import KNOWN
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
@@ -23,8 +22,8 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import check_contract, require_scheme
 from ..trajectory.ensemble import Runs
-from ..trajectory.ledger import Ledger, step_ledger
 from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
+from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for

@@ -15,7 +15,7 @@ from ..model.contact import laws
 from ..model.drive import Drive, Term
 from ..model.system import System
 from ..model.time_functions import Constant, evaluate, offset_rate
-from ..trajectory.ledger import Ledger, step_ledger
+from ..trajectory.records import Ledger, step_ledger
 from .block_march import Segment, Stepper, initial_channels
 from .kernels.accounts import Energies, FreeBlock, Step, account, work_for
 from .kernels.accounts import states as states_of

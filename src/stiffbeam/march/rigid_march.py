@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.compiled import clock
+from ..basics.resources import clock
 from ..basics.validation import InputError
 from ..model.active_set import solve_node
 from ..model.equations import Modal

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..basics import storage
 from ..basics.arrays import LANES
-from ..basics.compiled import directory, stopped_clock
+from ..basics.compiled import directory
+from ..basics.resources import stopped_clock
 from ..model.contact import linear as all_linear
 from ..model.contact_law import LAW
 from ..model.system import System

@@ -13,19 +13,17 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.notebook import DRAW
-from ..basics.text import plain, table
+from ..basics.text import DRAW, plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.drive import stays_at_rest
 from ..model.scales import scales
 from ..model.system import System
-from ..trajectory.impacts import Impacts
 from ..trajectory.recorder import sampled_impacts
+from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import relative_error, rms, run_of
+from .errors import ContactMeasures, Matching, longest_delay, match, relative_error, rms, run_of
 from .frequencies import drive_frequency
-from .impacts import ContactMeasures, Matching, longest_delay, match
 
 if TYPE_CHECKING:
     import pandas

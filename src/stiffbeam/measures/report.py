@@ -14,11 +14,11 @@ from rich.constrain import Constrain
 from rich.table import Table
 from rich.text import Text
 
-from ..basics.notebook import html_table
+from ..basics.text import html_table
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference
-from .impacts import ContactMeasures, Matching
+from .errors import ContactMeasures, Matching
 
 if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison

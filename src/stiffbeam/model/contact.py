@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, is_read_only, read_only
-from ..basics.deprecation import Renamed
-from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
+from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, positive
 from .contact_law import (
+    G1,
+    G2,
     LAW,
     LINEAR,
     Law,
     Parameters,
+    all_laws,
     chord,
     damps,
     depth_holding,
@@ -26,6 +28,7 @@ from .contact_law import (
     elastic,
     is_linear,
     jumps,
+    law_state,
     pressure,
     slopes,
     stored,
@@ -552,3 +555,17 @@ def dissipation_for(restitution: float, speed: float) -> float:
     # x tends to 0 as e tends to 1: only the relative tolerance may end the search.
     x: Any = brentq(lambda x: restitution_of(x, 1.0) - e, 0.0, 1.001 / e, xtol=1e-300, rtol=RTOL)
     return float(x) / speed
+
+
+def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
+    """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
+    contact, see ``Impacts``."""
+    g1, g2 = law[..., G1], law[..., G2]
+    upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
+    side = upper * 1.0 - lower * 1.0
+    damped = damps(all_laws(law))
+    if np.any(damped):  # a damped stop may have let go before the gap opens
+        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *all_laws(law))
+        on = (u0 == g2) | (u0 == g1)
+        side = np.where(damped & ~on, pressed, side)
+    return side

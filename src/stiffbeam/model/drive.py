@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.exact_float import exact_value
-from ..basics.validation import InputError
+from ..basics.validation import InputError, exact_value
 from .sampled import Sampled, moved
 from .time_functions import Constant, Harmonic, LoadFunction, parts, parts_of
 

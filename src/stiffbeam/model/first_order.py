@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.arrays import Array, read_only, same
+from ..basics.arrays import Array, freeze, same
 from .contact import Contact, polar
 from .time_functions import LoadFunction, evaluate, offset_rate, offset_values
 
@@ -162,15 +162,6 @@ def along(contact: FirstOrderContact, y: Array, rows: Array, turned: bool = Fals
 def of_rows(function: Callable[[Array], Array], rows: Array) -> Array:
     """The function of a row, or of each of two rows."""
     return function(rows) if rows.ndim == 1 else np.array([function(row) for row in rows])
-
-
-def freeze(owner: object, *names: str) -> None:
-    """Read-only copies of these arrays, and of the vectors of ``loads``: a pickled array can be written to again."""
-    for name in names:
-        values = getattr(owner, name)
-        object.__setattr__(owner, name, None if values is None else read_only(values))
-    if loads := getattr(owner, "loads", ()):
-        object.__setattr__(owner, "loads", tuple((read_only(vector), f) for vector, f in loads))
 
 
 def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:

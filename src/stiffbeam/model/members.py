@@ -13,9 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
-from ..basics.deprecation import Renamed
 from ..basics.resources import afford
-from ..basics.validation import InputError, integer, itself, near, non_negative, number, numbers, positive, sequence
+from ..basics.validation import (
+    InputError,
+    Renamed,
+    integer,
+    itself,
+    near,
+    non_negative,
+    number,
+    numbers,
+    positive,
+    sequence,
+)
 from .contact import Contact, Stops
 from .modes import undamped_modes
 from .problem import BeamProblem, PolynomialProfile, Profile

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.deprecation import Renamed
 from ..basics.units import NON_DIMENSIONAL, SI, Units
-from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
+from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
 

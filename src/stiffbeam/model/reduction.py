@@ -24,12 +24,11 @@ import scipy.sparse.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.deprecation import Renamed
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, integer, non_negative
+from ..basics.validation import InputError, Renamed, integer, non_negative
 from .contact import Contact
-from .graded import uncoupled
+from .modes import uncoupled
 from .system import System
 from .time_functions import LoadFunction
 

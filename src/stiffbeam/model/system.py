@@ -14,15 +14,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, is_read_only, read_only, same
-from ..basics.exact_float import as_doubles, exact_parts
-from ..basics.notebook import DRAW, html_facts
+from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
+from ..basics.text import DRAW, html_facts
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, itself, numbers, sequence
+from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .contact import Contact, Stops, channel_position
 from .field import beam_field, beam_field_rate, beam_stress
-from .first_order import FirstOrderSystem, freeze, interleaved
+from .first_order import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import (

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner, inner_inlined
 from ..model.drive import Drive
-from ..model.graded import congruence, uncoupled
-from ..model.modes import Modes
+from ..model.modes import Modes, congruence, uncoupled
 from ..model.system import System
 from .rounding import Perturbation, rounded_sum
 from .spectrum import Chain, Group, groups

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..model.system import System
-from ..trajectory.impacts import ContactRecord, Impacts
-from ..trajectory.ledger import Ledger
+from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.trajectory import SolverFailure
 from .events import LET_GO, peak_between, pressed, pressure
 from .touching import EPS, REMEDY

@@ -23,8 +23,7 @@ import scipy.linalg
 from flint import arb, arb_mat, ctx
 
 from ..basics.arrays import Array
-from ..basics.exact_float import exact_value
-from ..basics.validation import InputError
+from ..basics.validation import InputError, exact_value
 from ..model.drive import Drive
 from ..model.system import System
 from ..piecewise.events import LET_GO

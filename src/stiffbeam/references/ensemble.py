@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.compiled import wall_clock
-from ..basics.progress import silent
-from ..basics.resources import cores, on_executor, over_slices, require_executor
+from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
@@ -22,7 +20,7 @@ from ..piecewise.measures import audit, within_float64
 from ..piecewise.regimes import Known
 from ..piecewise.tracer import tracer_of
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
-from ..trajectory.ledger import Ledger
+from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by

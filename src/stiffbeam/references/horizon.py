@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.resources import Show, silent
 from ..basics.validation import InputError
-from ..model.graded import rounding_of_zero
-from ..model.modes import undamped_modes
+from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System
 from ..piecewise.measures import entries, path_of, within_float64
@@ -23,7 +22,7 @@ from ..piecewise.regimes import Source
 from ..piecewise.rounding import Perturbation
 from ..piecewise.spectrum import known_until
 from ..piecewise.tracer import Tracer
-from ..trajectory.impacts import Impacts
+from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.piecewise import solve_exact
 from .registry import KEEP, Steps

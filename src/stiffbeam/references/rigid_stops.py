@@ -7,8 +7,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.exact_float import exact_value
-from ..basics.validation import InputError
+from ..basics.validation import InputError, exact_value
 from ..model.active_set import solve_node
 from ..model.contact import Contact
 from ..model.sampled import Sampled

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .conserving import Theta
 from .scheme import Array, Equation, Scheme, Step, oscillator
-from .theta import Theta
 
 
 class BDF2(Scheme):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from .bathe import Bathe as Bathe
 from .bdf2 import BDF2 as BDF2
+from .conserving import ExponentialFlow as ExponentialFlow
+from .conserving import Theta as Theta
+from .conserving import Trapezoidal as Trapezoidal
 from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
-from .exponential_flow import ExponentialFlow as ExponentialFlow
 from .moreau_jean import MoreauJean as MoreauJean
 from .moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
 from .newmark import HHT as HHT
@@ -15,8 +17,6 @@ from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
 from .scheme import RigidScheme as RigidScheme
 from .scheme import Scheme as Scheme
 from .sdirk import SDIRK as SDIRK
-from .theta import Theta as Theta
-from .theta import Trapezoidal as Trapezoidal
 
 SCHEMES: dict[str, type[Scheme]] = {
     scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)

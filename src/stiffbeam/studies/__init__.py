@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from ..basics.validation import one_of
-from .engine.study import Records, Study
+from .interface import Records, Study
 
 # In this order: one step, one run, many runs, many steps.
 STUDIES = {
@@ -68,7 +68,7 @@ def study(name: str, case: Any = "table10", **options: Any) -> Records:
     >>> "scheme" in records.to_dataframe()
     True
     """
-    from .engine.runner import run_study
+    from .runner import run_study
 
     return run_study(find_study(name), case, **options)
 

@@ -34,43 +34,48 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..basics.deprecation import Renamed
-from ..basics.notebook import DRAW, html_table
-from ..basics.progress import Show, silent
-from ..basics.progress import progress as shown
-from ..basics.text import table
-from ..basics.validation import InputError, integer, near, one_of, positive
+from ..basics.arrays import Array
+from ..basics.resources import Show, silent
+from ..basics.resources import progress as shown
+from ..basics.text import DRAW, html_table, table
+from ..basics.validation import InputError, Renamed, integer, near, one_of, positive
 from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
+from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
-from ..measures.errors import stays_within
+from ..measures.errors import stays_within, tip_error
+from ..measures.rates import contact_rates
 from ..model.drive import Drive
-from ..model.members import SPREAD
+from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
 from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
 from ..model.uncertain import Uncertain
 from ..references import best_reference
+from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, Scheme, make
-from ..trajectory.trajectory import Diverged, Trajectory
+from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from .budget import Budget
 from .common import label_of
-from .criteria import COLUMNS, WORK, Motion, Statistics
 from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
+from .ensemble import difference
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .engine.journal import Journal
+    from .runner import Journal
+
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
+COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
+WORK = "normal_work"  # a run that is asked for it is integrated twice, for the force at every step
 QUANTITIES = ("tip", *(name for name, _ in COLUMNS), WORK)
 
 
@@ -413,9 +418,8 @@ def advise(
     """
     if progress is True:
         with shown() as show:
-            return advise(
-                system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal, uncertain, finer
-            )  # fmt: skip
+            shared = (schemes, contacts, most_steps, members, show, tell, journal, uncertain, finer)
+            return advise(system, want, t_end, *shared)
     show = progress or silent
     if uncertain is not None or finer is not None:
         system = uncertain_case(system, t_end, t_end, uncertain, finer)
@@ -472,10 +476,8 @@ def advise(
         return advice
     seconds = 2.0 * min(FEW, max(8, members)) * exact.work.march_seconds
     tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
-    return replace(
-        advice,
-        doubt=doubt_until_ranked(case, chosen.scheme, chosen.dt, chosen.contact, _doubted(wanted), members, show),
-    )
+    advised = (chosen.scheme, chosen.dt, chosen.contact)
+    return replace(advice, doubt=doubt_until_ranked(case, *advised, _doubted(wanted), members, show))
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
@@ -508,3 +510,88 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
     return [(s, contact) for s in chosen for contact in contacts if takes_contact(s, contact)]
+
+
+class Motion:
+    """Errors of one motion against the exact one."""
+
+    members = 0
+    scatter: Mapping[str, float] = {}
+
+    def __init__(self, exact: Reference, work: bool) -> None:
+        self.exact = exact
+        self.work = _work_rates(exact) if work else None
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
+        run = integrate(system, scheme, dt, t_end, contact)
+        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
+        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
+        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
+        for name in ("peak_force", "impulse"):
+            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+        if self.work is not None:
+            errors[WORK] = max(map(_relative, _work_rates(run), self.work), default=0.0)
+        return errors, run.work.march_seconds
+
+
+class Statistics:
+    """Errors of means over perturbed members against those of the exact ensemble."""
+
+    def __init__(self, system: System, t_end: float, members: int, work: bool) -> None:
+        self.members = members
+        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
+        self.exact = reference_ensemble(system, t_end, self.systems)
+        self.scatter = {
+            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
+            for name, column in COLUMNS
+        }
+        # By contact and member.
+        self.work = np.transpose([_work_rates(best_reference(x, t_end)) for x in self.systems]) if work else None
+        if self.work is not None:
+            self.scatter[WORK] = max(map(_deviation, self.work), default=0.0)
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
+        a member; Diverged where one overflows."""
+        many = integrate_ensemble(system, scheme, dt, t_end, self.systems, contact)
+        if np.any(np.isfinite(many.diverged)):
+            raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
+        errors: dict[str, float] = {}
+        for name, column in COLUMNS:
+            pairs = zip(many.contacts, self.exact.contacts, strict=True)
+            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
+        if self.work is not None:
+            rates = np.transpose([_work_rates(integrate(x, scheme, dt, t_end, contact)) for x in self.systems])
+            with np.errstate(all="ignore"):  # a run may have grown to 1e200
+                errors[WORK] = float(np.nan_to_num(max(map(_mean_error, rates, self.work)), nan=np.inf))
+        return errors, many.work.march_seconds / len(self.systems)
+
+
+def _work_rates(run: Trajectory) -> list[float]:
+    """Normal work rate at every contact, infinite where the run has grown beyond numbers."""
+    with np.errstate(all="ignore"):
+        return [float(np.nan_to_num(each[WORK].value, nan=np.inf)) for each in contact_rates(run).rates]
+
+
+def _relative(value: float, exact: float) -> float:
+    """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
+    if exact == 0.0:
+        return 0.0 if value == 0.0 else np.inf
+    return abs(value / exact - 1.0)
+
+
+def _deviation(values: Array) -> float:
+    mean = float(np.mean(values))
+    return float(np.std(values, ddof=1)) / mean if mean else 0.0
+
+
+def _mean_error(values: Array, exact: Array) -> float:
+    """|difference of the means| with its 95 % interval, over the exact mean."""
+    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
+    mean = float(np.mean(exact))
+    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean

@@ -8,14 +8,13 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture
-from ..figures.panels import column, default_label, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, column, default_label, look, short
 from ..files.cases import Case
 from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered
 from ..schemes.sdirk import GAMMA_MIN
 from .common import Schemes, extremes, scheme_labels, scheme_of, significant
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 TENTH = 0.1  # of a period: where the literature compares
 

@@ -18,8 +18,21 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
-from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, Ranges, curves
-from ..figures.panels import column, look, short, tip_symbol
+from ..figures.chart import (
+    Axis,
+    Curve,
+    Level,
+    Mark,
+    Note,
+    Panel,
+    Picture,
+    Ranges,
+    column,
+    curves,
+    look,
+    short,
+    tip_symbol,
+)
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import drive_frequency
@@ -33,7 +46,7 @@ from ..references.exact.lyapunov import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding

@@ -10,12 +10,10 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, sequence
-from ..figures.chart import Axis, Curve
-from ..figures.panels import short
+from ..figures.chart import Axis, Curve, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.errors import Order, observed_order
-from ..measures.impacts import first_impacts_end
+from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.closed_form import natural_frequencies
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
@@ -31,7 +29,7 @@ from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
-from .engine.study import Rows, Study
+from .interface import Rows, Study
 
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
@@ -45,8 +43,6 @@ Dt = Annotated[float, "time step to start from, instead of the case's"]
 End = Annotated[float, "end time instead of the case's"]
 Halvings = Annotated[int, "number of time steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "number of impacts in the time window"]
-REPEATS = 3  # the fastest counts: other work of the machine is no cost of the method
-ENOUGH = 0.2  # seconds, after which a run is not repeated
 Members = Annotated[int, "perturbed runs of each method"]
 Numbers = Annotated[list[float] | None, "comma-separated"]
 Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
@@ -73,10 +69,10 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     stated: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         stated.setdefault(scheme.name, scheme)
-    others = {name: make(name) for name in (*SCHEMES, *RIGID) if name != "theta" and name not in stated}
-    taken = {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-    known = stated | taken
-    return [label_of(known[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in known]
+    rigid = RIGID if case.system(case.forms[0]).rigid else {}
+    others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "theta" and name not in stated}
+    chosen = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
+    return [label_of(chosen[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in chosen]
 
 
 def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integrator]:
@@ -134,14 +130,6 @@ def run_of(
     share = t_end / float(t[-1])
     seconds, evaluations = share * recorded[3][0], round(share * recorded[3][1])
     return replace(run, work=Work(len(run.t) - 1, seconds, seconds, {"evaluations": evaluations}))
-
-
-def fastest(run: Callable[[], Trajectory]) -> Trajectory:
-    """The fastest of up to REPEATS runs; fewer repeats if a run takes long."""
-    runs = [run()]
-    while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
-        runs.append(run())
-    return min(runs, key=lambda one: one.work.march_seconds)
 
 
 def evaluations_of(label: str, run: Trajectory) -> int:

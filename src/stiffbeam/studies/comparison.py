@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.resources import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
@@ -24,14 +24,12 @@ from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Harmonic
-from ..references import reference, solve, substitute
-from ..references.estimate import expected_seconds
+from ..references import expected_seconds, reference, solve, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
 from ..schemes import HHT
-from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, integrators
+from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-from . import common
 
 SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
 
@@ -75,7 +73,7 @@ class _Solver:
         """Return the expected seconds, 0.0 without a budget."""
         if self.budget == np.inf:
             return 0.0
-        return expected_seconds(system, t_end, method, RTOL, None, Steps(), solve, self.budget, outputs=outputs)
+        return expected_seconds(system, t_end, method, RTOL, None, Steps(), self.budget, outputs=outputs)
 
 
 @dataclass(frozen=True)
@@ -208,7 +206,7 @@ def _run(one: Integrator, system: System, case: Case, contact: str, show: Callab
     steps = round(case.t_end / case.dt)
     if one.kind == SCHEME:
         arguments = (system, one.source, case.dt, case.t_end, contact)
-        return common.fastest(lambda: integrate(*arguments, progress=lambda done: show(done, steps)))
+        return fastest(lambda: integrate(*arguments, progress=lambda done: show(done, steps)))
     show(0, 0)
     if one.kind == RECORDED and len(one.source) == 1:
         return one.source[0]

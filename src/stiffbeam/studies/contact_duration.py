@@ -17,15 +17,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..basics.arrays import Array
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, curves, groups
-from ..figures.panels import column, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.impacts import longest_delay, match
+from ..measures.errors import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed_members
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
+from .interface import Answer, Point, Records, Row, Rows, by_contact, declared
 
 SIDES = {1: "upper", -1: "lower"}
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution

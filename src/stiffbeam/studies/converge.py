@@ -11,19 +11,17 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Panel, Picture, groups
-from ..figures.panels import look, short
+from ..figures.chart import Axis, Curve, Panel, Picture, groups, look, short
 from ..files.cases import Case
-from ..measures.errors import Order, observed_order, tip_error
+from ..measures.errors import Order, impact_times, matched_until, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact
-from ..measures.impacts import impact_times, matched_until
 from ..measures.report import DASH
 from ..model.drive import Drive
 from ..model.scales import scales
 from ..model.system import System
 from ..testset.integrators import RECORDED, SOLVER
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 KINDS = ("smooth", "contact")
 PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts

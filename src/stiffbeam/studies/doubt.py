@@ -47,11 +47,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.notebook import html_table
-from ..basics.progress import Show, silent
-from ..basics.progress import progress as shown
-from ..basics.resources import cores, over_slices
-from ..basics.text import plain, table
+from ..basics.resources import Show, cores, over_slices, silent
+from ..basics.resources import progress as shown
+from ..basics.text import html_table, plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
@@ -69,7 +67,7 @@ from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
 from .budget import FINER, MEASURED, Budget, Column, budget_of, mean_of, of_span, scatter, shift
-from .engine.study import Answer
+from .interface import Answer
 
 if TYPE_CHECKING:
     import pandas

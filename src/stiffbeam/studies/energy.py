@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ..figures.chart import Axis, Level, Mark, Note, Panel, Picture, Ranges, curves, groups
-from ..figures.panels import column, short
+from ..figures.chart import Axis, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
-from ..trajectory.ledger import Ledger, supplied
+from ..trajectory.records import Ledger, supplied
 from ..trajectory.trajectory import Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 OUTPUTS = 200  # times at which the ledger is kept
 FIRST_ORDER = ", first order"  # (3.5): the same system, marched in (v, v')

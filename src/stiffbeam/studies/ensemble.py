@@ -13,8 +13,22 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer
-from ..figures.chart import Axis, Band, Curve, Level, Mark, Panel, Picture, Ranges, curves, groups
-from ..figures.panels import column, look, short, tip_symbol
+from ..figures.chart import (
+    Axis,
+    Band,
+    Curve,
+    Level,
+    Mark,
+    Panel,
+    Picture,
+    Ranges,
+    column,
+    curves,
+    groups,
+    look,
+    short,
+    tip_symbol,
+)
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
@@ -28,7 +42,7 @@ from ..testset.integrators import RECORDED
 from ..trajectory.ensemble import Ensemble, Runs
 from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
+from .interface import Answer, Point, Records, Row, Rows, by_contact, declared
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SAMPLES = 4000  # tip samples of a member, for the spectrum

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
-from ..figures.panels import MARKERS, column, dashed, look, short
+from ..figures.chart import MARKERS, Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.errors import observed_order, tip_error
@@ -20,7 +19,7 @@ from ..schemes.misprints import forms_of
 from ..trajectory.trajectory import Reference
 from . import common
 from .converge import ROUNDING, smooth_end
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 1000
 EXTRAPOLATED = "extrapolated contact"

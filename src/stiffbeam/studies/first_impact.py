@@ -26,8 +26,7 @@ from scipy.special import rgamma
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, one_of
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups, style_of
-from ..figures.panels import column, dashed, numeric
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, groups, numeric, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, observed_order
 from ..measures.frequencies import without_contact
@@ -41,7 +40,7 @@ from ..model.time_functions import Harmonic
 from ..references import solve
 from ..trajectory.trajectory import Reference
 from .common import Cells, tip_stops
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 OWN, SMOOTH = "at rest", "with its base"
 CELLS = (10, 20, 40, 80, 160, 320, 640)

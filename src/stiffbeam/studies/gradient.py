@@ -20,8 +20,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Panel, Picture, curves, groups
-from ..figures.panels import short
+from ..figures.chart import Axis, Panel, Picture, curves, groups, short
 from ..files.cases import Case
 from ..march.choice import takes_contact
 from ..march.integrate import integrate
@@ -30,7 +29,7 @@ from ..model.system import System
 from ..references import reference, takes
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 WIDTH = 1e-7  # of the starts' velocities: differences are of rounding below, of the next impact above
 SPREAD = 0.1  # of the largest velocity: the starts

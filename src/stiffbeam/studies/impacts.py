@@ -14,18 +14,31 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.units import Units
-from ..figures.chart import Axis, Band, Curve, Level, Mark, Panel, Picture, curves, style_of
-from ..figures.panels import column, look, numeric, short
+from ..figures.chart import (
+    Axis,
+    Band,
+    Curve,
+    Level,
+    Mark,
+    Panel,
+    Picture,
+    column,
+    curves,
+    look,
+    numeric,
+    short,
+    style_of,
+)
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.impacts import longest_delay, match
+from ..measures.errors import longest_delay, match
 from ..measures.report import percent
 from ..model.members import SPREAD, perturbed_members
 from ..schemes import HHT, SDIRK
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Reference
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
+from .interface import Answer, Point, Records, Row, Rows, by_contact, declared
 from .references import frozen
 
 REFERENCE = "reference"  # in the place of a scheme: the exact motion, sampled

@@ -8,8 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.arrays import Array
-from ..figures.chart import Axis, Curve, Mark, Panel, Picture, groups
-from ..figures.panels import column, look, short
+from ..figures.chart import Axis, Curve, Mark, Panel, Picture, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
@@ -17,7 +16,7 @@ from ..measures.frequencies import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, significant, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 
 def points(

@@ -17,8 +17,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, groups
-from ..figures.panels import column, tip_name, tip_symbol
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.continuation import Bifurcation, Branch, continuation
@@ -26,11 +25,13 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import sweep
 from .common import Form, Treatment, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 from .parameters import (
     EXACT,
     PARAMETERS,
+    Couple,
     Coupling,
+    Values,
     couplings,
     drive_period,
     is_path,
@@ -56,14 +57,8 @@ def points(
     parameter: Annotated[
         str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping"
     ] = "frequency",
-    values: Annotated[
-        Sequence[float] | None,
-        "start:stop:count, start:stop:count:log, or with commas between them; in the case's units",
-    ] = None,
-    couple: Annotated[
-        Mapping[str, Coupling] | Sequence[str] | None,
-        'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
-    ] = None,
+    values: Values = None,
+    couple: Couple = None,
     length: Annotated[int, "periods of the drive after which the orbit repeats itself"] = 1,
     method: Annotated[str, "of the diagram below the branch: exact, or a scheme"] = EXACT,
     form: Form,

@@ -6,7 +6,7 @@ import ast
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -22,9 +22,14 @@ from ..model.system import System
 from ..model.time_functions import Harmonic
 from ..schemes import Scheme
 from .common import scheme_of
-from .engine.study import Point
+from .interface import Point
 
 EXACT = "exact"
+
+# Options that ``sweep`` and ``orbits`` share.
+Values = Annotated[
+    Sequence[float] | None, "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
+]
 
 
 def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
@@ -185,6 +190,10 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 
 
 Coupling = str | Callable[[float], float]
+Couple = Annotated[
+    Mapping[str, Coupling] | Sequence[str] | None,
+    'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
+]
 
 
 def couplings(couple: Mapping[str, Coupling] | Sequence[str] | None) -> dict[str, Callable[[float], float]]:

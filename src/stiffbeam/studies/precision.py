@@ -9,20 +9,17 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError, near
-from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, curves, groups
-from ..figures.panels import column, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, column, curves, groups, look, short
 from ..files.cases import Case
-from ..measures.errors import tip_error
-from ..measures.impacts import matched_until
+from ..measures.errors import matched_until, tip_error
 from ..model.right_hand_side import RightHandSide
 from ..model.system import System
-from ..references import solve, takes
-from ..references.estimate import expected_seconds
+from ..references import expected_seconds, solve, takes
 from ..references.registry import MULTIPRECISION, REFERENCES, Steps
-from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator
+from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 SLOW, TOO_SLOW = 1.0, 10.0  # seconds in the registry: only the two loosest tolerances, not at all, unless asked for
 METHODS = [m.name for m in REFERENCES.values() if m.kind != MULTIPRECISION]  # which has no error to be seen
@@ -115,7 +112,7 @@ def _steps(system: System, exact: Reference, point: Point, end: float) -> Row:
     def once() -> Trajectory:
         return common.run_of(label, recorded, system, end / steps, end, every=max(1, steps // SAMPLES))
 
-    run = once() if recorded else common.fastest(once)
+    run = once() if recorded else fastest(once)
     error = tip_error(run.tip, exact.at(run.t)[0]).rms
     return _cost(run, common.evaluations_of(label, run)) | {"error": error, "python": 0.0}
 
@@ -125,15 +122,15 @@ def _solver(system: System, exact: Reference, point: Point, end: float) -> Row:
     steps = Steps() if method == "exact" else Steps(events=False)
     rtol, budget = point["rtol"] or 1e-10, point["budget"]
     if budget:
-        expected = expected_seconds(system, end, method, rtol, None, steps, solve, budget, 1.0, SAMPLES)
+        expected = expected_seconds(system, end, method, rtol, None, steps, budget, 1.0, SAMPLES)
         if expected > budget:
             rule = f"allow the {expected:.0f} s that {method} will take by an estimate"
             raise InputError("budget", budget, rule, f"name {method} among the methods to run it")
-    run = common.fastest(lambda: solve(system, end, method, times, rtol, None, steps=steps))
+    run = fastest(lambda: solve(system, end, method, times, rtol, None, steps=steps))
     error = 0.0 if method == "exact" else tip_error(run.tip, exact.at(times)[0]).rms
     if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
         bare = np.array([0.0, end])
-        run = common.fastest(lambda: solve(system, end, method, bare, point["rtol"], None, steps=steps))
+        run = fastest(lambda: solve(system, end, method, bare, point["rtol"], None, steps=steps))
     work = max(run.work.counters.values(), default=0)
     in_python = run.provenance.get("callbacks") == "Python" and "rhs" in run.work.counters
     python = run.work.counters["rhs"] * _call(system) if in_python else 0.0

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.resources import Show, silent
 from ..basics.storage import write_whole
 from ..basics.text import plain
 from ..basics.validation import InputError, positive
 from ..files.cases import Case, case_text, paper_cases
 from ..files.store import contact_facts, freeze, load
-from ..measures.impacts import impact_times
-from ..references import reference, solve
-from ..references.estimate import expected_seconds
+from ..measures.errors import impact_times
+from ..references import expected_seconds, reference, solve
 from ..references.horizon import agreement, time_tolerance
 from ..references.registry import BUDGET, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Steps
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
@@ -241,7 +240,7 @@ def agree(
                 if left <= 0.0:
                     skipped[method] = "nothing left of the budget"
                     continue
-                estimate = expected_seconds(system, t_end, method, rtol, None, Steps(), solve, left, solutions=1.0)
+                estimate = expected_seconds(system, t_end, method, rtol, None, Steps(), left, solutions=1.0)
                 if estimate > left:
                     skipped[method] = f"about {estimate:.0f} s, {left:.0f} s left of the budget"
                     continue

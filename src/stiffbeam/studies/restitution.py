@@ -21,14 +21,13 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.validation import InputError, number
-from ..figures.chart import Axis, Curve, Panel, Picture, groups, style_of
-from ..figures.panels import column
+from ..figures.chart import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
 from ..model.contact import Contact, Stops, dissipation_for, restitution_of
 from ..model.system import System
 from ..references import solve
 from .common import extremes
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 FORMULAS: dict[str, Callable[[float], float]] = {  # lambda v from the e that is wanted
     "Hunt-Crossley": lambda e: 1.5 * (1.0 - e),

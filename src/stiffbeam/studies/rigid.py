@@ -12,15 +12,14 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, style_of
-from ..figures.panels import column, dashed
+from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, dashed, style_of
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..model.members import varied_members
 from ..references.exact.rigid_reference import rigid_limit
 from .common import Form, ImpactCount, fit, order_over, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 4000
 

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Mark, Note, Panel, Picture, Ranges, groups
-from ..figures.panels import COLOURS, column, short
+from ..figures.chart import COLOURS, Axis, Curve, Mark, Note, Panel, Picture, Ranges, column, groups, short
 from ..files.cases import Case
 from ..march.integrate import RIGID as BY_REACTIONS
 from ..march.integrate import integrate
@@ -25,7 +24,7 @@ from ..model.contact import Contact, Stops
 from ..model.system import System
 from ..model.time_functions import Constant
 from .common import Cells, extremes, label_of, order_over, scheme_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 SPEED, LENGTH, MODULUS, GRAVITY, HEIGHT = 30, 10, 900, 10, 5
 PERIOD = Fraction(16, 3)

@@ -15,8 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..basics.validation import positive
-from ..figures.chart import Axis, Curve, Mark, Panel, Picture, Ranges, groups
-from ..figures.panels import COLOURS, column, look, short
+from ..figures.chart import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
@@ -25,8 +24,8 @@ from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
 from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of, tip_stops
-from .engine.study import Answer, Point, Records, Row, Rows, declared
 from .first_impact import flight
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 EXACT, CONSERVING = "exact", "Trapezoidal conserving"
 COMPLIANT = (EXACT, CONSERVING, "Trapezoidal", "HHT(alpha=-0.1)", "BDF2", "SDIRK")

@@ -8,17 +8,15 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Panel, Picture, groups, style_of
-from ..figures.panels import column
+from ..figures.chart import Axis, Curve, Panel, Picture, column, groups, style_of
 from ..files.cases import Case
-from ..measures.errors import Order, tip_error
+from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
-from ..measures.impacts import impact_times
 from ..model.closed_form import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from .common import Cells, Forms, ImpactCount, extremes, first_impacts, order_over, solve_once, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, declared
+from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 2000
 

@@ -28,8 +28,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, near, number, one_of, positive
-from ..figures.chart import Axis, Curve, Map, Panel, Picture
-from ..figures.panels import COLOURS, column, dashed, look, tip_name, tip_symbol
+from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
@@ -42,13 +41,13 @@ from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .common import Form, Treatment, label_of, scheme_of, system_of
-from .engine.study import Answer, Point, Records, Row, Rows, by_contact, declared
-from .engine.table import Selection
+from .interface import Answer, Point, Records, Row, Rows, Selection, by_contact, declared
 from .parameters import (
     EXACT,
     IN_STEP,
-    Coupling,
+    Couple,
     Setup,
+    Values,
     couplings,
     drive_period,
     is_path,
@@ -81,16 +80,10 @@ def points(
         "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
         "stops[0].damping",
     ] = "frequency",
-    values: Annotated[
-        Sequence[float] | None,
-        "start:stop:count, start:stop:count:log, or comma-separated; in the case's units",
-    ] = None,
+    values: Values = None,
     second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
     second_values: Annotated[Sequence[float] | None, "as --values"] = None,
-    couple: Annotated[
-        Mapping[str, Coupling] | Sequence[str] | None,
-        'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
-    ] = None,
+    couple: Couple = None,
     method: Annotated[
         str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     ] = None,

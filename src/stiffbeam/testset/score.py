@@ -7,17 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.progress import Show, silent
-from ..basics.progress import progress as shown
+from ..basics.resources import Show, silent
+from ..basics.resources import progress as shown
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .integrators import DEFAULT, RECORDED, Integrator, Made
 from .integrators import integrators as integrators_of
-from .measure import errors_of, impacts_of, lost_to_digits, motion_of
+from .measure import (
+    FAILED,
+    NOT_TAKEN,
+    Entry,
+    Run,
+    errors_of,
+    impacts_of,
+    lost_to_digits,
+    motion_of,
+    verdict,
+    with_digits,
+)
 from .problem import Problem, problem
 from .problem import problems as all_problems
 from .scorecard import Scorecard
-from .verdicts import FAILED, NOT_TAKEN, Entry, Run, verdict, with_digits
 
 SMOOTH = "free-oscillator"
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.notebook import DRAW
 from ..basics.storage import write_whole
-from ..figures.panels import log_scale, look, mark_order, new_figure, save_figure, say_empty, shared_legend, short
+from ..basics.text import DRAW
+from ..figures.chart import log_scale, look, mark_order, new_figure, save_figure, say_empty, shared_legend, short
+from .measure import FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, Entry, shown_error, summary
 from .problem import VERSION, Answer, Problem
-from .verdicts import FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, Entry, shown_error, summary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.notebook import DRAW, html_facts
+from ..basics.text import DRAW, html_facts
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
-from .impacts import Impacts
-from .ledger import Ledger
+from .records import Impacts, Ledger
 from .schema import arrays_of, frame_of, named, save, values_of
 from .trajectory import Trajectory, Work
 

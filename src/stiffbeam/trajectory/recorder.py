@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
 from ..basics.validation import InputError, numbers
-from ..model.contact import Stops, channel_motion
+from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
-from .impacts import ContactRecord, Impacts
-from .ledger import Ledger, step_ledger
+from .records import ContactRecord, Impacts, Ledger, step_ledger
 from .sampling import (
     AT_START,
     CONTACT,
@@ -39,7 +38,6 @@ from .sampling import (
     TOUCHING,
     new_tally,
     observe,
-    side_at_start,
     switch_time,
 )
 

@@ -8,17 +8,14 @@ import numpy as np
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.compiled import compiled, inlined
+from ..model.contact import side_at_start
 from ..model.contact_law import (
-    G1,
-    G2,
     Law,
-    all_laws,
     damps,
     force_of_node,
     is_linear,
     law_force,
     law_of,
-    law_state,
     pressure,
     state,
     state_of_node,
@@ -47,20 +44,6 @@ def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
     tally[..., SINCE] = since
     tally[..., SIDE] = side_at_start(u0, v0, law)
     return tally
-
-
-def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
-    """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
-    contact, see ``Impacts``."""
-    g1, g2 = law[..., G1], law[..., G2]
-    upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
-    side = upper * 1.0 - lower * 1.0
-    damped = damps(all_laws(law))
-    if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *all_laws(law))
-        on = (u0 == g2) | (u0 == g1)
-        side = np.where(damped & ~on, pressed, side)
-    return side
 
 
 @inlined

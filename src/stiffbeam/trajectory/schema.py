@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.storage import write_whole
+from ..basics.storage import Arrays, write_netcdf, write_whole
 from ..basics.text import plain, table
 from ..basics.units import NON_DIMENSIONAL, ONE, Units
 from ..basics.validation import InputError, file_path, near
@@ -24,7 +24,6 @@ from ..model.members import STARTS, SYSTEMS
 if TYPE_CHECKING:
     import pandas
 
-    from ..basics.netcdf import Arrays
     from .ensemble import Ensemble
     from .trajectory import Trajectory
 
@@ -266,8 +265,6 @@ def arrays_of(result: Trajectory | Ensemble, x: Any = None) -> Arrays:
 
     Without xarray, which takes a second to import and a tenth of one to write.
     """
-    from ..basics.netcdf import Arrays
-
     values = values_of(result, x)
     notes = notes_of(values, result.units)
     data = {name: (dims, array, notes[name]) for name, (dims, array) in values.items()}
@@ -306,9 +303,7 @@ def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
         return write_whole(file, json.dumps(plain(arrays.to_dict()), allow_nan=False) + "\n")
     if suffix == ".mat":
         return _write_mat(arrays, file)
-    from ..basics import netcdf
-
-    return netcdf.write(arrays, file, compression=4 if result.kind == "ensemble" else 0)
+    return write_netcdf(arrays, file, compression=4 if result.kind == "ensemble" else 0)
 
 
 def _write_mat(arrays: Arrays, file: str | Path) -> Path:

@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.deprecation import Renamed
-from ..basics.notebook import DRAW, html_facts
 from ..basics.resources import afford
-from ..basics.text import sentence
+from ..basics.text import DRAW, html_facts, sentence
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, integer, numbers, positive
-from .impacts import ContactRecord, Impacts
-from .ledger import Ledger, as_it_starts
+from ..basics.validation import InputError, Renamed, integer, numbers, positive
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
+from .records import ContactRecord, Impacts, Ledger, as_it_starts
 from .schema import arrays_of, frame_of, named, save, values_of
 
 if TYPE_CHECKING:

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
-from ...basics.resources import afford
+from ...basics.resources import afford, clock
 from ...basics.validation import InputError, one_of, positive
 from ...model.first_order import FirstOrderSystem
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...trajectory.impacts import COLUMNS, ContactRecord, Impacts
-from ...trajectory.ledger import Ledger, in_contact
 from ...trajectory.recorder import contact_spans
+from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import KEEP, REFERENCES, RESTART, Request, output_times
 from .pieces import smooth_pieces

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import stopped_clock
+from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
 from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
 from ...model.right_hand_side_kernels import THROUGH

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import stopped_clock
+from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
 from ...model.contact import require_one_row
 from ...model.contact_law import Law, damps, depth_holding, jumps, law_of, pressure

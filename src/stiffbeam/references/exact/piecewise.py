@@ -13,8 +13,7 @@ from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
-from ...basics.resources import afford
+from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
 from ...model.drive import Drive
@@ -26,7 +25,7 @@ from ...piecewise.measures import audit, contact_between, exact_ledger, path_of,
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
 from ...piecewise.tracer import tracer_of
-from ...trajectory.impacts import ContactRecord
+from ...trajectory.records import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import output_times
 from .derivative import derivative

@@ -16,7 +16,7 @@ from ...model.contact import Contact
 from ...model.system import System
 from ...piecewise.generator import ORDER, Generators, RegimeFlow
 from ...piecewise.motion import Motion
-from ...trajectory.impacts import Impacts
+from ...trajectory.records import Impacts
 
 FEW = 2000  # numbers, of which all terms of their series are held at once
 SMALL = 1e-6  # of a stretch

@@ -9,15 +9,14 @@ from functools import partial
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, numbers, positive
 from ...model.drive import Drive
 from ...model.system import System, require_system
 from ...model.time_functions import offset_values
 from ...piecewise.measures import ROUNDINGS, exact_ledger, path_of, within_float64
 from ...piecewise.touching import EPS
-from ...trajectory.impacts import ContactRecord, Impacts
-from ...trajectory.ledger import Ledger
+from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
 from ..rigid_stops import REMEDY, at_rest, require_rigid

@@ -16,7 +16,7 @@ import numpy as np
 from flint import ctx
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
 from ...piecewise.motion import Motion

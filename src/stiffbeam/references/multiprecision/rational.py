@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
-from ...basics.exact_float import exact_value
+from ...basics.validation import exact_value
 from ...model.contact import Stops
 from ...model.drive import Drive
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile

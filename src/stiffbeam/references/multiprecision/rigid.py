@@ -12,11 +12,10 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ...basics.arrays import Array
-from ...basics.compiled import clock
+from ...basics.resources import clock
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate
-from ...trajectory.impacts import ContactRecord, Impacts
-from ...trajectory.ledger import Ledger
+from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..registry import Request, output_times
 from ..rigid_stops import require_rigid, require_smooth

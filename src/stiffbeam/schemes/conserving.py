@@ -1,0 +1,189 @@
+"""The theta-method, the trapezoidal rule and the exponential flow, and the form that conserves energy in contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
+
+Advance = Callable[[Any, float, Array, Array, Array, Array], Array]
+
+
+class MeanReaction(Scheme):
+    """y^{n+1} = advance(y^n; f^n, f^{n+1}, lambda), lambda the mean reaction over the step.
+
+    A constant force does the work lambda . (q^{n+1} - q^n) on the linear system, and ``advance`` conserves
+    the energy beside it; so where lambda is the discrete gradient of the stops' energy (see
+    stage), kinetic + elastic + stop energy is conserved without loads and damping, whatever
+    the step. State: (y, f), the load carried. It has the name of the scheme it is a form of.
+    """
+
+    nodes = (1.0,)
+
+    def __init__(self, scheme: Scheme, advance: Advance) -> None:
+        self.scheme, self.advance = scheme, advance
+        self.order = scheme.order
+
+    @property
+    def conserving(self) -> Scheme:
+        """The scheme itself: it has this form already."""
+        return self
+
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the load f at the start."""
+        return np.concatenate([history[0], force[None]])
+
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """loads[0] is the load at t_{n+1}, reactions[0] the mean reaction over the step."""
+        y = self.advance(equation, dt, z[:-1], z[-1], loads[0], reactions[0])
+        return np.concatenate([y, loads[0][None]]), [y]
+
+    def characteristic(self, x: float, xi: float) -> Array | None:
+        """Characteristic polynomial of the original scheme: without contact both forms take the same step."""
+        return self.scheme.characteristic(x, xi)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the original scheme."""
+        return self.scheme.parameters
+
+    def label(self, digits: int | None = None, kind: str = "") -> str:
+        """Label of the original scheme."""
+        return self.scheme.label(digits, kind)
+
+
+def midpoint(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:
+    """y + dt k, k = A (y + dt/2 k) + B [(f0 + f1)/2 + reaction]: the trapezoidal rule under that force."""
+    return y + dt * equation.implicit_rate(0.5 * dt, y, 0.5 * (f0 + f1) + reaction)
+
+
+def exact(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:
+    """The exact solution under a force that goes linearly from f0 + reaction to f1 + reaction."""
+    return equation.flow(dt, y, f0 + reaction, f1 + reaction)
+
+
+class Theta(Scheme):
+    """y^{n+1} = y^n + dt [(1 - theta) f^n + theta f^{n+1}].
+
+    Order 2 for theta = 1/2 (the trapezoidal rule), else 1; A-stable. State: (y^n, f^n).
+
+    Parameters
+    ----------
+    theta : float
+        In [1/2, 1].
+
+    Raises
+    ------
+    InputError
+        For any other theta.
+
+    References
+    ----------
+    Dumont (2002), Section 5.2.1.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Theta(theta=1.0)
+    Theta(theta=1.0)
+    """
+
+    name = "theta"
+    paper = "Section 5.2.1"
+    look = (7, 8, 6)
+    arguments = ("theta",)
+
+    def __init__(self, theta: float = 0.5) -> None:
+        self.theta = in_interval("theta", theta, 0.5, 1.0)
+        self.order = 2 if self.theta == 0.5 else 1
+
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the rate f of the state and the force given."""
+        return np.concatenate([history[0], equation.rate(history[0], force)])
+
+    @property
+    def conserving(self) -> Scheme | None:
+        """The midpoint form for theta = 1/2, None for others."""
+        return MeanReaction(self, midpoint) if self.theta == 0.5 else None
+
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """One implicit stage at t_{n+1}."""
+        y, rate = z[: equation.order], z[equation.order :]
+        r = y + (1.0 - self.theta) * dt * rate
+        rate_new = equation.implicit_rate(self.theta * dt, r, loads[0] + reactions[0])
+        y_new = r + self.theta * dt * rate_new
+        return np.concatenate([y_new, rate_new]), [y_new]
+
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 1: the root is (1 + (1 - theta) z)/(1 - theta z)."""
+        z = oscillator(x, xi)
+        return np.array([1.0 - self.theta * z, -1.0 - (1.0 - self.theta) * z])
+
+
+class Trapezoidal(Theta):
+    """y^{n+1} = y^n + dt/2 (f^n + f^{n+1}): the theta-method with theta = 1/2.
+
+    Order 2, A-stable. It dissipates no energy on a linear system, and does not damp the highest modes.
+
+    References
+    ----------
+    Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67-94, beta = 1/4, gamma = 1/2.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.Trapezoidal()
+    Trapezoidal()
+    """
+
+    name = "trapezoidal"
+    look = (4, 4, 4)
+    arguments = ()
+
+    def __init__(self) -> None:
+        super().__init__(0.5)
+
+
+class ExponentialFlow(Scheme):
+    """y^{n+1} = e^{A dt} y^n + dt phi_1(A dt) B f^n + dt phi_2(A dt) B (f^{n+1} - f^n).
+
+    phi_1(z) = (e^z - 1)/z, phi_2(z) = (e^z - 1 - z)/z^2. Free motion is exact at any step; loads and reactions are
+    interpolated linearly, order 2. Between contacts there is neither period elongation nor dissipation: all errors come
+    from the contact. Use contact="conserving". With "implicit" the stops do work on the motion, and the largest forces
+    of Table 10 at dt = 1e-4 are twice as large. State: (y, f).
+
+    References
+    ----------
+    Hochbruck and Ostermann, Acta Numerica 19 (2010) 209-286.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.ExponentialFlow()
+    ExponentialFlow()
+    """
+
+    name = "exponential-flow"
+    look = (6, 7, 6)
+
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(y, f) with the force f given."""
+        return np.concatenate([history[0], force[None]])
+
+    @property
+    def conserving(self) -> Scheme:
+        """The exact flow under loads linear in time and a constant reaction."""
+        return MeanReaction(self, exact)
+
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """No stage is solved; the force at t_{n+1} ends this step and begins the next."""
+        force = loads[0] + reactions[0]
+        y = equation.flow(dt, z[:-1], z[-1], force)
+        return np.concatenate([y, force[None]]), [y]
+
+    def characteristic(self, x: float, xi: float) -> Array:
+        """Degree 1: the root is e^z."""
+        return np.array([1.0, -np.exp(oscillator(x, xi))])

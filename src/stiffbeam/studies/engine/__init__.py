@@ -1,1 +1,0 @@
-"""The engine of studies: points, processes, journal."""
