@@ -330,3 +330,54 @@ def test_samples_on_a_straight_line_change_nothing(dashpot, held):
     np.testing.assert_allclose(more.tip, few.tip, atol=1e-11)
     assert more.horizon == few.horizon == 9.0
     assert more.work.counters["switches"] > 400
+
+
+def dashed(load, drive=None, damping=30.0):
+    """Two masses, one between a damped stop and a spring, the other held back by a strong dashpot: one mode is slow
+    beside the span and belongs to a chain, the others do not."""
+    stop = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=50.0, damping=10.0))
+    loads = [([1.0, 0.0], load), *([([0.0, 1.0], drive)] if drive else [])]
+    return sb.System.from_matrices(
+        np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], [[0.1, 0.0], [0.0, damping]], loads=loads, contacts=[stop]
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+@pytest.mark.parametrize("seed", [29, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_damped_stop_lets_go_where_its_force_ends_beside_a_slow_mode_under_a_record(seed, kind):
+    """The rate of a contact lacked the forces on modes outside of the chain: releases came .06 too early."""
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 10.0, 21)
+    x, y = 5.0 * rng.normal(size=(2, 21))
+    system = dashed(sb.Sampled(t, x, kind), sb.Sampled(t, 4.0 * y, kind))
+    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
+    mine, theirs = exact.contacts[0].impacts, other.contacts[0].impacts
+    assert mine.count == theirs.count > 2
+    assert mine.times == pytest.approx(theirs.times, abs=1e-6)
+    assert mine.ends == pytest.approx(theirs.ends, abs=1e-6, nan_ok=True)
+    # At every release the force of spring and dashpot is zero.
+    ends = mine.ends[np.isfinite(mine.ends)] - 1e-9
+    q, v = exact.state_at(ends)
+    assert np.max(np.abs(50.0 * (q[:, 0] - 0.1) + 10.0 * v[:, 0])) < 1e-5
+
+
+def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
+    """A heavy mass at rest: the depth follows the polygon, whose corner is the peak."""
+    stop = sb.Contact(
+        [1.0], sb.Stops(upper=0.5, stiffness=20.0), sb.Sampled([0.0, 0.9, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0])
+    )
+    contact = sb.reference(sb.System.from_matrices([[100.0]], [[1.0]], contacts=[stop]), 3.0).contacts[0]
+    at_corner = 20.0 * (1.0 - 0.5)
+    assert contact.peak_force == pytest.approx(at_corner, rel=0.01)
+    times = np.append(np.linspace(0.0, 3.0, 3001), 0.9)
+    seen = sb.reference(sb.System.from_matrices([[100.0]], [[1.0]], contacts=[stop]), 3.0, t_eval=np.unique(times))
+    assert contact.peak_force == pytest.approx(np.max(np.abs(seen.contacts[0].force)), rel=1e-12)
+    assert contact.impacts.peaks[0] == contact.peak_force
+
+
+def test_samples_are_no_events():
+    """Ten thousand samples within the shortest period: events that accumulate are refused, samples are not."""
+    t = np.linspace(0.0, 1.0, 10_001)
+    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0))
+    load = ([1.0], sb.Sampled(t, 2.0 * np.sin(3.0 * t)))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[0.1]], loads=[load], contacts=[stop])
+    assert sb.reference(system, 1.0).impacts.count == 1

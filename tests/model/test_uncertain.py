@@ -203,6 +203,33 @@ stops.stiffness = { deviation = 0.1 }
 CASE = CASE.replace("TIMES", str(RECORD.t.tolist())).replace("VALUES", str(RECORD.values.tolist()))
 
 
+def test_a_name_of_a_case_file_is_a_path(tmp_path: Path):
+    """A file states the stiffness as bending_stiffness, and its tolerance too."""
+    (tmp_path / "tube.toml").write_text(
+        """[[case]]
+name = "tube"
+cells = 4
+dt = 1e-4
+t_end = 0.1
+[case.problem]
+length = 1.2
+bending_stiffness = 668.0
+mass_per_length = 0.647
+bending_viscosity = 0.15
+[case.uncertain]
+bending_stiffness = 0.01
+bending_viscosity = 0.1
+"""
+    )
+    case = sb.load_cases(tmp_path / "tube.toml")["tube"]
+    system = case.system()
+    (changed,) = sb.varied_members(system, {"bending_stiffness": [700.0]}).systems()
+    assert changed.problem.stiffness == 700.0
+    drawn = sb.uncertain_members(system, case.uncertain, 4).systems()
+    assert len({x.problem.stiffness for x in drawn}) == len({x.problem.viscosity for x in drawn}) == 4
+    assert all(abs(x.problem.stiffness / 668.0 - 1.0) <= 0.01 for x in drawn)
+
+
 def test_a_case_file_states_what_is_uncertain_and_the_ensemble_draws_it(tmp_path: Path):
     (tmp_path / "tube.toml").write_text(CASE)
     case = find_case(str(tmp_path / "tube.toml"))

@@ -417,6 +417,15 @@ def matrices(cells: int) -> sb.System:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("n", [4, 8])
+def test_a_model_that_is_not_finer_is_refused(n):
+    options = {"dt": 1e-3, "t_end": 0.1, "members": 8, "uncertain": {"stops.stiffness": 0.01}}
+    with pytest.raises(
+        sb.InputError, match=f"finer must have more than the 8 unknowns of the system, got '{n} unknowns'"
+    ):
+        sb.doubt(matrices(8), sb.HHT(-0.1), finer=matrices(n), **options)
+
+
 def test_matrices_have_the_mesh_of_a_finer_model(tmp_path: Path):
     """The distance to it, with a bracket that holds the error against 64 cells for 16 and for 32."""
     options = {"dt": 1e-3, "t_end": 0.6, "members": 8, "uncertain": {"stops.stiffness": 0.01}}

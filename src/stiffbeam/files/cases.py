@@ -121,6 +121,14 @@ class SystemCase(Case):
         if isinstance(self.finer, System) and _excited(self.finer) != _excited(self.matrices):
             rule = "have as many loads as the system, and its contacts with the same stops"
             raise InputError("finer", repr(self.finer), rule, "describe the same structure on a finer mesh")
+        if isinstance(self.finer, System):
+            self._require_finer(self.finer)
+
+    def _require_finer(self, finer: System) -> System:
+        if finer.size <= self.matrices.size:
+            rule = f"have more than the {self.matrices.size} unknowns of the system"
+            raise InputError("finer", f"{finer.size} unknowns", rule, "describe the same structure on a finer mesh")
+        return finer
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
@@ -160,8 +168,8 @@ class SystemCase(Case):
         return self.matrices
 
     def refined(self, form: str) -> System | None:
-        """The finer model, if there is one."""
-        return self.finer if isinstance(self.finer, System) or self.finer is None else self.finer()
+        """The finer model, if there is one. Raises InputError where it has no more unknowns than the system."""
+        return None if self.finer is None else self._require_finer(self.finer() if callable(self.finer) else self.finer)
 
 
 def _excited(system: System) -> tuple[int, list[Stops]]:

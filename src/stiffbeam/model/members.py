@@ -395,6 +395,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     return system
 
 
+IN_FILES = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names that case files use too
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -450,6 +451,7 @@ def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
         return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]
+    keys = [IN_FILES.get(keys[0], keys[0]), *keys[1:]] if keys else keys
     # One form for none, one and several stops, so that paths lead through the same list.
     root = system.problem
     if keys[:1] == ["stops"]:

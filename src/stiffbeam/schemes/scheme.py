@@ -51,7 +51,7 @@ class Scheme(ABC):
     name: ClassVar[str] = ""
     paper: ClassVar[str] = ""  # the paper's equation numbers
     look: ClassVar[tuple[int, int, int] | None] = (
-        None  # colour, dashes and marker in every picture, see figures/panels.py
+        None  # colour, dashes and marker in every picture, see figures/chart.py
     )
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form

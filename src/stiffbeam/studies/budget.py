@@ -27,12 +27,14 @@ ALIKE = 2.0  # largest ratio of sources that count as equally large
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 BRACKET = (2 / 3, 3 / 2)  # of the extrapolated error of the mesh
 MEASURED = (0.9, 1.1)  # of the distance to cubic elements
-FINER = (2 / 3, 2.0)  # of the distance to a finer model: from one without error to one of half the width at order 2
+# Of the distance to a finer model, which is 1 of the error of one without error and 3/4 of one of half the width at
+# order 2: from 1 to 4/3 of it, with a margin of 3/2 to either side.
+FINER = (2 / 3, 2.0)
 SPAN_BRACKET = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 CURES = {
     "rounding": "past the horizon only statistics mean something",
     "scheme": "take a smaller step",
-    "mesh": "take more cells",
+    "mesh": "take a finer mesh",
     "data": "{parts} good enough",
     "span": "take a longer time span",
 }
