@@ -31,8 +31,9 @@ value, because order p is that of smooth motions. The same command has at least 
 inside it; for rigid stops no share was measured.
 
 Of matrices the mesh is the distance to a finer model. The error is 1 of that for a model without error and 4/3 for one
-of half the width at order 2; the bracket, 2/3 to 2, adds a margin of 3/2. The bracket of the span reaches from 1/2 to 2: of 100 records of
-an oscillator under noise 87 hold the deviation of the rate over the records (``tests/studies/test_doubt.py``).
+of half the width at order 2; the bracket, 2/3 to 2, adds a margin of 3/2. The bracket of the span reaches from 1/2 to
+2: of 100 records of an oscillator under noise 87 hold the deviation of the rate over the records
+(``tests/studies/test_doubt.py``).
 ``budget.py`` ranks the sources.
 """
 
