@@ -203,6 +203,11 @@ stops.stiffness = { deviation = 0.1 }
 CASE = CASE.replace("TIMES", str(RECORD.t.tolist())).replace("VALUES", str(RECORD.values.tolist()))
 
 
+def test_a_value_that_a_distribution_draws_and_nothing_can_have_is_refused_with_its_cause():
+    with pytest.raises(sb.InputError, match="must be > 0, got '?-.*its distribution draws such values"):
+        sb.uncertain_members(tube(), {"stops.stiffness": sb.Uncertain(deviation=1.0)}, 64)
+
+
 def test_a_name_of_a_case_file_is_a_path(tmp_path: Path):
     """A file states the stiffness as bending_stiffness, and its tolerance too."""
     (tmp_path / "tube.toml").write_text(

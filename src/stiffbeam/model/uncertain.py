@@ -157,7 +157,13 @@ def uncertain_members(
             if place in columns:
                 raise InputError("uncertain", path, "name each number once", f"{place} has a distribution already")
             columns[place] = drawn if one.between is not None else drawn * _nominal(system, place, one)
-    members_drawn = varied_members(system, columns)
+    try:
+        members_drawn = varied_members(system, columns)
+    except InputError as error:
+        if error.field == "parameter":  # a path that is none
+            raise
+        remedy = "its distribution draws such values: narrow it, or state it between two"
+        raise InputError(error.field, error.value, error.rule, remedy) from None
     return EnsembleMembers(system, ", ".join(known), draws, members_drawn.fields)
 
 

@@ -9,7 +9,7 @@ once a period, lies below (sweep.py): it shows what is attracting, the branch al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -140,25 +140,29 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         return [row for row in sweep.evaluate(case, point) if row.get("kind") == "section" or "refused" in row]
     make, period = _maker(case, point)
     name, (low, high) = point["parameter"], point["limits"]
-    start, reason = _started(make, period, point)
-    if start is None:
-        return [{"kind": "end", "branch": 0, "length": point["length"], "count": 0, "reason": reason}]
-    value, orbit = start
     rows: list[Row] = []
     branches: list[tuple[int, Branch]] = []
     grid = np.linspace(low, high, point["steps"])
-    # From the first orbit to both ends of the range.
-    for part, end in enumerate((high, low)):
-        if value != end:
-            along = [value, *(grid if end == high else grid[::-1])]
-            try:
-                branch = continuation(
-                    make, name, along, period, orbit, grazings=point["grazings"], most=point["orbits"]
-                )
-            except SolverFailure as failure:
-                rows.append(_end(part, point["length"], 0, failure.reason))
-                continue
-            branches.append((point["length"], branch))
+    # An orbit from which neither branch leaves is left for the next start.
+    for value, orbit in _starts(make, period, point):
+        if isinstance(orbit, str):
+            rows = rows or [_end(0, point["length"], 0, orbit)]
+            continue
+        rows = []
+        # From the first orbit to both ends of the range.
+        for part, end in enumerate((high, low)):
+            if value != end:
+                along = [value, *(grid if end == high else grid[::-1])]
+                try:
+                    branch = continuation(
+                        make, name, along, period, orbit, grazings=point["grazings"], most=point["orbits"]
+                    )
+                except SolverFailure as failure:
+                    rows.append(_end(part, point["length"], 0, failure.reason))
+                    continue
+                branches.append((point["length"], branch))
+        if branches:
+            break
     rows += [row for i, (length, branch) in enumerate(branches) for row in _branch(i, length, branch, period)]
     # Branches of twice the period leave the first ones at flips, each flip once.
     mains, followed = list(branches), list[float]()
@@ -178,12 +182,11 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     return rows + _portraits(branches)
 
 
-def _started(
+def _starts(
     make: Callable[[float], System], period: Callable[[float], float], point: Point
-) -> tuple[tuple[float, Orbit] | None, str]:
-    """The value and orbit at which the branch starts, or None and the reason of the last failure."""
+) -> Iterator[tuple[float, Orbit | str]]:
+    """Values and orbits at which a branch may start, or the reason why there is none."""
     low, high = point["limits"]
-    reason = ""
     # The middle of the range first, then its ends.
     for value in np.linspace(high, low, VALUES)[[1, 0, 2]].tolist():
         system, T = make(value), period(value)
@@ -194,12 +197,12 @@ def _started(
             for i in range(point["starts"]):
                 z = mapping.ahead(z, AGAIN if i else SETTLE)
                 try:
-                    return (value, periodic_orbit(system, T, (z[:n], z[n:]))), ""
+                    found: Orbit | str = periodic_orbit(system, T, (z[:n], z[n:]))
                 except SolverFailure as failure:
-                    reason = failure.reason
+                    found = failure.reason
+                yield value, found
         except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as failure:
-            reason = getattr(failure, "reason", str(failure))
-    return None, reason
+            yield value, getattr(failure, "reason", str(failure))
 
 
 def _end(branch: int, length: int, count: int, reason: str) -> Row:
