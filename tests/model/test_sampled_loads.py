@@ -360,6 +360,20 @@ def test_a_damped_stop_lets_go_where_its_force_ends_beside_a_slow_mode_under_a_r
     assert np.max(np.abs(50.0 * (q[:, 0] - 0.1) + 10.0 * v[:, 0])) < 1e-5
 
 
+def test_a_free_body_with_a_dashpot_inside_has_its_motion():
+    """K = 0 and a dashpot between two masses: eigenvalues 0 that meet, with eigenvectors that are one."""
+    t = np.linspace(0.0, 10.0, 21)
+    stop = sb.Contact([-0.8, -0.5], sb.Stops(-0.15, 0.1, stiffness=60.0, damping=8.0))
+    load = ([1.0, 0.3], sb.Sampled(t, 5.0 * np.random.default_rng(1).normal(size=21)))
+    b = np.array([0.5543, 0.39775])
+    system = sb.System.from_matrices(np.eye(2), np.zeros((2, 2)), np.outer(b, b), loads=[load], contacts=[stop])
+    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
+    assert exact.provenance["method"] == "exact"
+    inside = exact.t <= exact.horizon
+    assert np.max(np.abs(exact.tip - other.tip)[inside]) < 1e-7 * np.max(np.abs(other.tip))
+    assert exact.impacts.until(exact.horizon).count == other.impacts.until(exact.horizon).count > 0
+
+
 def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
     """A heavy mass at rest: the depth follows the polygon, whose corner is the peak."""
     stop = sb.Contact(

@@ -204,7 +204,7 @@ CASE = CASE.replace("TIMES", str(RECORD.t.tolist())).replace("VALUES", str(RECOR
 
 
 def test_a_value_that_a_distribution_draws_and_nothing_can_have_is_refused_with_its_cause():
-    with pytest.raises(sb.InputError, match="must be > 0, got '?-.*its distribution draws such values"):
+    with pytest.raises(sb.InputError, match=r"must be > 0, got '?-.*its distribution draws such values"):
         sb.uncertain_members(tube(), {"stops.stiffness": sb.Uncertain(deviation=1.0)}, 64)
 
 

@@ -146,9 +146,12 @@ def _of(A: Array, span: float) -> list[Group]:
     """The groups of the real matrix A of which no conjugate is kept twice. Those slower than the span are together, in
     a real basis: their answer to a constant is the small difference of large ones."""
     values, right = (x.astype(complex) for x in scipy.linalg.eig(A))
-    # Left and right eigenvectors become orthogonal where eigenvalues meet. The left ones are the rows of the inverse.
+    # Left and right eigenvectors become orthogonal where eigenvalues meet. The left ones are the rows of the inverse,
+    # which is as good as it is well-conditioned.
     inverse = _inverse(right)
-    left = inverse.conj().T if np.all(np.isfinite(inverse)) else scipy.linalg.eig(A, left=True, right=False)[1]
+    left = inverse.conj().T
+    if not _condition(right, inverse) < CONDITION_LIMIT:
+        values, left, right = (x.astype(complex) for x in scipy.linalg.eig(A, left=True))  # type: ignore[misc]
     cosine = np.abs(np.sum(left.conj() * right, axis=0))
     cosine /= np.linalg.norm(left, axis=0) * np.linalg.norm(right, axis=0)
     sensitive = cosine * SENSITIVE < 1.0
@@ -158,8 +161,8 @@ def _of(A: Array, span: float) -> list[Group]:
     spaces = [right[:, own] if len(own) == 1 else _space(A, values, own) for own in sets]
     basis = np.hstack(spaces)
     inverse = _inverse(basis) if np.any(sensitive) else inverse
-    # Frobenius' norms bound the condition; the exact one takes long and is asked for where they do not decide.
-    condition = float(np.linalg.norm(basis) * np.linalg.norm(inverse))
+    # The bound first: the condition itself takes long and is asked for where that does not decide.
+    condition = _condition(basis, inverse)
     if not condition < CONDITION_LIMIT:
         condition = float(np.linalg.cond(basis))
     if not condition < CONDITION_LIMIT:
@@ -190,6 +193,12 @@ def _inverse(basis: Complex) -> Complex:
         return np.linalg.inv(basis)
     except np.linalg.LinAlgError:
         return np.full_like(basis, np.inf)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _condition(basis: Complex, inverse: Complex) -> float:
+    """A bound of the condition by Frobenius' norms; inf or NaN where they overflow."""
+    return float(np.linalg.norm(basis) * np.linalg.norm(inverse))
 
 
 def known_until(omega: Array, damping: Array, tolerance: float) -> float:
