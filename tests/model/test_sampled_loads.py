@@ -360,6 +360,37 @@ def test_a_damped_stop_lets_go_where_its_force_ends_beside_a_slow_mode_under_a_r
     assert np.max(np.abs(50.0 * (q[:, 0] - 0.1) + 10.0 * v[:, 0])) < 1e-5
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 4, 6, 16, 20, 26, 47, 1054])
+def test_random_systems_with_slow_and_overdamped_modes_under_records(seed):
+    """One to three masses, one or two stops, most with dampers, dashpots over five powers of ten, uneven samples."""
+    g = np.random.default_rng(seed)
+    samples = int(g.integers(11, 61))
+    uneven = g.random() < 0.5
+    t = np.sort(np.append(g.uniform(0.0, 10.0, samples), [0.0, 10.0])) if uneven else np.linspace(0.0, 10.0, samples)
+    kind, n = ["linear", "cubic"][int(g.integers(2))], int(g.integers(1, 4))
+    record = sb.Sampled(t, 5.0 * g.normal(size=len(t)), kind=kind)
+    B = g.normal(size=(n, n))
+    K = B @ B.T * 10.0 ** g.uniform(-0.5, 1.5) + (g.random() < 0.7) * np.eye(n)
+    K = 0.0 * K if g.random() < 0.2 else K
+    b = g.normal(size=n)
+    dashpots = [0.2 * np.eye(n), 10.0 ** g.uniform(0.5, 2.5) * np.outer(b, b), np.diag(10.0 ** g.uniform(-1.0, 2.5, n))]
+    C = [0.0 * K, *dashpots, 30.0 * B @ B.T][int(g.integers(5))]
+    loads = [(g.normal(size=n), record)]
+    loads += [(g.normal(size=n), sb.Harmonic(3.0, 2.5))] if g.random() < 0.4 else []
+    loads += [(g.normal(size=n), sb.Constant(1.0))] if g.random() < 0.2 else []
+    contacts = []
+    for _ in range(int(g.integers(1, 3))):
+        row, damping = g.normal(size=n), float(g.uniform(0.5, 10.0)) * (g.random() < 0.8)
+        contacts.append(sb.Contact(row, sb.Stops(-0.15, 0.1, stiffness=60.0, damping=damping)))
+    system = sb.System.from_matrices(np.eye(n), K, C, loads=loads, contacts=contacts)
+    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
+    inside, end = exact.t <= exact.horizon, exact.horizon - 1e-3
+    assert np.max(np.abs(exact.tip - other.tip)[inside]) < 1e-6 * np.max(np.abs(other.tip))
+    for a, b in zip(exact.contacts, other.contacts, strict=True):
+        assert a.impacts.until(end).count == b.impacts.until(end).count
+
+
 def test_a_free_body_with_a_dashpot_inside_has_its_motion():
     """K = 0 and a dashpot between two masses: eigenvalues 0 that meet, with eigenvectors that are one."""
     t = np.linspace(0.0, 10.0, 21)
