@@ -374,9 +374,11 @@ def response(
 def alike(eigenvalues: Array, tau: float, base: float) -> bool:
     """True if tau may share the exponentials of the base: what ``response`` leaves out is below ALIKE^2, 2e-17."""
     late, fastest = abs(tau - base), 0.0
+    if late > ALIKE * tau:  # of most times that are not alike
+        return False
     for k in range(eigenvalues.size):
         fastest = max(fastest, abs(eigenvalues[k].real) + abs(eigenvalues[k].imag))
-    return late <= ALIKE * tau and late * fastest <= ALIKE
+    return late * fastest <= ALIKE
 
 
 @compiled
