@@ -147,6 +147,27 @@ def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
         sb.periodic_orbit(one_mass(None, c, k), 2.0 * np.pi)
 
 
+def test_an_orbit_at_a_fold_closes_or_raises():
+    """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
+
+    def softly_stopped(w: float) -> sb.System:
+        stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
+        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[([1.0], sb.Harmonic(0.3, w))], contacts=[stop])
+
+    branch = sb.continuation(softly_stopped, "frequency", np.linspace(1.15, 1.45, 8), lambda w: 2.0 * np.pi / w)
+    for fold, inside in zip((x for x in branch.bifurcations if x.kind == "fold"), (-1.0, 1.0), strict=True):
+        with pytest.raises(sb.SolverFailure, match="a multiplier is 1 but for rounding: a fold"):
+            sb.periodic_orbit(softly_stopped(fold.value), 2.0 * np.pi / fold.value, (fold.z[:1], fold.z[1:]))
+        # The multiplier is 1 - c sqrt(distance): three decades below, a factor of 10^1.5.
+        gaps = []
+        for distance in (1e-9, 1e-6):
+            w = fold.value + inside * distance
+            orbit = sb.periodic_orbit(softly_stopped(w), 2.0 * np.pi / w, (fold.z[:1], fold.z[1:]))
+            assert orbit.closure < 1e-13
+            gaps.append(1.0 - orbit.multipliers[0].real)
+        assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
+
+
 @pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])
 def test_an_orbit_that_grazes_has_no_multipliers(stops):
     """The amplitude of the response without contact is the gap: neighbours hit, or do not."""

@@ -67,7 +67,8 @@ class Orbit:
     q, v : array (n,)
         State at t = 0.
     residual : float
-        Largest |h| at an event over its terms' largest values; for rigid stops the closure.
+        Largest |h| at an event over its terms' largest values; for rigid stops, and where shooting comes closer, the
+        closure.
     closure : float
         Largest relative difference of the state after a period of the exact flow.
     multipliers : array (2n,)
@@ -280,10 +281,15 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
         residual = closure
         # Impacts on rigid stops change no side, and ``polished`` has no equation for them.
         if not mapping.rigid and len(tangent.path.times) > 1:
-            z, residual = polished(mapping, z, tangent)
-            end, _, tangent = mapping.flow(z)
-            closure = float(np.max(np.abs(end - z) / mapping.sizes(tangent)))
-        _isolated(mapping, z, closure)
+            start, defect = polished(mapping, z, tangent)
+            end, D, other = mapping.flow(start)
+            scale = mapping.sizes(other)
+            missed = float(np.max(np.abs(end - start) / scale))
+            # At a fold the equations of the event times are singular, and their solution may be no orbit.
+            rounded = ROUNDING * max(1.0, float(np.linalg.norm(D * scale / scale[:, None])))
+            if defect <= max(closure, ROUNDING) and missed <= max(closure, rounded):
+                z, tangent, closure, residual = start, other, missed, defect
+        _isolated(mapping, z, closure, residual)
         return orbit_of(mapping, z, tangent, closure, residual)
 
 
@@ -299,7 +305,7 @@ def require_periodic(system: System, period: float) -> None:
         afford_search(system, period)
 
 
-def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
+def _isolated(mapping: PeriodMap, z: Array, closure: float, residual: float) -> None:
     """Raise SolverFailure for an orbit whose multipliers do not exist, or one of which is 1."""
     system, solution = mapping.system, mapping.solve(z)
     path = path_of_solution(system, solution, mapping.period)
@@ -311,7 +317,8 @@ def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
             "periodic_orbit", time, f"the orbit has no multipliers: {reason}", "change a parameter or a phase"
         )
     multipliers = np.linalg.eigvals(monodromy(tangent))
-    if np.min(np.abs(multipliers - 1.0)) < ALONE:
+    # At a fold the defect is quadratic in the distance from the orbit, and the multiplier linear.
+    if np.min(np.abs(multipliers - 1.0)) < max(ALONE, residual**0.5):
         reason = "a multiplier is 1 but for rounding: a fold, a motion of its own, or a drive in resonance"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or change a parameter")
 
