@@ -123,6 +123,26 @@ def test_a_grazing_in_closed_form(values, stiffness):
         assert branch.values[-1] == pytest.approx(0.1)
 
 
+def test_the_graze_of_a_damped_stop_in_closed_form():
+    """Past the frequency at which the linear response has the size of the gap, a touched orbit, unstable, is free."""
+
+    def damped(frequency: float, gap: float = 0.2, damping: float = 4.0) -> sb.System:
+        stop = sb.Contact(np.ones(1), sb.Stops(upper=gap, stiffness=5.0, damping=damping))
+        load = ([1.0], sb.Harmonic(1.0, frequency))
+        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+
+    branch = sb.continuation(damped, "frequency", np.linspace(2.4, 3.2, 12), turn)
+    # (1 - w^2)^2 + 0.01 w^2 = 25
+    exact = np.sqrt(0.995 + np.sqrt(0.995**2 + 24.0))
+    assert np.allclose(branch.at("grazing"), [exact], rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(branch.stable, branch.values > exact)
+    # Small steps cannot pass the graze: its reason ends the branch.
+    guess = ([RESPONSE.imag], [2.8 * RESPONSE.real])
+    ended = sb.continuation(lambda x: damped(2.8, x, 0.5), "gap", np.linspace(0.2, 0.1, 9), turn(2.8), guess)
+    assert "grazes its damped stop" in ended.end
+    assert np.allclose(ended.at("grazing"), [GRAZING], rtol=0.0, atol=1e-9)
+
+
 def hard(frequency: float) -> sb.System:
     stop = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
     load = ([1.0], sb.Harmonic(1.0, frequency))

@@ -342,7 +342,7 @@ class _Follower:
         points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
         point, before, straight, end = start, None, False, ""
         while not end:
-            if point.tangent.path.rigid and len(near) < len(points):
+            if _abrupt(point.tangent.generators.system) and len(near) < len(points):
                 near.append(distances(point.tangent))
             reason = "the branch turns sharply"
             try:
@@ -355,11 +355,12 @@ class _Follower:
                 step, straight = step * LOST, True
                 if step < SHORTEST * self.first_step:
                     end = f"at {point.value:.10g} {reason}"
-                    # On rigid stops the reason may be a graze just ahead, where the flow has no derivative.
+                    # The reason may be a graze just ahead, where the flow has no derivative.
                     graze = rigid_grazing([x[0] for x in points], near, NEARLY * self.span) if near else None
                     if graze is not None:
                         bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
-                        end = f"at {graze:.10g} a contact grazes its rigid stop, where the flow has no derivative"
+                        kind = "rigid" if point.tangent.path.rigid else "damped"
+                        end = f"at {graze:.10g} a contact grazes its {kind} stop, where the flow has no derivative"
                 continue
             # The two halves of the orbit have changed places: between the points they were equal.
             if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
@@ -406,6 +407,9 @@ class _Follower:
 
     def between(self, one: _Point, other: _Point) -> Iterator[Bifurcation]:
         """The bifurcations between two neighbours."""
+        stable = {bool(np.abs(x.multipliers[0]) < 1.0 - ALONE) for x in (one, other)}
+        # At a graze of a damped stop the multipliers jump.
+        jumps = len(stable) == 2 and _abrupt(one.tangent.generators.system)
         for kind, test in TESTS.items():
             before, after = test(one.multipliers), test(other.multipliers)
             if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
@@ -414,12 +418,13 @@ class _Follower:
                 name = "branching" if kind == "fold" and not turns else kind
                 point = self.located(one, other, lambda x, test=test: test(x.multipliers), name == "branching")
                 if point is not None and _reached(kind, point):
+                    jumps = False
                     yield Bifurcation(name, point.value, point.z)
-        if self.grazings:
+        if self.grazings or jumps:
             yield from self.grazings_between(one, other)
 
     def grazings_between(self, one: _Point, other: _Point, depth: int = 0) -> Iterator[Bifurcation]:
-        """The grazings of compliant stops between two neighbours."""
+        """The grazings of compliant stops, damped or not, between two neighbours."""
         before, after = (Counter(event[1:] for event in events(x.tangent)) for x in (one, other))
         changes = (after - before) + (before - after)
         if not changes:
@@ -515,6 +520,11 @@ class _Follower:
             return None
 
 
+def _abrupt(system: System) -> bool:
+    """Return True if a stop is rigid or damped: where it is grazed, the flow has no derivative."""
+    return any(contact.stops.rigid or contact.stops.damping for contact in system.contacts)
+
+
 def _units(path: Path) -> Array:
     """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
     return np.repeat([max(float(np.max(np.abs(x))), 1e-300) for x in (path.q, path.v)], path.q.shape[1])
@@ -551,8 +561,9 @@ def continuation(
         Of the orbits; of a driven system a function of the parameter, ``lambda w: 2 * np.pi / w``.
     guess : as for ``periodic_orbit``
     grazings : bool
-        Locate where a compliant undamped stop is touched for the first or last time. Two touches of one contact of
-        which one is born and one dies between two points cancel.
+        Locate where a compliant stop is touched for the first or last time. Two touches of one contact of which one is
+        born and one dies between two points cancel. At a graze of a damped stop the multipliers jump. Where that
+        changes the stability, the graze is located without this option.
     most : int
         Number of orbits after which the branch ends; by default 20 for each of the values.
 

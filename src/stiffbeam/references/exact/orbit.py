@@ -518,10 +518,13 @@ TURNS = 12  # iterations of the time at which a gap turns
 
 
 def events(tangent: Tangent) -> list[tuple[float, int, int, int]]:
-    """(time, contact, side before, side after) of every event of a period."""
-    path = tangent.path
-    steps = np.argwhere(path.sides[1:] != path.sides[:-1]).tolist()
-    return [(float(path.times[i + 1]), c, int(path.sides[i, c]), int(path.sides[i + 1, c])) for i, c in steps]
+    """(time, contact, side before, side after) of every gap that closes or opens in a period.
+
+    A damped stop that lets go is still closed.
+    """
+    times, sides = tangent.path.times, np.sign(tangent.path.sides)
+    steps = np.argwhere(sides[1:] != sides[:-1]).tolist()
+    return [(float(times[i + 1]), c, int(sides[i, c]), int(sides[i + 1, c])) for i, c in steps]
 
 
 def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
