@@ -151,7 +151,7 @@ def test_an_orbit_at_a_fold_closes_or_raises():
     """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
 
     def softly_stopped(w: float) -> sb.System:
-        stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
+        stop = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
         return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[([1.0], sb.Harmonic(0.3, w))], contacts=[stop])
 
     branch = sb.continuation(softly_stopped, "frequency", np.linspace(1.15, 1.45, 8), lambda w: 2.0 * np.pi / w)

@@ -36,7 +36,7 @@ from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known, same_modes
 from ...piecewise.tangent import Path, Tangent
 from ...trajectory.trajectory import SolverFailure
-from .orbit import ALONE, Orbit, PeriodMap, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
+from .orbit import ALONE, Orbit, PeriodMap, abrupt, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
 
 CORRECTIONS = 8  # iterations of the corrector
 CLOSED = 1e-11  # relative defect at which a point counts
@@ -304,8 +304,7 @@ class _Follower:
                 ), count
             if size > before and count > (2 if guess is None else 1):  # a kink: a shorter step costs less than more
                 break
-            before = size
-            step = np.linalg.solve(bordered, -np.append(defect, normal @ moved))
+            before, step = size, np.linalg.solve(bordered, -np.append(defect, normal @ moved))
             if not np.linalg.norm(step) < 10.0:
                 break
             z, value = z + step[:N] * self.scale, value + float(step[N]) * self.span
@@ -342,7 +341,7 @@ class _Follower:
         points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
         point, before, straight, end = start, None, False, ""
         while not end:
-            if _abrupt(point.tangent.generators.system) and len(near) < len(points):
+            if abrupt(point.tangent.generators.system) and len(near) < len(points):
                 near.append(distances(point.tangent))
             reason = "the branch turns sharply"
             try:
@@ -359,8 +358,8 @@ class _Follower:
                     graze = rigid_grazing([x[0] for x in points], near, NEARLY * self.span) if near else None
                     if graze is not None:
                         bifurcations.append(Bifurcation("grazing", graze, point.z, len(points)))
-                        kind = "rigid" if point.tangent.path.rigid else "damped"
-                        end = f"at {graze:.10g} a contact grazes its {kind} stop, where the flow has no derivative"
+                        end = "rigid" if point.tangent.path.rigid else "damped"
+                        end = f"at {graze:.10g} a contact grazes its {end} stop, where the flow has no derivative"
                 continue
             # The two halves of the orbit have changed places: between the points they were equal.
             if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
@@ -374,8 +373,8 @@ class _Follower:
                 break
             (point, step, before), straight = self.rescaled(new, step, point), False
             points.append(point.kept)
-            step *= LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
-            step = min(step, LONGEST * self.first_step)
+            factor = LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
+            step = min(step * factor, LONGEST * self.first_step)
             if len(points) >= self.most:
                 end = f"at {point.value:.10g} after {self.most} orbits: start again from there"
         if len(points) < 2:
@@ -406,10 +405,9 @@ class _Follower:
             return None
 
     def between(self, one: _Point, other: _Point) -> Iterator[Bifurcation]:
-        """The bifurcations between two neighbours."""
-        stable = {bool(np.abs(x.multipliers[0]) < 1.0 - ALONE) for x in (one, other)}
-        # At a graze of a damped stop the multipliers jump.
-        jumps = len(stable) == 2 and _abrupt(one.tangent.generators.system)
+        """The bifurcations between two neighbours. At a graze of a damped stop the multipliers jump."""
+        sizes = sorted(float(np.abs(x.multipliers[0])) for x in (one, other))
+        jumps = sizes[0] < 1.0 <= sizes[1] and abrupt(one.tangent.generators.system)
         for kind, test in TESTS.items():
             before, after = test(one.multipliers), test(other.multipliers)
             if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
@@ -520,11 +518,6 @@ class _Follower:
             return None
 
 
-def _abrupt(system: System) -> bool:
-    """Return True if a stop is rigid or damped: where it is grazed, the flow has no derivative."""
-    return any(contact.stops.rigid or contact.stops.damping for contact in system.contacts)
-
-
 def _units(path: Path) -> Array:
     """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
     return np.repeat([max(float(np.max(np.abs(x))), 1e-300) for x in (path.q, path.v)], path.q.shape[1])
@@ -561,9 +554,8 @@ def continuation(
         Of the orbits; of a driven system a function of the parameter, ``lambda w: 2 * np.pi / w``.
     guess : as for ``periodic_orbit``
     grazings : bool
-        Locate where a compliant stop is touched for the first or last time. Two touches of one contact of which one is
-        born and one dies between two points cancel. At a graze of a damped stop the multipliers jump. Where that
-        changes the stability, the graze is located without this option.
+        Locate where a compliant stop is touched for the first or last time; of damped ones where the stability changes
+        by it in any case. Two touches of one contact of which one is born and one dies between two points cancel.
     most : int
         Number of orbits after which the branch ends; by default 20 for each of the values.
 
@@ -593,15 +585,13 @@ def continuation(
     """
     along = np.atleast_1d(numbers("values", values)).ravel()
     if len(along) < 2 or along[0] == along[-1]:
-        raise InputError(
-            "values", values, "be two or more numbers, the last another than the first", "np.linspace(a, b, 50)"
-        )
+        rule = "be two or more numbers, the last another than the first"
+        raise InputError("values", values, rule, "np.linspace(a, b, 50)")
     of_value = period if callable(period) else lambda _: float(period)  # type: ignore[arg-type]
     limits = float(np.min(along)), float(np.max(along))
     afford("values", len(along), "take fewer", seconds=0.02 * len(along))
     most = MOST * len(along) if most is None else integer("most", most, 2)
-    first = make_system(float(along[0]))
-    require_system(first)
+    first = require_system(make_system(float(along[0])))
     start = periodic_orbit(first, of_value(float(along[0])), guess)
     follower = _Follower(make_system, of_value, parameter, limits, 1.0 / (len(along) - 1), most, grazings)
     follower.scale = _units(start.path)

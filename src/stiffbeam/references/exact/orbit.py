@@ -527,6 +527,11 @@ def events(tangent: Tangent) -> list[tuple[float, int, int, int]]:
     return [(float(times[i + 1]), c, int(sides[i, c]), int(sides[i + 1, c])) for i, c in steps]
 
 
+def abrupt(system: System) -> bool:
+    """Return True if a stop is rigid or damped: where it is grazed, the flow has no derivative."""
+    return any(contact.stops.rigid or contact.stops.damping for contact in system.contacts)
+
+
 def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
     """The middles and stops of the short touches and gaps of a contact, the shallowest first."""
     touches = [event for event in events(tangent) if event[1] == contact]
