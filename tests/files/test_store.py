@@ -156,6 +156,11 @@ def test_what_is_no_trajectory_is_named(tmp_path):
     for missing in (tmp_path / "none.nc", tmp_path):
         with pytest.raises(sb.InputError, match="file must exist"):
             sb.load(missing)
+    # A whole file of a format that save() writes and load() does not read.
+    for suffix in (".csv", ".json", ".mat"):
+        written = sb.integrate(sb.paper_case(10).system(), sb.HHT(), 1e-3, 0.01).save(tmp_path / f"run{suffix}")
+        with pytest.raises(sb.InputError, match=r"be netCDF, as run\.save\('run\.nc'\) writes it"):
+            sb.load(written)
 
 
 def half_written(stream):

@@ -36,6 +36,18 @@ def test_a_known_lag_is_recovered(lag):
     assert found.residual <= found.unshifted + 1e-12
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e9])
+def test_a_lag_does_not_depend_on_the_unit_of_time(unit):
+    """Brent's method has an absolute tolerance of 1e-11: a lag in seconds of a motion of nanoseconds was that of the
+    grid, a hundredth of a period off."""
+    t = np.arange(0.0, 3.0 + 1e-9, 1e-3) * unit
+    u_ref = lambda s: np.sin(7.0 * s / unit)  # noqa: E731
+    late = 0.00137 * unit
+    v = 7.0 / unit * np.cos(7.0 * (t - late) / unit)
+    found = phase_lag(t, u_ref(t - late), v, u_ref, 3.0 * unit, drive=7.0 / unit, first=4.0 / unit)
+    assert found.lag / unit == pytest.approx(0.00137, rel=1e-5)
+
+
 @pytest.mark.parametrize("uneven", [0.0, 0.12])
 def test_a_decayed_run_has_its_lag_and_a_residual(uneven):
     """Over whole half periods the loss of amplitude does not bias the lag, nor do steps that are finer in places."""

@@ -326,7 +326,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     path = file_path("file", file, "give one that save() has written")
     if not path.is_file():
         raise InputError("file", str(path), "exist", "give one that save() has written")
-    if path.suffix in (".csv", ".txt", ".npz", ".npy", ".mat"):
+    if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy", ".mat"):
         remedy = "of columns of your own make stiffbeam.Trajectory.from_arrays(t, tip, system=system)"
         raise InputError("file", str(path), "be netCDF, as run.save('run.nc') writes it", remedy)
     if system is not None:

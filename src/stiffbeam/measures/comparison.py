@@ -73,18 +73,19 @@ def phase_lag(
         return PhaseLag(nan, nan, nan, "the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
-    def J(tau: float) -> float:
-        return float(np.sum(weights * (run(inside + tau) - target) ** 2))
+    # By tau/tau_m: Brent's method has an absolute tolerance, which a small unit of time would exceed.
+    def J(share: float) -> float:
+        return float(np.sum(weights * (run(inside + share * tau_m) - target) ** 2))
 
     # J of an oscillation has several minima: the grid picks one, Brent's method refines it.
-    shifts = np.linspace(-tau_m, tau_m, GRID)
-    values = [J(tau) for tau in shifts]
+    shifts = np.linspace(-1.0, 1.0, GRID)
+    values = [J(share) for share in shifts]
     best = int(np.argmin(values))
     unshifted = float(np.sqrt(J(0.0) / scale))
     if best in (0, GRID - 1):
         return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
     result: Any = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
-    return PhaseLag(float(result.x), float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)
+    return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)
 
 
 AT_REST = (
