@@ -14,6 +14,8 @@ import stiffbeam as sb
 mp = pytest.importorskip("mpmath")
 from precise_motion import PreciseMotion  # noqa: E402
 
+from stiffbeam.references.ball_flow import BallSystem, SignProver, frame_of  # noqa: E402
+
 DIGITS = 50
 
 
@@ -259,3 +261,31 @@ def test_an_unstable_orbit_of_the_beam_is_proved():
     assert np.allclose([float(t) for t in proof.event_times], orbit.events, rtol=0.0, atol=1e-12)
     assert proof.distance < 1e-11
     assert proof.radius < 1e-30
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+@pytest.mark.parametrize(("time", "length"), [(2.0**-30, 1.0), (2.0**20, 2.0**-30), (1.0, 2.0**40)])
+def test_the_subintervals_of_signs_do_not_depend_on_the_units(seed, time, length):
+    """In nanoseconds they were 1e6 times as many, and a proof did not end in minutes."""
+
+    def harmonic(f: sb.Harmonic) -> sb.Harmonic:
+        return sb.Harmonic(f.amplitude * length / time**2, f.frequency / time, phase=f.phase)
+
+    system, _ = random_system(seed)
+    contacts = []
+    for contact in system.contacts:
+        law = contact.stops
+        sides = {name: getattr(law, name) * length for name in ("lower", "upper") if getattr(law, name) is not None}
+        stops = sb.Stops(**sides, stiffness=law.stiffness / time**2, damping=law.damping / time)
+        contacts.append(sb.Contact(contact.row, stops))
+    loads: Any = [(row, harmonic(f)) for row, f in system.loads if isinstance(f, sb.Harmonic)]
+    scaled = sb.System.from_matrices(
+        system.mass, system.stiffness / time**2, system.damping / time, loads=loads, contacts=contacts
+    )
+    lengths = []
+    for each, unit in ((system, 1.0), (scaled, time)):
+        prover = SignProver(BallSystem(each, frame_of(each, 2.0 * np.pi * unit)))
+        lengths.append(
+            [float(prover.regime(sides)[0]) / unit for sides in ((0,) * len(contacts), (1,) * len(contacts))]
+        )
+    np.testing.assert_allclose(lengths[1], lengths[0], rtol=1e-15)

@@ -33,7 +33,7 @@ from .multiprecision.rational import number
 THETA = 5.0  # of a Taylor polynomial: length times rate
 LONGEST = 1.5  # times L, of a subinterval that ends at an event
 TERMS = 48  # (LONGEST THETA)^TERMS/TERMS! is 2^-63
-WEIGHINGS = 60  # turns of the power method for the weights
+ABOVE = 1.05  # times the spectral radius of |G|: the rate that weights reach
 BISECTIONS = 40  # of a subinterval
 
 
@@ -152,11 +152,7 @@ class SignProver:
             G = self.balls.closed(key)
             sizes = np.array([[float(x.abs_upper()) for x in line] for line in G.tolist()])
             sizes *= 1.0 + 1e-12  # for the float64 sums below
-            w = np.ones(len(sizes))
-            # The power method lowers the rate, so that L is longer. The sum with w keeps all weights positive.
-            for _ in range(WEIGHINGS):
-                w = w + sizes @ w / max(float(np.max(sizes)), 1e-300)
-                w /= np.max(w)
+            w = _weights(sizes, 2 * self.balls.n)
             rate = max(float(np.max(sizes @ w / w)), 1e-300) * (1.0 + 1e-12)
             # A power of two, so that L and its multiples are exact.
             length = arb(2.0 ** np.floor(np.log2(THETA / rate)))
@@ -252,6 +248,21 @@ def positive(p: list[Any]) -> tuple[Any, bool | None] | None:
         # The left half comes next, so that the first failure is reported.
         waiting += [(a + w / 2, w / 2, depth + 1), (a, w / 2, depth + 1)]
     return None
+
+
+def _weights(sizes: Array, free: int) -> Array:
+    """Weights w > 0 with max_i (|G| w)_i/w_i about the least there is, in any units; |G| (N, N), ``free`` unknowns.
+
+    (rate - |G|) w = u gives |G| w <= rate w for u >= 0 and a rate above the spectral radius.
+    """
+    rate = ABOVE * max(float(np.max(np.abs(np.linalg.eigvals(sizes)))), 1e-300)
+    u = np.repeat([0.0, 1.0], [free, len(sizes) - free])
+    # The drive pushes: weights of positions and velocities are then in units of the motion.
+    w = np.linalg.solve(rate * np.eye(len(sizes)) - sizes, u)
+    if not np.min(w) > 0.0:  # the drive does not reach an unknown
+        w = np.linalg.solve(rate * np.eye(len(sizes)) - sizes, np.where(w > 0.0, u, 1.0))
+    # Any positive weights serve, also those that rounding has spoiled.
+    return np.maximum(np.nan_to_num(w / np.max(w)), 1e-300)
 
 
 def identity(size: int) -> Any:
