@@ -242,6 +242,9 @@ def test_records_ensembles_and_tables_take_a_hole(tmp_path: Path):
     slides = np.abs(q[:, 0] * v[:, 1] - q[:, 1] * v[:, 0]) / np.maximum(np.hypot(*q.T), 1e-30)
     power = np.abs(run.contacts[0].force) * slides
     assert rates.rates[0]["sliding_work"].value == pytest.approx(np.mean(power), rel=1e-2)
+    # The rows of the hole itself would give the normal work.
+    with pytest.raises(sb.InputError, match="turned by a right angle"):
+        sb.contact_rates(run, tangents=[system.contacts[0].row])
 
 
 def test_a_case_file_takes_two_rows(tmp_path: Path):
