@@ -412,8 +412,7 @@ class _Follower:
             before, after = test(one.multipliers), test(other.multipliers)
             if before * after < 0.0 and min(abs(before), abs(after)) > NOISE:
                 # A multiplier of 1 is a fold only where the parameter turns back; else another branch crosses.
-                turns = one.direction[-1] * other.direction[-1] < 0.0
-                name = "branching" if kind == "fold" and not turns else kind
+                name = "branching" if kind == "fold" and one.direction[-1] * other.direction[-1] >= 0.0 else kind
                 point = self.located(one, other, lambda x, test=test: test(x.multipliers), name == "branching")
                 if point is not None and _reached(kind, point):
                     jumps = False
