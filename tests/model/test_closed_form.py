@@ -13,9 +13,9 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model import closed_form
-from stiffbeam.model.drive import Drive
 from stiffbeam.model.modes import modes
 from stiffbeam.model.semidiscretisation import FORMS
+from stiffbeam.model.time_functions import Drive
 
 
 def test_the_roots_solve_the_frequency_equation():

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner, inner_inlined
-from ..model.drive import Drive
 from ..model.modes import Modes, congruence, uncoupled
 from ..model.system import System
+from ..model.time_functions import Drive
 from .rounding import Perturbation, rounded_sum
 from .spectrum import Chain, Group, groups
 

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner
 from ..model.contact import Contact
-from ..model.drive import Drive
 from ..model.system import System
-from ..model.time_functions import evaluate
+from ..model.time_functions import Drive, evaluate
 from .events import LET_GO
 from .follow import Table, drive, leave, see, see_close, turn
 from .linear import Complex, spin_of

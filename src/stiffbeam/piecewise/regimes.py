@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, content, same
-from ..model.drive import Drive
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
+from ..model.time_functions import Drive
 from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
 from .linear import Pushed, Regime, regime_of
 from .rounding import Correction, Perturbation, correction, rounded_sum

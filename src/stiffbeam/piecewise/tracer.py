@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.resources import Forecast
-from ..model.drive import Drive
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..trajectory.trajectory import SolverFailure
 from .events import LET_GO, next_side, pressed, side_of, watched
 from .exponential_search import Cells, pass_samples, search

@@ -24,8 +24,8 @@ from flint import arb, arb_mat, ctx
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value
-from ..model.drive import Drive
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..piecewise.events import LET_GO
 from .multiprecision.linear_flow import LinearFlow, bernstein
 from .multiprecision.rational import number

@@ -16,11 +16,10 @@ from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
-from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered, parts_of, require_closed_form
+from ...model.time_functions import Drive, covered, parts_of, require_closed_form
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known

@@ -11,9 +11,8 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, numbers, positive
-from ...model.drive import Drive
 from ...model.system import System, require_system
-from ...model.time_functions import offset_values
+from ...model.time_functions import Drive, offset_values
 from ...piecewise.measures import ROUNDINGS, exact_ledger, path_of, within_float64
 from ...piecewise.touching import EPS
 from ...trajectory.records import ContactRecord, Impacts, Ledger

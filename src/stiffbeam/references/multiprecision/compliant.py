@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
-from ...model.drive import Drive
 from ...model.system import System
+from ...model.time_functions import Drive
 from ...piecewise.events import LET_GO, pressed, side_of, switched_by_force
 from ...piecewise.linear import Regime, spin_of
 from ...piecewise.measures import path_of

@@ -17,12 +17,11 @@ from flint import arb, arb_mat, ctx, fmpq
 
 from ...basics.validation import exact_value
 from ...model.contact import Stops
-from ...model.drive import Drive
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ...model.sampled import Sampled, moved
 from ...model.semidiscretisation import bending_stencil, curvature_stencil, semidiscretise
 from ...model.system import System
-from ...model.time_functions import Constant, Harmonic, parts
+from ...model.time_functions import Constant, Drive, Harmonic, parts
 
 
 @dataclass(frozen=True, eq=False)
