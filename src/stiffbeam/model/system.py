@@ -20,8 +20,8 @@ from ..basics.text import DRAW, html_facts
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .contact import Contact, Stops, channel_position
+from .equations import FirstOrderSystem, interleaved
 from .field import beam_field, beam_field_rate, beam_stress
-from .first_order import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import (
