@@ -19,9 +19,9 @@ from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
+from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
 from .equations import FirstOrderSystem, interleaved
-from .field import beam_field, beam_field_rate, beam_stress
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import (
@@ -507,7 +507,7 @@ class System:
         return self.first_order()
 
     def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
-        """u(x, t) of a beam between its nodes, see field; t (m,), q (m, n), x (...) -> (m, ...).
+        """u(x, t) of a beam between its nodes, see ``beam_field``; t (m,), q (m, n), x (...) -> (m, ...).
 
         Raises InputError for a system that is not a beam, and for x outside it.
         """

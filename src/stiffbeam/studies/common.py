@@ -14,7 +14,7 @@ from ..figures.chart import Axis, Curve, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..model.closed_form import natural_frequencies
+from ..model.beam import natural_frequencies
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from ..model.modes import modes
