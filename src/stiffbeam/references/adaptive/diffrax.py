@@ -8,9 +8,10 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from ...basics.arrays import Array
 from ...basics.resources import stopped_clock
@@ -25,6 +26,7 @@ from .scipy import Cubic, stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
+WORST = 1e-8  # error of the inverse in eigenvectors, relative, with which it is used
 LEAST_STEP = 1e-14  # of the time reached: with shorter ones a solver has failed
 _PROGRAMS: dict[tuple[Any, ...], Any] = {}
 
@@ -35,9 +37,10 @@ def solve(request: Request) -> Reference:
     diffrax makes the steps and chooses their lengths. A root is looked for at the ends of every step; where one ends
     a phase, a step of the full order leads to it, and another to every output time, since dense output is of third
     order only. The solver starts anew at every event. Newton's method takes the dense Jacobian by automatic
-    differentiation. A program is compiled once a process for each shape of the system (its time is
-    ``provenance["compile_seconds"]``). Takes time functions made of Harmonic, Constant and Sampled, which JAX can
-    trace. At tight tolerances order 3 needs minutes for a tenth of a time unit.
+    differentiation, and the eigenvectors of the Jacobian where it is constant, see ``Modal``. A program is compiled
+    once a process for each shape of the system (its time is ``provenance["compile_seconds"]``). Takes time functions
+    made of Harmonic, Constant and Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth
+    of a time unit.
     """
     import diffrax
     import jax
@@ -49,33 +52,110 @@ def solve(request: Request) -> Reference:
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         rhs.callbacks = "JAX"
-        return stepping(method, partial(Stepper, rhs, name), steps_to_outputs=True)(rhs, rtol, atol)
+        programs = Programs(rhs, name)
+        return stepping(method, partial(Stepper, programs), steps_to_outputs=True)(rhs, rtol, atol)
 
     return reference_from(request, solver, RESTART)
+
+
+class Modal(NamedTuple):
+    """The constant Jacobian V diag(rates) V^-1 of the n states: [Re V, -Im V] (n, 2n), V^-1 likewise (2n, n), rates.
+
+    Between events under a linear law y' is linear in y. The equations of a stage, (I - c J) d = r, are then solved by
+    two products with V and V^-1 for any c, without a Jacobian or a factorisation in the step. Each of ``iterations``
+    leaves the rounding of V^-1 times the error before it.
+    """
+
+    vectors: Any
+    back: Any
+    rates: Any
+    iterations: Any
+
+
+class Arguments(NamedTuple):
+    """What a program is told of the system; modal: None where Newton's method takes the Jacobian in every step."""
+
+    numbers: Any
+    modal: Modal | None
+
+
+class Programs:
+    """The compiled programs of a solver of diffrax for one right-hand side, whose regime and window change."""
+
+    def __init__(self, rhs: RightHandSide, name: str) -> None:
+        import diffrax
+
+        self.rhs, self.name = rhs, name
+        self._kind = kind = numbers_of(rhs)[0]
+        # If the first stage of a step is the last one of the step before (FSAL), a step has one stage less.
+        tableau = getattr(diffrax, name).tableau
+        self.stages = len(tableau.b_sol) - int(tableau.fsal)
+        # Modal needs y' linear in y. diffrax solves for f in the stages of FSAL solvers alone, else for h f.
+        implicit = issubclass(getattr(diffrax, name), diffrax.AbstractImplicitSolver) and tableau.fsal
+        linear = set(kind.exponents) <= {1.0} and set(kind.seconds) <= {-1} and not kind.damped
+        self._linear = implicit and linear
+        self._known: dict[bytes, Arguments] = {}
+        self._ready: dict[tuple[Any, bool], Any] = {}
+
+    def arguments(self, rtol: float) -> Arguments:
+        """Numbers of the regime and the window of now, on the device."""
+        import jax
+
+        rhs = self.rhs
+        key = rhs.regime.tobytes() + np.array(rhs.window).tobytes()
+        if key not in self._known:
+            fixed = self._linear and bool(np.all(rhs.regime != THROUGH))
+            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if fixed else None
+            self._known[key] = jax.device_put(Arguments(numbers_of(rhs)[1], modal))
+        return self._known[key]
+
+    def __call__(self, function: Callable[..., Any], arguments: Arguments, *rest: Any) -> Any:
+        """``function`` of the name, the kind and these arguments, compiled at its first call."""
+        key = (function, arguments.modal is None)
+        if key not in self._ready:
+            self._ready[key] = self._compiled(function, arguments, *rest)
+        return self._ready[key](arguments, *rest)
+
+    def _compiled(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        import jax
+
+        # The numbers of the system are arguments of the program: systems of one shape share it.
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), arguments)
+        key = (function, self.name, self._kind, jax.tree.structure(shapes), *jax.tree.leaves(shapes))
+        if key not in _PROGRAMS:
+            # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
+            begun = time.process_time()
+            with stopped_clock():
+                _PROGRAMS[key] = jax.jit(partial(function, self.name, self._kind)).lower(*shapes).compile()
+            self.rhs.compile_seconds += time.process_time() - begun
+        return _PROGRAMS[key]
 
 
 class Stepper:
     """A solver of diffrax with the attributes of SciPy's ``OdeSolver``, its steps made in calls of many.
 
-    first_step: the first one's length. t_old, t, y: of the last step.
+    first_step: the first one's length. outputs: the times that ``reach`` will be asked for. t_old, t, y: of the last
+    step.
     """
 
     def __init__(
-        self, rhs: RightHandSide, name: str, _: Any, t0: float, y0: Array, t_bound: float, *, rtol: float, atol: Array,
-        max_step: float = math.inf, first_step: float | None = None, jac: Any = None,
+        self, programs: Programs, _: Any, t0: float, y0: Array, t_bound: float, *, rtol: float, atol: Array,
+        max_step: float = math.inf, first_step: float | None = None, outputs: Array | None = None,
     ) -> None:  # fmt: skip
         self.t, self.y, self.t_bound, self.status = t0, np.asarray(y0), t_bound, "running"
         self.t_old: float = t0
-        self._rhs, self._rtol, self._atol, self._max_step = rhs, rtol, atol, max_step
+        self._programs, self._rtol, self._atol, self._max_step = programs, rtol, atol, max_step
         self._old = self.y
         # The first length is only a guess, which error control corrects. A stated one leads to an event or an output:
         # the caller needs that one step.
         self._next = 1e-3 * rtol**0.2 * min(t_bound - t0, max_step) if first_step is None else first_step
         self._steps = 1 if first_step is not None else FIRST_STEPS
         self._made: list[tuple[float, Array]] = []
+        self._outputs = np.empty(0) if outputs is None else outputs
+        self._reached: dict[float, Array | None] = {}
         self.counters = {"steps": 0, "stages": 0}
-        kind, self._numbers = numbers_of(rhs)
-        self._program, self._stages = _program(name, kind, self._numbers, rhs)
+        with float64_on_the_processor():
+            self._arguments = programs.arguments(rtol)
 
     @property
     def nfev(self) -> int:
@@ -97,72 +177,98 @@ class Stepper:
         """Make up to ``_steps`` steps ahead; return False where there are none."""
         with float64_on_the_processor():
             # One call of the compiled march makes many steps, since each call from Python has its cost.
-            ts, ys, made, tried, self._next = self._program(
-                self._numbers, self.t, self.y, self._next, self.t_bound, self._rtol, self._atol, self._max_step,
-                self._steps,
+            ts, ys, made, tried, self._next = self._programs(
+                _march, self._arguments, self.t, self.y, self._next, self.t_bound, self._rtol, self._atol,
+                self._max_step, self._steps,
             )  # fmt: skip
-            made, tried = int(made), int(tried)
+            made = int(made)
             times, states = np.asarray(ts)[:made].tolist(), np.asarray(ys)[:made]
         self._made = list(zip(times, states, strict=True))
         self._steps = min(CAPACITY, 2 * self._steps)
         # A rejected step takes as many stages as an accepted one.
-        self.counters["steps"] += tried
-        self.counters["stages"] += tried * self._stages
+        self._count(int(tried))
         return made > 0
+
+    def reach(self, t: float) -> Array | None:
+        """The state at t in the last step, by a step of the full order from where that begins; None if the error of
+        this step is too large."""
+        if t not in self._reached:
+            # All outputs in the steps made so far are reached in one call.
+            ends = np.array([self.t, *(time for time, _ in self._made)])
+            times = self._outputs[(self._outputs >= t) & (self._outputs < ends[-1])][:CAPACITY]
+            times = times if t in times else np.array([t])
+            lefts = [(self.t_old, self._old), (self.t, self.y), *self._made]
+            begins = [lefts[k] for k in np.searchsorted(ends, times)]
+            count = len(times)
+            starts, ahead, states = np.zeros(CAPACITY), np.ones(CAPACITY), np.zeros((CAPACITY, len(self.y)))
+            starts[:count], ahead[:count] = [time for time, _ in begins], times
+            states[:count] = [state for _, state in begins]
+            with float64_on_the_processor():
+                reached, fits = self._programs(
+                    _reach, self._arguments, starts, states, ahead, self._rtol, self._atol, count
+                )
+                reached, fits = np.asarray(reached), np.asarray(fits)
+            self._reached = {float(x): reached[i] if fits[i] else None for i, x in enumerate(times)}
+            self._count(count)
+        return self._reached[t]
+
+    def _count(self, steps: int) -> None:
+        self.counters["steps"] += steps
+        self.counters["stages"] += steps * self._programs.stages
 
     def dense_output(self) -> Cubic:
         """The cubic with the states and rates at both ends of the last step."""
-        return Cubic(self._rhs, self.t_old, self._old, self.t, self.y)
+        return Cubic(self._programs.rhs, self.t_old, self._old, self.t, self.y)
 
 
-def _program(name: str, kind: Kind, numbers: Any, rhs: RightHandSide) -> tuple[Callable[..., Any], int]:
-    """The compiled march of a solver for systems of one shape, and its stages a step."""
+def _modal(jacobian: Array, rtol: float) -> Modal | None:
+    """The Jacobian in its eigenvectors; None where these are so ill-conditioned that it needs many iterations."""
+    # Scaled first, so that the units of the unknowns do not count.
+    balanced, (scale, _) = scipy.linalg.matrix_balance(jacobian, permute=False, separate=True)
+    rates: Any
+    vectors: Any
+    rates, vectors = np.linalg.eig(balanced.astype(complex))
+    loss = float(np.linalg.cond(vectors)) * np.finfo(float).eps
+    if not loss < WORST:
+        return None
+    # The errors of the stages are to stay far below those of the steps.
+    iterations = max(1, math.ceil(math.log(1e-3 * rtol) / math.log(loss)))
+    inverse: Any = np.linalg.inv(vectors) / scale
+    vectors = scale[:, None] * vectors
+    # Re(V x) as a product of real matrices, which is several times as fast.
+    stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([inverse.real, inverse.imag])
+    return Modal(*stacked, rates, iterations)
+
+
+def _method(name: str, kind: Kind, arguments: Arguments, rtol: Any, atol: Any) -> tuple[Any, Any]:
+    """The solver of diffrax and its term."""
     import diffrax
+    import optimistix
 
-    # The numbers of the system are arguments of the program: systems of one shape share it.
-    key = (name, kind, rhs.size, *(np.shape(x) for x in numbers))
-    if key not in _PROGRAMS:
-        import jax
-
-        scalar, integer = jax.ShapeDtypeStruct((), np.float64), jax.ShapeDtypeStruct((), np.int64)
-        vector = jax.ShapeDtypeStruct((rhs.size,), np.float64)
-        # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
-        begun = time.process_time()
-        with stopped_clock(), float64_on_the_processor():
-            shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), numbers)
-            arguments = (shapes, scalar, vector, scalar, scalar, scalar, vector, scalar, integer)
-            _PROGRAMS[key] = jax.jit(partial(_march, name, kind)).lower(*arguments).compile()
-        rhs.compile_seconds += time.process_time() - begun
-    # If the first stage of a step is the last one of the step before (FSAL), a step has one stage less.
-    tableau: Any = getattr(diffrax, name).tableau
-    return _PROGRAMS[key], len(tableau.b_sol) - int(tableau.fsal)
+    term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x.numbers))
+    solver = getattr(diffrax, name)
+    finder: dict[str, Any] = {}
+    if issubclass(solver, diffrax.AbstractImplicitSolver):
+        # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
+        maker: Any = diffrax.VeryChord if arguments.modal is None else _modal_root_finder()
+        finder["root_finder"] = maker(rtol=rtol, atol=atol, norm=optimistix.rms_norm)
+    return solver(**finder), term
 
 
 def _march(
-    name: str, kind: Kind, numbers: Any, t: Any, z: Any, dt: Any, end: Any, rtol: Any, atol: Any, max_step: Any,
+    name: str, kind: Kind, arguments: Any, t: Any, z: Any, dt: Any, end: Any, rtol: Any, atol: Any, max_step: Any,
     count: Any,
 ) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
     """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, the numbers of accepted and
     of tried steps, and the length of the next."""
     import diffrax
     import jax.numpy as jnp
-    import optimistix
     from jax import lax
 
-    # Between events under a linear law all but the viscous power is linear, and one iteration is exact.
-    plain = set(kind.exponents) <= {1.0} and set(kind.seconds) <= {-1} and not kind.damped
-    linear = plain and not numbers.damping.shape[0]
-    once = jnp.all(numbers.regime != THROUGH) if linear else False
-    term = diffrax.ODETerm(partial(rate_with_integrals, kind))
+    solver, term = _method(name, kind, arguments, rtol, atol)
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
-    kind_of_solver = getattr(diffrax, name)
-    implicit = issubclass(kind_of_solver, diffrax.AbstractImplicitSolver)
-    finder: dict[str, Any] = {}
-    if implicit:  # to the tolerances of the steps, as diffrax.diffeqsolve sets it
-        finder["root_finder"] = _chord()(rtol=rtol, atol=atol, norm=optimistix.rms_norm, once=once)
-    solver = kind_of_solver(**finder)
     order = solver.error_order(term)
-    _, control = controller.init(term, t, end, z, dt, numbers, solver.func, order)
+    _, control = controller.init(term, t, end, z, dt, arguments, solver.func, order)
 
     def going_on(carry: Any) -> Any:
         # The march ends also where steps become too short. ``step`` reports a march without any step as a failure.
@@ -175,9 +281,9 @@ def _march(
         # A step that ends a little before ``end`` is stretched to it: the rest would be a billionth of it.
         last = now + (1.0 + 1e-9) * length >= end
         until = jnp.where(last, end, now + length)
-        new, error, _, new_memory, _ = solver.step(term, now, until, state, numbers, memory, False)
+        new, error, _, new_memory, _ = solver.step(term, now, until, state, arguments, memory, False)
         keep, _, ahead, _, control, _ = controller.adapt_step_size(
-            now, until, state, new, numbers, error, order, control
+            now, until, state, new, arguments, error, order, control
         )
         # A state with infinities is rejected, whatever its error estimate.
         keep = keep & jnp.all(jnp.isfinite(new))
@@ -192,7 +298,7 @@ def _march(
             tried + 1, times, states,
         )  # fmt: skip
 
-    memory = solver.init(term, t, end, z, numbers)
+    memory = solver.init(term, t, end, z, arguments)
     zero = jnp.zeros((), jnp.int64)
     # Arrays of fixed size, as a compiled loop needs them; ``count`` is at most CAPACITY.
     buffers = jnp.zeros(CAPACITY), jnp.zeros((CAPACITY, len(z)))
@@ -200,6 +306,74 @@ def _march(
         going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
     )
     return times, states, made, tried, length
+
+
+def _reach(
+    name: str, kind: Kind, arguments: Any, starts: Any, states: Any, ends: Any, rtol: Any, atol: Any, count: Any
+) -> tuple[Any, Any]:
+    """One step from each of the first ``count`` starts to its end: the states there, and whether the error fits."""
+    import jax.numpy as jnp
+    import optimistix
+    from jax import lax
+
+    solver, term = _method(name, kind, arguments, rtol, atol)
+
+    def one(k: Any, carry: Any) -> Any:
+        reached, fits = carry
+        t, end, z = starts[k], ends[k], states[k]
+        memory = solver.init(term, t, end, z, arguments)
+        new, error, _, _, _ = solver.step(term, t, end, z, arguments, memory, False)
+        # The norm of PIDController.
+        size = optimistix.rms_norm(error / (atol + rtol * jnp.maximum(jnp.abs(z), jnp.abs(new))))
+        return reached.at[k].set(new), fits.at[k].set((size < 1.0) & jnp.all(jnp.isfinite(new)))
+
+    return lax.fori_loop(0, count, one, (jnp.zeros_like(states), jnp.zeros(len(starts), bool)))
+
+
+@cache
+def _modal_root_finder() -> Any:
+    """The root finder for the stages f = f(y + c f) where the Jacobian of the states is constant, see ``Modal``."""
+    import jax.numpy as jnp
+    import optimistix
+
+    class Chord(optimistix.AbstractRootFinder[Any, Any, Any, Any]):
+        """Iterations by the inverse in ``Modal``; their state is (its diagonal, iterations so far)."""
+
+        rtol: Any
+        atol: Any
+        norm: Any
+
+        def init(
+            self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any
+        ) -> tuple[Any, Any]:
+            if "init_state" in options:
+                return options["init_state"]
+            _, diagonal, *_, arguments, h = args
+            return 1.0 / (1.0 - h * diagonal * arguments.modal.rates), jnp.array(0)
+
+        def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
+            diagonal, step = state
+            modal = args[-2].modal
+            n = len(modal.rates)
+            rest, aux = fn(y, args)
+            x = modal.back @ rest[:n]
+            x = diagonal * (x[:n] + 1j * x[n:])
+            y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
+            # No rate depends on the integrals, so that theirs follow from the states at once.
+            rest, aux = fn(y, args)
+            return y.at[n:].add(-rest[n:]), (diagonal, step + 1), aux
+
+        def terminate(
+            self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any
+        ) -> tuple[Any, optimistix.RESULTS]:
+            return state[1] >= args[-2].modal.iterations, optimistix.RESULTS.successful
+
+        def postprocess(
+            self, fn: Any, y: Any, aux: Any, args: Any, options: Any, state: Any, tags: Any, result: Any
+        ) -> tuple[Any, Any, dict[str, Any]]:
+            return y, aux, {}
+
+    return Chord
 
 
 def jax_devices() -> list[Any]:
@@ -232,22 +406,6 @@ def float64_on_the_processor() -> Generator[None]:
         processor = None
     with home.enable_x64(True), jax.default_device(processor):
         yield
-
-
-@cache
-def _chord() -> Any:
-    """The chord method of diffrax, ended after one iteration where ``once`` is True."""
-    import diffrax
-
-    class Chord(diffrax.VeryChord):
-        once: Any = False
-
-        def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
-            # The second iteration measures the convergence. Under linear equations it only confirms the first.
-            ended, result = super().terminate(fn, y, args, options, state, tags)
-            return ended | (self.once & (state.step > 0)), result
-
-    return Chord
 
 
 def _chosen(keep: Any, new: Any, old: Any) -> Any:
