@@ -61,7 +61,7 @@ from .references.exact.rigid_reference import rigid_limit as rigid_limit
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
 from .references.orbit_proof import OrbitProof as OrbitProof
-from .schemes.registry import *  # noqa: F403
+from .schemes import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise

@@ -195,7 +195,7 @@ def names_of(kind: str) -> list[str]:
 
         return list(problems())
     from ..references.registry import REFERENCES
-    from ..schemes.registry import RIGID, SCHEMES
+    from ..schemes import RIGID, SCHEMES
 
     schemes = [scheme.__name__ for scheme in (*SCHEMES.values(), *RIGID.values())]
     return {"schemes": schemes, "methods": list(REFERENCES)}.get(kind, [*schemes, *REFERENCES])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
@@ -562,7 +562,7 @@ class System:
             "loads": b"".join(loads),
             "contacts": b"".join(contacts),
             "exact parameters": "; ".join(self.exact_parameters).encode(),
-            "units": repr(self.units).encode() if self.units.known else b"",
+            "units": b"" if self.units in (NON_DIMENSIONAL, UNKNOWN) else repr(self.units).encode(),
         }
 
     def differences(self, other: System) -> list[str]:

@@ -55,7 +55,8 @@ from ..model.time_functions import Drive
 from ..model.uncertain import Uncertain
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
-from ..schemes import RIGID, SCHEMES, Scheme, make
+from ..schemes import RIGID, SCHEMES, Scheme
+from ..schemes.labels import make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from .budget import Budget
 from .common import label_of
