@@ -26,7 +26,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value
 from ..model.system import System
 from ..model.time_functions import Drive
-from ..piecewise.events import LET_GO
+from ..piecewise.follow import LET_GO
 from .multiprecision.linear_flow import LinearFlow, bernstein
 from .multiprecision.rational import number
 

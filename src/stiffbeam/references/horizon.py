@@ -17,9 +17,9 @@ from ..basics.validation import InputError
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System
+from ..piecewise.linear import Perturbation
 from ..piecewise.measures import entries, path_of, within_float64
 from ..piecewise.regimes import Source
-from ..piecewise.rounding import Perturbation
 from ..piecewise.spectrum import known_until
 from ..piecewise.tracer import Tracer
 from ..trajectory.records import Impacts

@@ -3,7 +3,7 @@
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last segment ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
 If the force is continuous, tangent vectors do not jump at an event (the saltation matrix is the identity), and Phi is
-the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see events.
+the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see follow.py.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...basics.validation import integer, positive
 from ...model.modes import undamped_modes
 from ...model.system import System, require_system
 from ...model.time_functions import offset_rate
-from ...piecewise.events import entry
+from ...piecewise.follow import entry
 from ...piecewise.generator import Generators
 from ...piecewise.measures import audit, within_float64
 from ...piecewise.motion import Motion

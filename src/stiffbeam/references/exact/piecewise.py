@@ -40,7 +40,7 @@ def solve_exact(
     """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
+    stops, damped ones too (follow.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
     with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
     rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
     or the energy balance of the motion is open.
@@ -49,7 +49,7 @@ def solve_exact(
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
     B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
     crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
-    u' vanishes too the first derivative that does not decides (touching.py).
+    u' vanishes too the first derivative that does not decides (search.py).
     """
     begun = clock()
     positive("t_end", t_end)

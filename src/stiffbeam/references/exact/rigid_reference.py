@@ -14,7 +14,7 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
 from ...model.time_functions import Drive, offset_values
 from ...piecewise.measures import ROUNDINGS, exact_ledger, path_of, within_float64
-from ...piecewise.touching import EPS
+from ...piecewise.search import EPS
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched

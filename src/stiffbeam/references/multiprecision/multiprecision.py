@@ -34,12 +34,12 @@ from ...basics.resources import Forecast, clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
 from ...model.time_functions import Drive
-from ...piecewise.events import LET_GO, pressed, side_of, switched_by_force
+from ...piecewise.follow import LET_GO, pressed, side_of, switched_by_force
 from ...piecewise.linear import Regime, spin_of
 from ...piecewise.measures import path_of
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Regimes, Source
-from ...piecewise.touching import EPS, REMEDY
+from ...piecewise.search import EPS, REMEDY
 from ...piecewise.tracer import Gaps
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.lyapunov import lyapunov
