@@ -26,8 +26,13 @@ from ...piecewise.regimes import Known
 from ...piecewise.tracer import tracer_of
 from ...trajectory.records import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import output_times
+from ..registry import Request, output_times
 from .derivative import derivative
+
+
+def solve(request: Request) -> Reference:
+    """Return the exact solution with compliant stops; of a request it takes system, t_end and t_eval."""
+    return solve_exact(request.system, request.t_end, request.t_eval)
 
 
 def solve_exact(
