@@ -13,6 +13,7 @@ from break_it import damaged
 
 import stiffbeam as sb
 from stiffbeam.basics import storage
+from stiffbeam.files import store
 
 SEALED = storage.SEAL_LENGTH  # bytes behind those that HDF5 reads
 
@@ -40,7 +41,7 @@ def read(file: Path, run: sb.Trajectory) -> bool:
 
 def test_damage_to_a_file_of_ours_is_found_before_hdf5_sees_it(run, content, tmp_path, monkeypatch):
     monkeypatch.setattr(storage, "_unreadable", lambda file, size: "its seal is damaged")
-    monkeypatch.setattr("xarray.open_dataset", None)
+    monkeypatch.setattr(store, "read_netcdf", None)
     for seed in range(600):
         (file := tmp_path / "run.nc").write_bytes(damaged(content, seed))
         assert read(file, run), seed

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import gc
 import hashlib
+import re
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
@@ -22,6 +22,7 @@ from .validation import InputError
 
 # Sums may be reassociated and contracted, but NaN and inf stay honest: an overflow must be seen.
 FASTMATH = {"reassoc", "contract"}
+IMPORT = re.compile(r"^ *from (\.+)([\w.]+) import", re.MULTILINE)
 LONG = 1.0  # seconds of compiling, after which there is garbage
 
 
@@ -106,13 +107,12 @@ def directory(file: Path) -> Path:
 def _sources(file: Path) -> frozenset[Path]:
     """A file and the files with compiled functions that it imports from, directly or through others."""
     sources = {file}
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.level and node.module:
-            # The file of a relative import: one dot is the file's folder.
-            imported = file.parents[node.level - 1].joinpath(*node.module.split(".")).with_suffix(".py")
-            # Only a file that imports from ``compiled`` holds functions that become part of kernels.
-            if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
-                sources |= _sources(imported)
+    for dots, module in IMPORT.findall(file.read_text(encoding="utf-8")):
+        # The file of a relative import: one dot is the file's folder.
+        imported = file.parents[len(dots) - 1].joinpath(*module.split(".")).with_suffix(".py")
+        # Only a file that imports from ``compiled`` holds functions that become part of kernels.
+        if imported.is_file() and "compiled import" in imported.read_text(encoding="utf-8"):
+            sources |= _sources(imported)
     return frozenset(sources)
 
 

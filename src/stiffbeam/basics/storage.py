@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -149,6 +149,7 @@ def _lives(process: int) -> bool:
     return True
 
 
+FORMAT_ATTRIBUTES = ("CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST")  # of HDF5's dimension scales
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10d}"  # the name that netCDF-4 prescribes
 
 SEAL = b"\nsha256 "  # before the digest of all bytes in front of it
@@ -181,11 +182,15 @@ class Arrays:
     variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]]
     attributes: dict[str, Any]
 
-    @classmethod
-    def of(cls, data: xr.Dataset) -> Arrays:
-        """The variables of a dataset, unchanged."""
-        each = {str(name): (tuple(map(str, x.dims)), x.values, dict(x.attrs)) for name, x in data.variables.items()}
-        return cls(each, dict(data.attrs))
+    def __getitem__(self, name: str) -> Array:
+        return self.variables[name][1]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.variables
+
+    def renamed(self, names: Mapping[str, str]) -> Arrays:
+        """The same with other names of the variables in ``names``."""
+        return Arrays({names.get(name, name): each for name, each in self.variables.items()}, self.attributes)
 
     def to_xarray(self) -> xr.Dataset:
         """The variables as an xarray.Dataset."""
@@ -266,6 +271,32 @@ def write_netcdf(data: Arrays, file: str | Path, compression: int = 0) -> Path:
         target.flush()
         image = target.id.get_file_image()
     return write_whole(file, image + SEAL + hashlib.sha256(image).hexdigest().encode())
+
+
+def read_netcdf(file: str | Path) -> Arrays:
+    """The arrays in a netCDF-4 file of one group. The file has to be whole, see ``require_whole``."""
+    import h5py
+
+    with h5py.File(file) as source:
+        variables = {}
+        for name, stored in source.items():
+            # A dimension without values has a name that says so.
+            if not _plain(stored.attrs.get("NAME", "")).startswith(NO_VARIABLE[:40]):
+                scales = [axis[0].name if len(axis) else f"/{name}" for axis in stored.dims]
+                variables[name] = (tuple(each.lstrip("/") for each in scales), stored[()], _notes(stored))
+        return Arrays(variables, _notes(source))
+
+
+def _notes(item: Any) -> dict[str, Any]:
+    """Attributes of a variable or a file, without those that make up the format."""
+    ours = (name for name in item.attrs if name not in FORMAT_ATTRIBUTES and not name.startswith("_N"))
+    return {name: _plain(item.attrs[name]) for name in ours}
+
+
+def _plain(value: Any) -> Any:
+    """An array of one entry as this entry, bytes as text."""
+    value = value.item() if isinstance(value, (np.ndarray, np.generic)) and value.size == 1 else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def require_whole(file: Path) -> None:

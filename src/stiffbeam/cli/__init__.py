@@ -22,11 +22,6 @@ def main() -> None:
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
     from ..basics.validation import InputError
 
-    try:
-        from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
-    except InputError as error:  # of the environment, see basics.compiled
-        _fail(error, 2)
-
     stopped: list[int] = []
 
     def end(number: int, _: object) -> None:
@@ -54,7 +49,12 @@ def main() -> None:
         app()
     except InputError as error:
         _fail(error, 2)
-    except (Diverged, SolverFailure, Unfinished) as error:
+    except RuntimeError as error:
+        # Imported here: they load SciPy and numba, which help and completion do without.
+        from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
+
+        if not isinstance(error, (Diverged, SolverFailure, Unfinished)):
+            raise
         _fail(error, 1)
     except (KeyboardInterrupt, SystemExit) as stop:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:

@@ -15,7 +15,7 @@ from ..basics.compiled import compiled, inner
 from ..model.contact import Contact
 from ..model.system import System
 from ..model.time_functions import Drive, evaluate
-from .follow import LET_GO, Table, drive, leave, see, see_close, turn
+from .follow import LET_GO, Table, drive, enter, leave, see, see_close, turn
 from .linear import Complex, spin_of
 from .measures import NODES, WEIGHTS, integrated, pressed_by
 from .regimes import Pairs, Regimes
@@ -386,10 +386,11 @@ def grow(
     rows: (m, n), what the entry into a damped stop takes of a velocity, for what a contact sees. Ended where a growth
     is above ``enough``; returns how many of the widths were passed, less where a vector vanishes or overflows."""
     n, last = q.shape[1], piece[0]
+    none, work = np.empty(0), np.empty((2, n))  # no drive acts on the difference of two motions
     for i in range(widths.size):
         over = False
         r = regime[piece[i]]
-        size, inward, outward = abs(table.sizes[r]), table.inward[r], table.outward[r]
+        size = abs(table.sizes[r])
         # Turns of the pairs over this width, decay included.
         x, y, c, s, versine = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
         oscillations(table.omega[r, :size], widths[i], c, s, versine)
@@ -409,19 +410,11 @@ def grow(
                         for j in range(n):
                             v[k, j] -= kicks[contact, j] * seen
             # To the pairs, ahead by the turns, and back to the free modes.
+            enter(table, r, q[k], v[k], none, x, y, work)
             for j in range(size):
-                a = b = 0.0
-                for m in range(n):
-                    a += inward[0, m, j] * q[k, m] + inward[1, m, j] * v[k, m]
-                    b += inward[2, m, j] * q[k, m] + inward[3, m, j] * v[k, m]
                 w = table.omega[r, j]
-                x[j], y[j] = a * c[j] + b * s[j], b * c[j] - w * w * s[j] * a
-            for m in range(n):
-                a = b = 0.0
-                for j in range(size):
-                    a += outward[0, j, m] * x[j] + outward[1, j, m] * y[j]
-                    b += outward[2, j, m] * x[j] + outward[3, j, m] * y[j]
-                q[k, m], v[k, m] = a, b
+                x[j], y[j] = x[j] * c[j] + y[j] * s[j], y[j] * c[j] - w * w * s[j] * x[j]
+            leave(table, r, x, y, none, q[k], v[k])
             length = energy_norm(omega, q[k], v[k])
             # Squares of the length must stay within float64.
             if not 1e-150 < length < 1e150:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, silent
-from ..basics.storage import write_whole
+from ..basics.storage import read_netcdf, write_whole
 from ..basics.text import plain
 from ..basics.validation import InputError, positive
 from ..files.cases import Case, case_text, paper_cases
@@ -69,15 +69,12 @@ def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
 
 def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> str:
     """Return the first difference between a file and its entry in the manifest, "" if there is none."""
-    import xarray as xr
-
-    with xr.open_dataset(file, engine="h5netcdf", decode_times=False) as data:
-        written = data.attrs.get("hash"), data.attrs.get("bound")
+    written = read_netcdf(file).attributes
     notes = solution.provenance
     facts: dict[str, Any] = contact_facts(solution) | {
         "t_end": notes["t_end"], "form": notes["form"], "digits": notes.get("digits"),
-        "confirmed_with": notes.get("digits_confirmed_with"), "hash": written[0], "bound": written[1],
-    }  # fmt: skip
+        "confirmed_with": notes.get("digits_confirmed_with"),
+    } | {name: written.get(name) for name in ("hash", "bound")}  # fmt: skip
     for name, fact in facts.items():
         said = entry.get(name)
         same = math.isclose(said, fact, rel_tol=1e-6) if isinstance(said, float) and fact is not None else said == fact

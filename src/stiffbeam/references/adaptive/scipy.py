@@ -20,6 +20,7 @@ STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's
 MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
 IMPLICIT = ("BDF", "LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
+BETWEEN = 32  # steps between two looks at the clock
 POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
 
 
@@ -79,18 +80,23 @@ def stepping(
             directions = np.array(watch.directions)
             ended_by: list[Root] = []
             # Step by step: a step, its roots, and the outputs up to its end or to the event.
+            steps = 0
             while stepper.status == "running" and not ended_by:
                 left, message = stepper.y, stepper.step()
-                refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
+                steps += 1
+                if steps % BETWEEN == 0:
+                    refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
                 if stepper.status == "failed":
                     raise SolverFailure(
                         method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
                     )
                 after = watch.values(stepper.t, stepper.y).copy()
                 # Zero counts as negative: a root at the joint of two steps is found once.
-                changed = np.flatnonzero(((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0))
+                crossed = (before <= 0.0) != (after <= 0.0)
+                if crossed.any():  # most steps have no root
+                    crossed &= directions * (after - before) >= 0.0
                 before, stop = after, stepper.t
-                for root in _located(stepper, watch, changed) if len(changed) else ():
+                for root in _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ():
                     if watch.ends([root]):
                         t, z = (root.time, root.z)
                         # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
@@ -99,8 +105,8 @@ def stepping(
                         ended_by, stop = [root._replace(time=t, z=z)], t
                         break
                 # Outputs of the step, by dense output or by a short step to each.
-                due = phase.times[len(states) :]
-                due = due[due <= stop]
+                last = int(phase.times.searchsorted(stop, "right"))
+                due = phase.times[len(states) : last]
                 if len(due) and steps_to_outputs:
                     for t in due.tolist():
                         z = _stepped(start, stepper, left, t, counters)
