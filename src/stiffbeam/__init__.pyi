@@ -53,11 +53,11 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.continuation import Branch as Branch
 from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
-from .references.exact.lyapunov import PerturbationGrowth as PerturbationGrowth
-from .references.exact.lyapunov import lyapunov as lyapunov
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.exact.rigid_reference import rigid_limit as rigid_limit
+from .references.horizon import PerturbationGrowth as PerturbationGrowth
+from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
 from .references.orbit_proof import OrbitProof as OrbitProof

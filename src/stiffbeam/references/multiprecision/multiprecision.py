@@ -42,8 +42,8 @@ from ...piecewise.regimes import Regimes, Source
 from ...piecewise.search import EPS, REMEDY
 from ...piecewise.tracer import Gaps
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.lyapunov import lyapunov
 from ..exact.piecewise import reference_of, refuse
+from ..horizon import lyapunov
 from ..registry import Request
 from .linear_flow import DERIVATIVES, Block, LinearFlow, Split, with_drives
 from .rational import carried, exact_problem
