@@ -309,13 +309,16 @@ def test_the_advised_run_has_the_wanted_work_rate():
 
 @pytest.mark.slow
 def test_work_rates_past_the_horizon_are_means():
-    """A chaotic beam: the mean over 8 advised members is that of 8 exact ones, to what was wanted."""
+    """A chaotic beam: the mean over the advised members is that of exact ones, to what was wanted.
+
+    Two means over 24 members differ by .12 sqrt(2/24) = .035 or so, whatever the rounding of a machine makes of them.
+    """
     system = sb.semidiscretise(sb.paper_case(10).problem, 8)
-    want = {"normal_work": 0.1, "impacts": 0.1}
-    advice = sb.advise(system, want, t_end=1.0, schemes=[sb.ExponentialFlow(), sb.Trapezoidal()], members=8)
-    assert advice.members == 8
+    want = {"normal_work": 0.2, "impacts": 0.2}
+    advice = sb.advise(system, want, t_end=1.0, schemes=[sb.ExponentialFlow(), sb.Trapezoidal()], members=24)
+    assert advice.members == 24
     run = advice.recommendation
-    members = sb.perturbed_members(system, 8, 1e-3, t_end=1.0)
+    members = sb.perturbed_members(system, 24, 1e-3, t_end=1.0)
     rates = [
         np.mean([sb.contact_rates(solve(x)).rates[0]["normal_work"].value for x in members])
         for solve in (lambda x: sb.integrate(x, run.scheme, run.dt, 1.0), lambda x: sb.reference(x, 1.0))

@@ -203,7 +203,7 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
     for name in [name for name, probe in alone.items() if probe is None]:
         best = min(tried, key=lambda p, name=name: p.errors[name])
         runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
-        reasons[name] = f"{runs}{most} steps; the best has {best.errors[name]:.2g}, {best.label} at dt = {best.dt:.3g}"
+        reasons[name] = f"{runs}{most} steps; the best has {best.errors[name]:.3g}, {best.label} at dt = {best.dt:.3g}"
     if reasons:
         return reasons
     name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
@@ -462,7 +462,9 @@ def advise(
     # Give up what no run reaches, and advise for the rest.
     while chosen is None and open_wants:
         worst = unreached(tried, open_wants, most)
-        cannot |= worst
+        # Means carry the scatter of their members, which no step makes smaller.
+        more = f"; a mean over more than {criterion.members} members is nearer" if criterion.members else ""
+        cannot |= {name: why + more for name, why in worst.items()}
         open_wants = {name: x for name, x in open_wants.items() if name not in worst}
         chosen = cheapest(tried, open_wants) if open_wants else None
     until = 0.0

@@ -94,20 +94,23 @@ class Programs:
         implicit = issubclass(getattr(diffrax, name), diffrax.AbstractImplicitSolver) and tableau.fsal
         linear = set(kind.exponents) <= {1.0} and set(kind.seconds) <= {-1} and not kind.damped
         self._linear = implicit and linear
-        self._known: dict[bytes, Arguments] = {}
+        self._numbers: Any = None
+        self._modal: dict[bytes, Modal | None] = {}
         self._ready: dict[tuple[Any, bool], Any] = {}
 
     def arguments(self, rtol: float) -> Arguments:
-        """Numbers of the regime and the window of now, on the device."""
+        """Numbers of the regime and the window of now; all others lie on the device."""
         import jax
 
-        rhs = self.rhs
-        key = rhs.regime.tobytes() + np.array(rhs.window).tobytes()
-        if key not in self._known:
+        rhs, regime = self.rhs, self.rhs.regime.tobytes()
+        if self._numbers is None:
+            self._numbers = jax.device_put(numbers_of(rhs)[1])
+        if regime not in self._modal:
             fixed = self._linear and bool(np.all(rhs.regime != THROUGH))
             modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if fixed else None
-            self._known[key] = jax.device_put(Arguments(numbers_of(rhs)[1], modal))
-        return self._known[key]
+            self._modal[regime] = jax.device_put(modal)
+        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window))
+        return Arguments(numbers, self._modal[regime])
 
     def __call__(self, function: Callable[..., Any], arguments: Arguments, *rest: Any) -> Any:
         """``function`` of the name, the kind and these arguments, compiled at its first call."""

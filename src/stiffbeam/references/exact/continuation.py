@@ -55,7 +55,7 @@ ALONG = 0.5  # of the parameter's part of the direction: where so much is left t
 LINEAR = 1e-9  # of the derivatives of data by the parameter: those at both limits give the others
 NOISE = 1e-9  # of a test function: below it its sign is rounding, as without damping
 NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from its last point
-BESIDE = 1e-4  # of a step: as near comes the search to a point where another branch crosses
+BESIDE = 0.02  # of a step: as near comes the search to a point where another branch crosses
 SPLIT = 12  # halvings of a step between two grazings
 AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
 LOST_AT = (SolverFailure, np.linalg.LinAlgError, FloatingPointError)  # errors at which no point is reached
@@ -487,30 +487,30 @@ class _Follower:
     def located(
         self, one: _Point, other: _Point, test: Callable[[_Point], float], crossed: bool = False
     ) -> _Point | None:
-        """The point between two neighbours where a test function vanishes, None where it is not reached. crossed: by
-        another branch, along which rounding moves points that are closer than BESIDE."""
+        """The point between two neighbours where a test function vanishes, None where it is not reached. crossed: by a
+        branch along which rounding moves points by its size over their distance: there the place is interpolated."""
         known = {s: (point, np.zeros(len(one.direction))) for s, point in ((0.0, one), (1.0, other))}
-        # Tolerance of the place: 1e-13 of the parameter, as a share of the way between the points.
-        size = 1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300)
+        size = 1e-13 * abs(one.value) / max(abs(other.value - one.value), 1e-300)  # of the parameter, in ways between
         near = BESIDE if crossed else float(np.clip(size, 1e-14, 1e-9))
 
-        def at(s: float, closed: float = CLOSED if crossed else LOCATED) -> _Point:
-            if s not in known:
-                places = sorted(known, key=lambda x: abs(x - s))[:4]  # of the nearest points
-                step = krogh_interpolate(places, [known[x][1] for x in places], s)
-                try:
-                    known[s] = self.inside(one, other, s, step, closed)
-                except LOST_AT:
-                    known[s] = self.inside(one, other, s, None, closed)
+        def at(s: float, closed: float = LOCATED) -> _Point:
+            places = sorted(known, key=lambda x: abs(x - s))[:4]  # of the nearest points
+            if abs(places[0] - s) <= 1e-9 * crossed:
+                return known[places[0]][0]
+            step = krogh_interpolate(places, [known[x][1] for x in places], s)
+            try:
+                known[s] = self.inside(one, other, s, step, closed)
+            except LOST_AT:
+                known[s] = self.inside(one, other, s, None, closed)
             return known[s][0]
 
         try:
             share: Any = brentq(lambda s: test(at(s)), 0.0, 1.0, xtol=near, rtol=np.float64(1e-14))
-            if crossed:
-                places = sorted(known, key=lambda x: abs(x - share))[:4]
-                share = float(krogh_interpolate([test(known[x][0]) for x in places], places, 0.0))
-            # Where another branch crosses, the corrector is singular: the interpolated point is the better one.
-            return at(share, BESIDE**2 if crossed else LOCATED)
+            if not crossed:
+                return at(share)
+            six = np.clip(share, 2.5 * BESIDE, 1.0 - 2.5 * BESIDE) + BESIDE * (np.arange(6) - 2.5)
+            share = float(krogh_interpolate([test(at(x)) for x in six.tolist()], six, 0.0))
+            return at(share, 1e-8)  # the corrector is singular there: the interpolated point counts as it is
         except (*LOST_AT, ValueError):
             return None
 
