@@ -143,8 +143,14 @@ def numba_loop(system: sb.System, dt: float, steps: int) -> tuple[Timed, np.ndar
     return timed(lambda: march(tables, start.copy(), w, dt, BETA, GAMMA, *rest, tip)), tip
 
 
-def in_c(system: sb.System, dt: float, steps: int, fixed: bool = False) -> tuple[Timed, np.ndarray]:
-    """In modes, hand_written.c; ``fixed``: their number is known to the compiler. OSError without a compiler."""
+def in_c(
+    system: sb.System, dt: float, steps: int, fixed: bool = False, writes: str = "tip"
+) -> tuple[Timed, np.ndarray]:
+    """In modes, hand_written.c; ``fixed``: their number is known to the compiler. OSError without a compiler.
+
+    writes: to a new array in every run, "tip" its position, "outputs" also its velocity, force and time as
+    ``integrate`` does, "ledger" the energy balance of every step; then the array returned is the loss.
+    """
     tables, start, w, *rest = Modal.of(system, dt)
     tip, source = np.empty(steps + 1), Path(__file__).with_suffix(".c")
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -154,16 +160,38 @@ def in_c(system: sb.System, dt: float, steps: int, fixed: bool = False) -> tuple
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "hand_written.so"
         flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", *([f"-DMODES={n}"] if fixed else [])]
+        flags += [] if writes == "tip" else [f"-D{writes.upper()}"]
         subprocess.run([compiler, *flags, str(source), "-o", str(library), "-lm"], check=True)
         march = ctypes.CDLL(str(library)).march
     numbers = [ctypes.c_double(x) for x in (w, dt, BETA, GAMMA, *rest)]
     tip[0] = tables[-1] @ start[0]
 
-    def run() -> float:
-        arguments = (pointer(tables.ravel()), pointer(start.ravel().copy()), *numbers, pointer(tip))
-        return timed(lambda: march(ctypes.c_long(n), ctypes.c_long(steps), *arguments))()
+    def marched(tip: np.ndarray, *more: Any) -> None:
+        arguments = (pointer(tables.ravel()), pointer(start.ravel().copy()), *numbers, pointer(tip), *more)
+        march(ctypes.c_long(n), ctypes.c_long(steps), *arguments)
 
-    return run, tip
+    def outputs() -> np.ndarray:
+        written = np.empty((4, steps + 1))
+        written[:, 0] = tip[0], tables[-1] @ start[1] / dt, 0.0, 0.0
+        marched(written[0], ctypes.c_double(GAMMA * float(tables[-2] @ tables[-1])), *map(pointer, written[1:]))
+        return written[0]
+
+    def ledger() -> np.ndarray:
+        balance = np.empty((steps + 1, 7))
+        balance[0] = *system.energies(0.0, system.q0, system.v0), 0.0, 0.0, 0.0, 0.0
+        marched(
+            tip, pointer(modal.ravel()), ctypes.c_double(system.contacts[0].stops.stiffness), pointer(balance.ravel())
+        )
+        return balance[:, 4]
+
+    if writes == "tip":
+        return timed(lambda: marched(tip)), tip
+    basis, drive = modes(system), Drive.of(system)
+    assert basis is not None
+    assert not system.damped
+    modal = np.array([basis.omega**2, *basis.force(drive.split(system.loads, system.size)[0])[1:3]])
+    work = outputs if writes == "outputs" else ledger
+    return timed(work), work()
 
 
 def jax_scan(system: sb.System, dt: float, steps: int) -> tuple[Timed, np.ndarray]:

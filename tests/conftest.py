@@ -18,11 +18,16 @@ sys.path.append(str(Path(__file__).parents[1] / "studies"))  # for dumont2002; a
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+import hypothesis
 import numpy as np
 import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics import storage
+
+# On a busy machine an example takes longer than the 200 ms that Hypothesis allows.
+hypothesis.settings.register_profile("patient", deadline=None)
+hypothesis.settings.load_profile("patient")
 
 
 @pytest.hookimpl(wrapper=True)

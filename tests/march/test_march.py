@@ -175,17 +175,22 @@ def test_a_block_equals_its_definition_in_numpy(table10):
         forces[i] = table10.stops.solve(row[i], block.push[i, i])
         row += forces[i] * block.push[i]
     w, expected = row[:R], row[R : R + 75]
+    velocities = block.velocity[:, 0] @ z[:D] + block.velocity_push[:, 0] @ forces + forcing.velocity[0, :, 0] @ g
     march = stepper.start([system], 32, 1)
     state = march.state._replace(z=z[None].copy())
-    kept = Kept(march.positions, march.velocities, march.node_forces, np.zeros((1, len(z))), np.zeros((1, 32)))
     cursor = np.zeros(3, np.int64)
     first = round(t / 1e-4)
-    positions = np.zeros((1, first + 33, 1))
-    kept = kept._replace(positions=positions, velocities=positions.copy())
+    positions, times = np.zeros((1, first + 33, 1)), np.zeros(first + 33)
+    outputs = times, positions, positions.copy(), march.node_forces, positions.copy()
+    kept = Kept(*outputs, np.zeros((1, len(z))), np.zeros((1, 32)))
     inflow = stepper.block.inflow(np.zeros(1), 1.0)
     assert kernel.run(block, march.law, forcing, inflow, state, kept, march.events, first, 32, 1e-4, 1, cursor)
     assert np.count_nonzero(kept.forces) > 0
     assert np.allclose(positions[0, first + 1 :, 0], w, rtol=0, atol=1e-12 * np.max(np.abs(w)))
+    speeds = kept.velocities[0, first + 1 :, 0]
+    assert np.allclose(speeds, velocities, rtol=0, atol=1e-12 * np.max(np.abs(velocities)))
+    assert np.array_equal(times[first + 1 :], np.arange(first + 1, first + 33) * 1e-4)
+    assert np.array_equal(kept.contact_forces[0, :, 0], table10.stops.force(positions[0, :, 0]))
     assert np.allclose(kept.forces[0], forces, rtol=1e-10)
     assert np.allclose(state.z[0, :75], expected, rtol=0, atol=1e-12 * np.max(np.abs(expected)))
 

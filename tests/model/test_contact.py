@@ -195,7 +195,7 @@ def close(a, b, S, stops):
     return np.max(np.abs(a - b)) <= np.linalg.norm(np.linalg.inv(matrix)) * error
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(several())
 @pytest.mark.slow
 def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
@@ -278,7 +278,6 @@ def test_two_contacts_at_one_point_share_the_force():
     assert np.allclose(solve_several(np.array([0.5, 0.5]), S, stops), total / 2.0, rtol=1e-12)
 
 
-@settings(deadline=None)
 @given(any_stops(), POSITIONS, st.floats(0.0, 1e3))
 def test_the_compiled_law_is_the_law(stops, u, compliance):
     law = stops.coefficients

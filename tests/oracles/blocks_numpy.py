@@ -66,6 +66,8 @@ def run(
         if np.any(unsolved) or np.any(bad):
             failed = first + int(np.argmax(bad)) + 1
             marchers.diverged[i] = -failed if np.any(unsolved) and not np.any(np.abs(u) >= OVERFLOW) else failed
+            for outputs in (kept.positions, kept.velocities):
+                outputs[i, first // every + 1 :] = 0.0
             continue
 
         velocities = partial(_velocities, block, forcing.velocity[v], inflow, starts, forces, g)
@@ -111,6 +113,11 @@ def run(
             kept.positions[i, n], kept.velocities[i, n] = u[n * every - first - 1], velocities(n * every - first - 1)
             if kept.node_forces.shape[1]:
                 kept.node_forces[i, n] = forced[n * every - first - 1]
+            if kept.contact_forces.shape[1]:
+                here = kept.positions[i, n, :m]
+                kept.contact_forces[i, n] = law[i, :, KAPPA] * (np.clip(here, law[i, :, G1], law[i, :, G2]) - here)
+            if len(kept.times):
+                kept.times[n] = n * every * dt
         if len(kept.starts):
             kept.starts[:], kept.forces[:] = starts, forces
         marchers.z[i], marchers.position[i] = z, u[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -152,6 +153,11 @@ class Stepper:
         (R, D), K = self.block.block.reading.shape, self.block.steps
         return 1e-9 * (2.0 + 0.12 * R * D / K)
 
+    @cached_property
+    def single(self) -> Propagator:
+        """Propagator of single steps with whole states, for all that a march passes over."""
+        return build(self.scheme, self.coordinates, self.dt, 1, self.contact, reduced=False, rule=self.rule)
+
     def forcing(self, propagator: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of ``system`` itself; made once."""
         if propagator not in self._forcings:
@@ -207,6 +213,8 @@ class March:
     positions: Array = field(init=False)  # (M, outputs, C)
     velocities: Array = field(init=False)
     node_forces: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
+    t: Array = field(init=False)  # (outputs,); none of an ensemble, which has one grid for all members
+    forces: Array = field(init=False)  # (M, outputs, m) of linear stops, likewise
     events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
     state: Marchers = field(init=False)
     tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
@@ -220,22 +228,29 @@ class March:
             q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
         # Equal loads and offsets: the response to the drive is computed once for all members.
         own = functions(system)
-        self._alike = all(functions(each) == own for each in self._systems)
+        self._alike = all(each is system or functions(each) == own for each in self._systems)
         self._launch = launch = self.stepper.launch(self._systems, q0, v0, self.since, self._alike)
         self.law, u, v = launch.law, launch.position, launch.velocity
         tally = launch.tally.copy()
         self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
-        self.positions, self.velocities = np.zeros((2, M, kept, u.shape[1]))
+        self.positions, self.velocities = np.empty((2, M, kept, u.shape[1]))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
         if launch.jumps:
             for made in filter(None, (self.stepper.starter, self.stepper.block)):
                 require_moved(made.one.scheme, made.compliances[0])
-        self.node_forces = np.full((M, kept if launch.jumps else 0, len(system.contacts)), np.nan)
+        m = len(system.contacts)
+        self.node_forces = np.full((M, kept if launch.jumps else 0, m), np.nan)
+        alone = kept if M == 1 else 0
+        self.t, self.forces = np.empty(alone), np.empty((M, alone if self.stepper.rule == LINEAR else 0, m))
         if kept:
-            self.positions[:, 0], self.velocities[:, 0] = u, v
-        # Room for 64 impacts a member; ``_segment`` lengthens the list when it is full.
-        self._rows, self.events = len(launch.events), np.concatenate([launch.events, np.empty((64 * M, EVENT))])
+            self.positions[:, 0], self.velocities[:, 0], self.t[:1] = u, v, 0.0
+        if self.forces.shape[1]:
+            self.forces[:, 0] = forces_at(u, v, self.law)
+        # Room for 64 impacts a member, and for up to 1024 more; ``_segment`` lengthens the list when it is full.
+        self._rows = len(launch.events)
+        self.events = np.empty((self._rows + 64 * M + min(1024, self.steps // 16), EVENT))
+        self.events[: self._rows] = launch.events
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
         """March to the end; yields the number of steps done after every segment."""
@@ -279,10 +294,9 @@ class March:
         begun = clock()
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
-        rows = len(starts_at) if replayed is not None else 0
-        starts = aligned((rows, self.state.z.shape[1]))
-        forces = aligned((rows, len(block.block.push)))
-        kept = Kept(self.positions, self.velocities, self.node_forces, starts, forces)
+        rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
+        starts, forces = zeros((rows, self.state.z.shape[1])), zeros((rows, len(block.block.push)))
+        kept = Kept(self.t, self.positions, self.velocities, self.node_forces, self.forces, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
         while not self.stepper.run(
@@ -313,8 +327,9 @@ class March:
         for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
             seen, tally = own[own[:, CONTACT] == c], self.tally[member, c]
             node_forces = self.node_forces[member, :, c] if self.node_forces.shape[1] else None
+            forces = self.forces[member, :, c] if self.forces.shape[1] else None
             contacts.append(
-                record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, node_forces)
+                record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, node_forces, forces)
             )
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         # A negative step: the search for the forces of several contacts failed there.
@@ -322,10 +337,8 @@ class March:
             raise unsolved(self.stepper.scheme, -diverged * dt)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
-        t = np.arange(0.0, len(u) * (self.every or 1), self.every or 1)
-        t *= dt
         return Trajectory(
-            t=t,
+            t=self.t,
             tip=u,
             tip_velocity=v,
             contacts=tuple(contacts),
@@ -372,9 +385,11 @@ class March:
         events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         events = events[: self._rows]
         # By member, then contact; the kernel wrote the rows of one contact in order of time.
-        self.events = events[np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER]))]
+        several = tally[..., 0].size > 1
+        order = np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER])) if several else slice(None)
+        self.events = events[order]
         last, means = (self.state.position, self.state.velocity), self.stepper.contact == "conserving"
-        self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means)
+        self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means, self._launch.jumps)
 
 
 @dataclass(frozen=True, eq=False)

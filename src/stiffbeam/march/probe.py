@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,10 +27,31 @@ class Coordinates:
     """
 
     system: System
-    equation: Equation = field(init=False)
-    parts: int = field(init=False)
-    rows: Array = field(init=False)
-    columns: Array = field(init=False)
+
+    @cached_property
+    def _terms(self) -> tuple[Equation, int, Array, Array]:
+        """equation, parts, rows and columns: a run on a recent system needs none of them."""
+        raise NotImplementedError
+
+    @property
+    def equation(self) -> Equation:
+        """The linear part."""
+        return self._terms[0]
+
+    @property
+    def parts(self) -> int:
+        """N, or 1 where linear steps couple the x."""
+        return self._terms[1]
+
+    @property
+    def rows(self) -> Array:
+        """(C, N), of the channels."""
+        return self._terms[2]
+
+    @property
+    def columns(self) -> Array:
+        """(m, N), of unit forces of the contacts."""
+        return self._terms[3]
 
     @property
     def shared(self) -> bool:
@@ -70,10 +91,6 @@ class Coordinates:
         k, batch, N = z.shape
         return z.transpose(2, 0, 1) if self.parts > 1 else z.transpose(0, 2, 1).reshape(1, k * N, batch)
 
-    def _set(self, **values: object) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
 
 @dataclass(frozen=True, eq=False)
 class InModes(Coordinates):
@@ -81,10 +98,10 @@ class InModes(Coordinates):
 
     basis: Modes
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _terms(self) -> tuple[Equation, int, Array, Array]:
         rows = np.array([self.basis.force(row) for row, _ in self.system.channels])
-        m = len(self.system.contacts)
-        self._set(equation=self.basis.equation, parts=len(self.basis.omega), rows=rows, columns=rows[:m])
+        return self.basis.equation, len(self.basis.omega), rows, rows[: len(self.system.contacts)]
 
     def start(self, q0: Array, v0: Array) -> Array:
         """y (order, N) at t = 0."""
@@ -110,7 +127,8 @@ class Together(Coordinates):
         """With the system that a first-order one was made from."""
         return cls(given if isinstance(given, System) else given.system, given)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _terms(self) -> tuple[Equation, int, Array, Array]:
         given = self.given
         if isinstance(given, System):
             rows = np.array([x for row, _ in given.channels for x in np.atleast_2d(row)])
@@ -122,7 +140,7 @@ class Together(Coordinates):
             columns = np.array([x for c in given.contacts for x in np.atleast_2d(c.column)])
             columns = columns.reshape(-1, len(given.y0))
             equation = FirstOrder(given.matrix)
-        self._set(equation=equation, parts=1, rows=rows, columns=columns)
+        return equation, 1, rows, columns
 
     @property
     def shared(self) -> bool:
@@ -286,8 +304,12 @@ def probe(
     """
     equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
     forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
-    S, P, a = len(scheme.nodes), len(forces), components(scheme, equation, N)
-    keep, mix = independent(scheme, equation.order, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))
+    S, P = len(scheme.nodes), len(forces)
+    if reduced:
+        keep, mix = independent(scheme, equation.order, dt, extrapolated)
+    else:
+        keep, mix = np.arange(a := components(scheme, equation, N)), np.eye(a)
+    a = mix.shape[1]
     readers = Readers.of(tuple(scheme.nodes), m, C, rated)
     step = OneStep(scheme, coordinates, dt, extrapolated, readers, keep, mix)
     # One batch: unit states without forces, then a unit force of every kind at every node.

@@ -19,7 +19,7 @@ from .block_march import Segment, Stepper, initial_channels
 from .kernels.accounts import Energies, FreeBlock, Step, account, work_for
 from .kernels.accounts import states as states_of
 from .probe import InModes
-from .propagator import Propagator, build
+from .propagator import Propagator
 
 
 def no_block() -> FreeBlock:
@@ -85,8 +85,10 @@ def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArr
     # Blocks carry the components in ``keep`` only, single steps all of them.
     place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
     # ``take_step`` adds the rows of the transition in pairs: an odd number gets a row of zeros.
+    transition = np.zeros((a + a % 2, one.block.transition.shape[1]))
+    transition[:a] = one.block.transition
     step = Step(
-        transition=laid_out(np.pad(one.block.transition, ((0, a % 2), (0, 0)))),
+        transition=laid_out(transition),
         push=laid_out(np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]])),
         driven=laid_out(forcing.rows[0][:, of_state:]),
         forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
@@ -102,7 +104,7 @@ def _stride(n: int) -> int:
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
     """The run once more, segment by segment, with the propagator of its single steps."""
-    one = build(stepper.scheme, stepper.coordinates, stepper.dt, 1, stepper.contact, reduced=False, rule=stepper.rule)
+    one = stepper.single
     segments: list[Segment] = []
     for _ in stepper.start([system], steps, None).advance(segments.append):
         segment = segments.pop()
@@ -171,9 +173,9 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     loaded = system.loads or [(np.zeros(system.size), Constant(0.0))]
     moving = any(contact.offset is not None for contact in contacts)
     # Ten numbers each, KINETIC to SPREAD; the first output is the start.
-    kept, balance = np.zeros((steps // every + 1, 10)), np.zeros(10)
-    start = np.array(system.energies(0.0, system.q0, system.v0))
-    kept[0, :3] = balance[:3] = start
+    kept, balance = np.empty((10, steps // every + 1)), np.zeros(10)
+    balance[:3] = system.energies(0.0, system.q0, system.v0)
+    kept[:, 0] = balance
     y = basis.to_modal(np.stack([system.q0, system.v0])).ravel()
     met = np.concatenate(initial_channels([system], system.q0[None], system.v0[None]))[:, : len(contacts)].copy()
     shared = {
@@ -217,7 +219,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             step, energies, known, place, starts, apart * K, P, y, met, balance, segment.first, every, dt, kept,
             work_for(step, energies, known),
         )  # fmt: skip
-    return Ledger(np.arange(0, steps + 1, every) * dt, *kept.T)
+    return Ledger(np.arange(0, steps + 1, every) * dt, *kept)
 
 
 def _sum(terms: tuple[Array, list[Term]], g: Array, t: Array, value: Callable[..., Array]) -> Array:

@@ -55,8 +55,8 @@ def warm_up(by_law: bool = False) -> None:
     kernel.run(
         Block(row, row, row, row, index[0], index[0], none, none, index[0], 0, 1.0),
         np.zeros((0, 1, LAW)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
-        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(none, none, none, z, z), row, 0, 0, 1.0, 1,
-        np.zeros(3, np.int64), *((None, 1) if by_law else ()),
+        Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(row[0], none, none, none, none, z, z),
+        row, 0, 0, 1.0, 1, np.zeros(3, np.int64), *((None, 1) if by_law else ()),
     )  # fmt: skip
     _warm.add(by_law)
 

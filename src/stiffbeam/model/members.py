@@ -176,6 +176,8 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
         systems = sequence("members", members, rule, remedy)
         # What systems of a list must share, and the fields in which they differ.
         for member in systems:
+            if member is system:
+                continue
             require_system(member, "members")
             shared = [(getattr(system, x), getattr(member, x)) for x in ("mass", "damping", "stiffness")]
             shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]

@@ -106,21 +106,22 @@ def _least(matrix: Array) -> float:
 def _semidefinite(matrix: Array) -> bool:
     """Return True if the least eigenvalue, the diagonal scaled to ones, is above -1e-10 for sure, at less cost than its
     value."""
+    if not np.any(matrix):
+        return True
     size = np.sqrt(np.abs(np.diag(matrix)))
     return _factorises(matrix, np.where(size > 0.0, size, 1.0), 0.5e-10)
 
 
 def _factorises(matrix: Array, size: Array | None = None, shift: float = 0.0) -> bool:
     """Return True if a matrix over size_i size_j, and with ``shift`` on its diagonal, is positive definite."""
-    n, width = len(matrix), scipy.linalg.bandwidth(matrix)[0]
-    size = np.ones(n) if size is None else size
+    n = len(matrix)
     try:
         # A small matrix is factorised as fast in full, and a wide band saves nothing.
-        if n < BANDED or 8 * width > n:
-            scaled = matrix / size / size[:, None]
+        if n < BANDED or 8 * (width := scipy.linalg.bandwidth(matrix)[0]) > n:
+            scaled = matrix if size is None else matrix / size / size[:, None]
             np.linalg.cholesky(scaled + shift * np.eye(n) if shift else scaled)
         else:
-            bands = np.zeros((width + 1, n))
+            size, bands = np.ones(n) if size is None else size, np.zeros((width + 1, n))
             for k in range(width + 1):
                 bands[k, : n - k] = np.diagonal(matrix, -k) / size[: n - k] / size[k:]
             bands[0] += shift
@@ -380,7 +381,7 @@ class System:
         """n, the number of unknowns."""
         return len(self.mass)
 
-    @property
+    @cached_property
     def damped(self) -> bool:
         """True if any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))

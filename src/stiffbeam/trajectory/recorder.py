@@ -46,8 +46,7 @@ AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
 
 def impacts_of(events: Array) -> Impacts:
     """Rows of a list of events of one contact as sampled impacts."""
-    columns = (events[:, column].copy() for column in (TIME, END, STOP, IMPACT_PEAK, IMPACT_IMPULSE))
-    times, ends, stops, peaks, impulses = columns
+    times, stops, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
     sides = stops.astype(np.int64)
     rows = Impacts(times=times, ends=ends, stops=sides, peaks=peaks, impulses=impulses, kind="sampled")
     first = times == AT_START
@@ -68,6 +67,8 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
 def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
     """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
     their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
+    if not np.any(tally[..., SIDE]):
+        return np.zeros((0, EVENT))
     # A tally that begins later leaves out the contact at t = 0.
     member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
     size = np.abs(forces_at(*first, law))[member, contact]
@@ -80,21 +81,23 @@ def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Arr
 
 
 def with_ends(
-    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool
-) -> Array:
+    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool,
+    any_jumps: bool,
+) -> Array:  # fmt: skip
     """The tallies (M, m, 8) of steps 1 to n as those of whole runs. first, last: (u, u'), each (M, C) with the contacts
     first, at t = 0 and at the last step. The largest force may be that at the start, and the impulse is the trapezoidal
-    rule's, but of means. A tally that begins later stays."""
-    whole = tally[..., SINCE] == 0.0
+    rule's, but of means. A tally that begins later stays. any_jumps: True where a law's force jumps."""
+    tally = tally.copy()
+    peak, impulse, whole = tally[..., PEAK], tally[..., IMPULSE], tally[..., SINCE] == 0.0
     begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
     # A force that jumps does not follow from the last state: the tally keeps it.
-    end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
-    tally = tally.copy()
-    tally[..., PEAK] = np.where(whole, np.fmax(begin, tally[..., PEAK]), tally[..., PEAK])
+    if any_jumps:
+        end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
+    np.fmax(begin, peak, out=peak, where=whole)
     # The tally sums dt |F| over steps 1 to n; the trapezoidal rule takes half of that at n and half of that at 0.
     if not means:
         with np.errstate(over="ignore", invalid="ignore"):
-            tally[..., IMPULSE] += np.where(whole, 0.5 * dt * (begin - end), 0.0)
+            np.add(impulse, 0.5 * dt * (begin - end), out=impulse, where=whole)
     return tally
 
 
@@ -111,11 +114,13 @@ def record(
     events: Array,
     steps: int,
     node_forces: Array | None = None,
+    force: Array | None = None,
 ) -> ContactRecord:
     """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
-    ``force_of_node``; ``steps`` of the whole run."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
-        force = stops.force(position, velocity)
+    ``force_of_node``; ``steps`` of the whole run. ``force``: at the output times, where it has been computed."""
+    if force is None:
+        with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
+            force = stops.force(position, velocity)
     # A force that jumps does not follow from the state: the node's counts where there is one.
     if node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
@@ -186,7 +191,7 @@ class SampledImpacts:
     def tally(self) -> Array:
         """The counts so far at this contact, a row laid out as in sampling."""
         law = self.stops.law[None, None]
-        return with_ends(self._tally, law, self.dt, self._first, self._last, self._means)[0, 0]
+        return with_ends(self._tally, law, self.dt, self._first, self._last, self._means, self.stops.jumps)[0, 0]
 
     @property
     def events(self) -> Array:

@@ -341,10 +341,15 @@ class Trajectory:
                 raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
             raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
         ledger = self.ledger()
-        beyond = ~reduce(np.logical_and, (np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)))
-        if np.any(beyond):
-            remedy = "an energy is beyond float64; count in other units"
-            raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
+        columns = [getattr(ledger, column.name) for column in fields(ledger)]
+        # A finite sum has finite terms, and takes a tenth of the time of a look at every term.
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = sum(float(np.sum(column)) for column in columns)
+        if not np.isfinite(total):
+            beyond = ~reduce(np.logical_and, map(np.isfinite, columns))
+            if np.any(beyond):
+                remedy = "an energy is beyond float64; count in other units"
+                raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
         return ledger
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:

@@ -135,7 +135,7 @@ def account(
     step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, P: int, y: Array,
     met: Array, balance: Array, first: int, every: int, dt: float, kept: Array, work: Work,
 ) -> None:  # fmt: skip
-    """The ledger over a stretch of steps from step ``first``; rows of ``kept`` (outputs, 10) at every ``every``-th.
+    """The ledger over a stretch of steps from step ``first``; columns of ``kept`` (10, outputs) at every ``every``-th.
 
     starts: (B, ..), the state at the starts of blocks of ``block`` steps, in its ``place``, see ``begin``. Blocks in
     ``free`` that no force meets are computed at once, the others step by step. y (2 n,) = (q, q') at the start; a
@@ -247,12 +247,12 @@ def account(
                 until = every
                 row += 1
                 lost = _lost(balance, kinetic, elastic, stops, given, viscous, taken)
-                kept[row, KINETIC], kept[row, ELASTIC], kept[row, STOPS] = kinetic, elastic, stops
-                kept[row, INPUT], kept[row, VISCOUS] = balance[INPUT] + given, balance[VISCOUS] + viscous
-                kept[row, LOSS], kept[row, TAKEN] = balance[LOSS] + lost, balance[TAKEN] + taken
-                kept[row, CONTACT], kept[row, FREE] = balance[CONTACT], balance[FREE]
-                kept[row, within] += lost
-                kept[row, SPREAD] = balance[SPREAD]
+                kept[KINETIC, row], kept[ELASTIC, row], kept[STOPS, row] = kinetic, elastic, stops
+                kept[INPUT, row], kept[VISCOUS, row] = balance[INPUT] + given, balance[VISCOUS] + viscous
+                kept[LOSS, row], kept[TAKEN, row] = balance[LOSS] + lost, balance[TAKEN] + taken
+                kept[CONTACT, row], kept[FREE, row] = balance[CONTACT], balance[FREE]
+                kept[within, row] += lost
+                kept[SPREAD, row] = balance[SPREAD]
     _settle(balance, kinetic, elastic, stops, given, viscous, taken, within)
     for c in range(m):
         met[0, c], met[1, c] = last[c], _seen(rows, c, y, n, n)

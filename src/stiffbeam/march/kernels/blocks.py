@@ -84,9 +84,11 @@ class Marchers(NamedTuple):
 class Kept(NamedTuple):
     """Output buffers for a range of steps. An empty array disables that output."""
 
+    times: Array  # (outputs,)
     positions: Array  # (M, outputs, C) at every ``every``-th step
     velocities: Array  # (M, outputs, C)
     node_forces: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
+    contact_forces: Array  # (M, outputs, m): the forces of linear stops
     starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
     forces: Array  # (B, N)
 
@@ -226,44 +228,48 @@ def speed(
 
 
 @inlined
-def eight_speeds(
-    velocity: Array, velocity_push: Array, forced: Array, inflow: Array, v: int, b: int, first: int, c: int, z: Array,
-    g: Array, forces: Array, touched: bool, speeds: Array,
+def keep_speeds(
+    effects: Array, x: Array, pressed: bool, base: int, per_step: int, inflow: Array, blocks: IntArray, waiting: int,
+    i: int, first: int, steps: int, every: int, speeds: Array, velocities: Array,
 ) -> None:  # fmt: skip
-    """``speed`` at the ends of eight steps from ``first`` on, beyond the block its last one."""
-    end = velocity.shape[0] - 1
-    k0, k1, k2, k3 = min(first, end), min(first + 1, end), min(first + 2, end), min(first + 3, end)
-    k4, k5, k6, k7 = min(first + 4, end), min(first + 5, end), min(first + 6, end), min(first + 7, end)
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
-    for d in range(velocity.shape[2]):
-        x = z[d]
-        s0 += x * velocity[k0, c, d]
-        s1 += x * velocity[k1, c, d]
-        s2 += x * velocity[k2, c, d]
-        s3 += x * velocity[k3, c, d]
-        s4 += x * velocity[k4, c, d]
-        s5 += x * velocity[k5, c, d]
-        s6 += x * velocity[k6, c, d]
-        s7 += x * velocity[k7, c, d]
-    if touched:
-        for i in range(forces.size):
-            f = forces[i]
-            s0 += f * velocity_push[k0, c, i]
-            s1 += f * velocity_push[k1, c, i]
-            s2 += f * velocity_push[k2, c, i]
-            s3 += f * velocity_push[k3, c, i]
-            s4 += f * velocity_push[k4, c, i]
-            s5 += f * velocity_push[k5, c, i]
-            s6 += f * velocity_push[k6, c, i]
-            s7 += f * velocity_push[k7, c, i]
-    speeds[0], speeds[1], speeds[2], speeds[3] = s0, s1, s2, s3
-    speeds[4], speeds[5], speeds[6], speeds[7] = s4, s5, s6, s7
-    for j in range(8):
-        k = min(first + j, end)
-        for e in range(g.size):
-            speeds[j] += g[e] * forced[v, k, c, e]
-        if inflow.shape[0]:
-            speeds[j] += inflow[b, k, c]
+    """Write the velocities of member i at the outputs in up to four ``blocks``, as many as are ``waiting``.
+
+    x (4, W): state and drive of each, ``base`` numbers, then its forces, ``per_step`` of each step. effects (C, K, W):
+    what velocities read of x. It takes longer to load than to multiply: four blocks share it. speeds: memory, (4, K).
+    """
+    C, K, W = effects.shape
+    low, high = 0, K
+    if waiting == 1:  # from its first output to its last
+        at = first + blocks[0] * K
+        low = every - 1 - at % every
+        high = low + (min(K, steps - blocks[0] * K) - 1 - low) // every * every + 1
+    for c in range(C):
+        for k in range(low, high, 2):
+            after = min(k + 1, K - 1)
+            # No force moves a step before its own.
+            length = np.uint64(min(W, base + 8 * (((after + 1) * per_step + 7) // 8)) if pressed else base)
+            s0 = s1 = s2 = s3 = t0 = t1 = t2 = t3 = 0.0
+            for w in range(length):
+                one, two = effects[c, k, w], effects[c, after, w]
+                s0 += x[0, w] * one
+                t0 += x[0, w] * two
+                s1 += x[1, w] * one
+                t1 += x[1, w] * two
+                s2 += x[2, w] * one
+                t2 += x[2, w] * two
+                s3 += x[3, w] * one
+                t3 += x[3, w] * two
+            speeds[0, k], speeds[1, k], speeds[2, k], speeds[3, k] = s0, s1, s2, s3
+            speeds[0, after], speeds[1, after], speeds[2, after], speeds[3, after] = t0, t1, t2, t3
+        for j in range(waiting):
+            b, at = blocks[j], first + blocks[j] * K
+            if inflow.shape[0]:
+                for k in range(low, high):
+                    speeds[j, k] += inflow[b, k, c]
+            o = np.uint64(at // every + 1)
+            for k in range(np.uint64(every - 1 - at % every), np.uint64(min(K, steps - b * K)), np.uint64(every)):
+                velocities[i, o, c] = speeds[j, k]
+                o += np.uint64(1)
 
 
 @inlined
@@ -387,7 +393,7 @@ def run(
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
-    positions, velocities, node_forces, starts, all_forces = kept
+    times, positions, velocities, node_forces, contact_forces, starts, all_forces = kept
     (R, D), a, N, m = reading.shape, transition.shape[0], push.shape[0], law.shape[1]
     K, C = velocity.shape[0], velocity.shape[1]
     n = (states.shape[1] - D) // max(1, a - 1)
@@ -395,8 +401,20 @@ def run(
     z_new = out[R:]
     z_last, g_last, forces_last = np.empty(D), np.empty(g.size), np.empty(N)
     u, v_all, f_all, stiff, before = np.empty(K), np.empty(K), np.full(K, np.nan), np.empty(N), np.empty(m)
-    speeds = np.empty(8)
     blocks = (steps + K - 1) // K
+    # Velocities at outputs are computed for several blocks at once, see ``keep_speeds``.
+    wanted = K if positions.shape[1] else 0
+    used, per_step = a * n if a > 1 else D, compliance.shape[0] // K
+    base = 8 * ((used + g.size + 7) // 8)
+    several = 4 if every < 8 else 1
+    effects, x = np.zeros((C, wanted, base + N)), np.zeros((4, base + N))
+    speeds, of_block = np.empty((4, K)), np.zeros(4, np.int64)
+    for c in range(C):
+        for k in range(wanted):
+            for d in range(used):
+                effects[c, k, d] = velocity[k, c, d]
+            for e in range(N):
+                effects[c, k, base + e] = velocity_push[k, c, e]
     rows = cursor[2]
     for i in range(cursor[0], states.shape[0]):
         # A member that overflowed stays where it is; the others go on.
@@ -410,15 +428,28 @@ def run(
             g1, g2 = law[i, 0, G1], law[i, 0, G2]
         for e in range(z.size):
             z[e] = states[i, e]
+        for c in range(C):
+            for k in range(wanted):
+                for e in range(g.size):
+                    effects[c, k, used + e] = forced_velocity[v, k, c, e]
+        waiting, pressed = 0, False
         resumed = cursor[1]
-        count = 0
-        full = False
-        for b in range(resumed, blocks):
+        at = count = 0
+        full = ended = False
+        for b in range(resumed, blocks + 1):
             # Every contact may close at every step of a block. A kernel cannot lengthen the list: the caller does, and
             # calls again from this block on.
-            if rows + m * K > events.shape[0]:
+            if b < blocks and not ended and rows + m * K > events.shape[0]:
                 full = True
                 cursor[1] = b
+            ended = ended or full or b == blocks
+            if waiting == several or (ended and waiting > 0):
+                keep_speeds(
+                    effects, x, pressed, base, per_step, inflow_velocity, of_block, waiting, i, first, steps, every,
+                    speeds, velocities,
+                )  # fmt: skip
+                waiting, pressed = 0, False
+            if ended:
                 break
             at = first + b * K
             count = min(K, steps - b * K)
@@ -450,7 +481,6 @@ def run(
                     starts[b, e] = z[e]
                 for e in range(N):
                     all_forces[b, e] = forces[e]
-            finite = True
             # Overflow, outputs and impacts of every channel; the first m channels are the contacts.
             for c in range(C):
                 entry, stride = np.uint64(end_first[c]), np.uint64(end_stride[c])
@@ -460,23 +490,24 @@ def run(
                     for k in range(count - 1, -1, -1):
                         if not abs(out[end_first[c] + k * end_stride[c]]) < OVERFLOW:
                             diverged[i] = at + k + 1
-                    finite = False
+                    ended = True
                     break
-                if positions.shape[1]:
-                    # Velocities of the outputs, eight steps at a time, as soon as an output needs one of them.
-                    eight = -8
-                    for o in range(at // every + 1, (at + count) // every + 1):
-                        k = o * every - at - 1
-                        positions[i, o, c] = out[end_first[c] + k * end_stride[c]]
-                        if k >= eight + 8:
-                            eight = k - k % 8
-                            eight_speeds(
-                                velocity, velocity_push, forced_velocity, inflow_velocity, v, b, eight, c, z, g, forces,
-                                touched, speeds,
-                            )  # fmt: skip
-                        velocities[i, o, c] = speeds[k - eight]
-                        if node_forces.shape[1] and c < m and end_first[c] < N:
-                            node_forces[i, o, c] = forces[end_first[c] + k * end_stride[c]]
+                if wanted:
+                    o, outputs = np.uint64(at // every + 1), np.uint64((at + count) // every - at // every)
+                    k, apart = entry + np.uint64(every - 1 - at % every) * stride, np.uint64(every) * stride
+                    for j in range(outputs):
+                        positions[i, o + j, c] = out[k + j * apart]
+                    if times.size and c == 0:
+                        for j in range(outputs):
+                            times[o + j] = float((o + j) * np.uint64(every)) * dt
+                    if node_forces.shape[1] and c < m and end_first[c] < N:
+                        for j in range(outputs):
+                            node_forces[i, o + j, c] = forces[k + j * apart]
+                    if contact_forces.shape[1] and c < m:
+                        kappa, low, high = law[i, c, KAPPA], law[i, c, G1], law[i, c, G2]
+                        for j in range(outputs):
+                            here = out[k + j * apart]
+                            contact_forces[i, o + j, c] = kappa * (min(max(here, low), high) - here)
                 # What is not at a node may be beyond a stop although no node is.
                 if c < m and (touched or tally[i, c, SIDE] != 0.0 or end_first[c] >= N):
                     for k in range(np.uint64(count)):
@@ -527,8 +558,17 @@ def run(
                         events[row, CONTACT] = c
                     rows = new
                 position[i, c] = u_end
-            if not finite:
-                break
+            if ended:
+                continue
+            if wanted and at // every != (at + count) // every:
+                for e in range(used):
+                    x[waiting, e] = z[e]
+                for e in range(g.size):
+                    x[waiting, used + e] = g[e]
+                for e in range(N):
+                    x[waiting, base + e] = forces[e]
+                of_block[waiting] = b
+                waiting, pressed = waiting + 1, pressed or touched
             for e in range(D):
                 z_last[e] = z[e]
                 z[e] = z_new[e]
@@ -539,6 +579,9 @@ def run(
                 forces_last[e] = forces[e]
             for e in range(g.size):
                 g_last[e] = g[e]
+        if diverged[i] != 0:
+            positions[i, at // every + 1 :] = 0.0
+            velocities[i, at // every + 1 :] = 0.0
         if count > 0:
             last = (cursor[1] if full else blocks) - 1
             for c in range(C):
