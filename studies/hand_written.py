@@ -23,8 +23,8 @@ import scipy.linalg
 
 import stiffbeam as sb
 from stiffbeam.basics.compiled import FASTMATH
-from stiffbeam.model.drive import Drive
 from stiffbeam.model.modes import modes
+from stiffbeam.model.time_functions import Drive
 
 Timed = Callable[[], float]  # runs once, returns seconds
 ALPHA = -0.1

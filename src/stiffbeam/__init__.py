@@ -17,7 +17,7 @@ from typing import Any as _Any
 from .basics.text import DRAW as _DRAW
 from .basics.validation import warn_of as _warn_of
 
-_SCHEMES = "schemes.registry"  # every class in it is public
+_SCHEMES = "schemes"  # every class in it is public
 _STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
 _MODULE = {
     alias.name: node.module

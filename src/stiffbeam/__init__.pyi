@@ -20,7 +20,7 @@ from .measures.rates import ContactRates as ContactRates
 from .measures.rates import contact_rates as contact_rates
 from .model.contact import Contact as Contact
 from .model.contact import Stops as Stops
-from .model.first_order import FirstOrderSystem as FirstOrderSystem
+from .model.equations import FirstOrderSystem as FirstOrderSystem
 from .model.members import EnsembleMembers as EnsembleMembers
 from .model.members import perturbed_members as perturbed_members
 from .model.members import varied_members as varied_members
@@ -53,15 +53,15 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.continuation import Branch as Branch
 from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
-from .references.exact.lyapunov import PerturbationGrowth as PerturbationGrowth
-from .references.exact.lyapunov import lyapunov as lyapunov
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.exact.rigid_reference import rigid_limit as rigid_limit
+from .references.horizon import PerturbationGrowth as PerturbationGrowth
+from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
 from .references.orbit_proof import OrbitProof as OrbitProof
-from .schemes.registry import *  # noqa: F403
+from .schemes import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise

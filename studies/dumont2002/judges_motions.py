@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.amplification import amplification
-from stiffbeam.model.closed_form import natural_frequencies
+from stiffbeam.model.beam import natural_frequencies
 
 from .evidence import Evidence
 from .peaks import EXCITED

@@ -16,7 +16,7 @@ from stiffbeam.measures.errors import tip_error
 from stiffbeam.model.members import perturbed_members
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references import reference
-from stiffbeam.references.exact.lyapunov import lyapunov
+from stiffbeam.references.horizon import lyapunov
 from stiffbeam.schemes import HHT, SDIRK, Trapezoidal
 
 from .costs import CPU_TABLES, ERRORS, ratios, steps_needed, written_ratios

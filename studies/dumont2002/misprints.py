@@ -12,7 +12,7 @@ from stiffbeam.files.cases import paper_case
 from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.amplification import amplification
 from stiffbeam.measures.errors import Order, observed_order
-from stiffbeam.model.closed_form import mode, natural_frequencies, roots
+from stiffbeam.model.beam import mode, natural_frequencies, roots
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiffbeam.basics.arrays import Array
 from stiffbeam.measures.frequencies import amplitude_spectrum
-from stiffbeam.model.closed_form import natural_frequencies
+from stiffbeam.model.beam import natural_frequencies
 
 from .peaks import band, even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
 from .table import Made

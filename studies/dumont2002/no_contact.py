@@ -11,7 +11,7 @@ import numpy as np
 from stiffbeam.basics.arrays import Array
 from stiffbeam.figures.chart import new_figure
 from stiffbeam.march.integrate import integrate
-from stiffbeam.model.closed_form import mode, roots
+from stiffbeam.model.beam import mode, roots
 from stiffbeam.model.problem import BeamProblem, DistributedLoad
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.time_functions import Harmonic

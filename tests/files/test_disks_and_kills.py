@@ -23,7 +23,7 @@ import stiffbeam as sb
 from stiffbeam.basics import compiled, storage
 from stiffbeam.basics.storage import write_whole
 from stiffbeam.cli import app
-from stiffbeam.cli.output import file_name
+from stiffbeam.cli.application import file_name
 from stiffbeam.files.cases import paper_case
 from stiffbeam.studies import find_study
 from stiffbeam.studies.runner import Journal, run_study

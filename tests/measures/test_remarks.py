@@ -10,7 +10,7 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.comparison import AT_REST
-from stiffbeam.model.drive import stays_at_rest
+from stiffbeam.model.time_functions import stays_at_rest
 
 STILL = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6))
 FAR = replace(STILL, stops=sb.Stops(lower=-1.0, upper=1.0, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))

@@ -12,14 +12,14 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.frequencies import steady_state
-from stiffbeam.model import closed_form
-from stiffbeam.model.drive import Drive
+from stiffbeam.model import beam
 from stiffbeam.model.modes import modes
 from stiffbeam.model.semidiscretisation import FORMS
+from stiffbeam.model.time_functions import Drive
 
 
 def test_the_roots_solve_the_frequency_equation():
-    found = closed_form.roots(12)
+    found = beam.roots(12)
     assert np.allclose(found[:3], [1.875104068711961, 4.694091132974175, 7.854757438237613], rtol=1e-15)
     assert np.all(np.diff(found) > 2.5)
     assert np.max(np.abs(np.cos(found) + 1.0 / np.cosh(found))) < 1e-14
@@ -29,21 +29,21 @@ def test_the_roots_solve_the_frequency_equation():
 @pytest.mark.parametrize("i", [0, 1, 4])
 def test_the_modes_are_clamped_and_free_where_they_should_be(i):
     """Derivatives of a Chebyshev interpolant: X = X' = 0 at the clamp, X'' = X''' = 0 at the tip."""
-    root = closed_form.roots(6)[i]
-    interpolant = np.polynomial.Chebyshev.interpolate(lambda x: closed_form.mode(root, x), 48, [0.0, 1.0])
-    size = np.abs(closed_form.mode(root, 1.0))
+    root = beam.roots(6)[i]
+    interpolant = np.polynomial.Chebyshev.interpolate(lambda x: beam.mode(root, x), 48, [0.0, 1.0])
+    size = np.abs(beam.mode(root, 1.0))
     for derivative, x in ((0, 0.0), (1, 0.0), (2, 1.0), (3, 1.0)):
         value = interpolant.deriv(derivative)(x) if derivative else interpolant(x)
         # Each derivative of a polynomial of degree 48 amplifies rounding by up to 48^2.
         assert abs(value) < 1e-14 * size * (2 * 48**2) ** derivative
     inside = np.linspace(0.2, 0.8, 7)
     assert np.allclose(interpolant.deriv(4)(inside), root**4 * interpolant(inside), atol=1e-5 * root**4 * size)
-    assert np.allclose(closed_form.mode(root, inside), beam_mode(root, inside), rtol=1e-11)
+    assert np.allclose(beam.mode(root, inside), beam_mode(root, inside), rtol=1e-11)
 
 
 def test_the_modes_are_orthogonal():
     x, w = np.polynomial.legendre.leggauss(120)
-    shapes = np.array([closed_form.mode(root, 0.5 * (x + 1.0)) for root in closed_form.roots(8)])
+    shapes = np.array([beam.mode(root, 0.5 * (x + 1.0)) for root in beam.roots(8)])
     gram = shapes @ np.diag(0.5 * w) @ shapes.T
     sizes = np.sqrt(np.diag(gram))
     assert np.max(np.abs(gram / np.outer(sizes, sizes) - np.eye(8))) < 1e-12
@@ -52,7 +52,7 @@ def test_the_modes_are_orthogonal():
 @pytest.mark.parametrize("form", FORMS)
 def test_the_grids_frequencies_approach_the_beams_at_order_two(form, table10):
     free = replace(table10, stops=None)
-    exact = closed_form.natural_frequencies(free, 3)
+    exact = beam.natural_frequencies(free, 3)
     assert exact[0] == pytest.approx(3.5160152685 * np.sqrt(300.0), rel=1e-10)
     cells = [40, 57, 80]
     errors = [np.abs(modes(sb.semidiscretise(free, n, form)).omega[:3] / exact - 1.0) for n in cells]
@@ -76,7 +76,7 @@ def tip_ratio(problem: sb.BeamProblem, cells: int) -> complex:
 def test_the_driven_tip_is_what_a_fine_grid_approaches(viscosity, frequency):
     base = sb.Harmonic(amplitude=0.2, frequency=frequency, phase=0.4)
     problem = sb.BeamProblem(stiffness=300.0, viscosity=viscosity, base=base)
-    exact = closed_form.tip_response(problem)
+    exact = beam.tip_response(problem)
     cells = np.array([40, 57, 80])
     errors = [abs(tip_ratio(problem, int(n)) - exact) for n in cells]
     assert errors[-1] < 3e-3 * abs(exact)
@@ -86,12 +86,12 @@ def test_the_driven_tip_is_what_a_fine_grid_approaches(viscosity, frequency):
 def test_a_slow_clamp_carries_the_tip_along():
     slow = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(amplitude=0.2, frequency=1e-3))
     # ratio = 1 + O(a^2/k^2)
-    assert abs(closed_form.tip_response(slow) - 1.0) < 1e-3**2 / 300.0
+    assert abs(beam.tip_response(slow) - 1.0) < 1e-3**2 / 300.0
     with pytest.raises(InputError, match="harmonic base"):
-        closed_form.tip_response(replace(slow, base=None))
+        beam.tip_response(replace(slow, base=None))
     load = sb.PointLoad(position=0.5, time=sb.Constant(1.0))
     with pytest.raises(InputError, match="no loads"):
-        closed_form.tip_response(replace(slow, loads=(load,)))
+        beam.tip_response(replace(slow, loads=(load,)))
 
 
 @pytest.mark.parametrize("viscosity", [0.0, 0.05])

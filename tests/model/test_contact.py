@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 import stiffbeam as sb
 from stiffbeam.model import contact_law
-from stiffbeam.model.active_set import solve_node
-from stiffbeam.model.contact import solve_several
+from stiffbeam.model.stage import solve_node, solve_several
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)

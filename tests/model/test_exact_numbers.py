@@ -17,7 +17,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import ExactFloat, as_doubles, exact_float, exact_value
 from stiffbeam.files.cases import case_text, find_case, paper_cases
 from stiffbeam.files.store import freeze
-from stiffbeam.model.drive import Drive
+from stiffbeam.model.time_functions import Drive
 
 TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from mpmath import mp
 
 import stiffbeam as sb
-from stiffbeam.model.drive import Drive
-from stiffbeam.model.time_functions import evaluate
+from stiffbeam.model.time_functions import Drive, evaluate
 
 AMPLITUDES = st.one_of(st.floats(-10.0, -1e-3), st.floats(1e-3, 10.0))  # relative tolerances need normal numbers
 

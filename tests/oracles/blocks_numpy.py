@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from stiffbeam.basics.arrays import Array
 from stiffbeam.march.kernels.blocks import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
-from stiffbeam.model.active_set import solve_node
 from stiffbeam.model.contact import Stops
 from stiffbeam.model.contact_law import G1, G2, KAPPA, Law, all_laws, damps, stage_force, stage_stiffness
-from stiffbeam.model.stage import AVERAGED, LINEAR, MEAN, solve_stage
+from stiffbeam.model.stage import AVERAGED, LINEAR, MEAN, solve_node, solve_stage
 from stiffbeam.trajectory.sampling import (
     CONTACT,
     END,

@@ -16,7 +16,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import case_of, default_schemes
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
-from stiffbeam.model.drive import Drive
+from stiffbeam.model.time_functions import Drive
 from stiffbeam.references import best_reference, registry, substitute
 from stiffbeam.studies.common import scheme_labels, takes_extrapolation
 

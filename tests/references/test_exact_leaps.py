@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.piecewise.search import search
+from stiffbeam.piecewise.search import safe_step, search
 from stiffbeam.piecewise.terms import (
     CONSTANT,
     LEVEL,
@@ -26,7 +26,6 @@ from stiffbeam.piecewise.terms import (
     oscillations,
     resolved,
 )
-from stiffbeam.piecewise.touching import safe_step
 
 
 def test_a_kernel_without_an_entry_for_python_refuses_a_call():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.references.multiprecision import compliant
+from stiffbeam.references.multiprecision import multiprecision
 
 EPS = np.finfo(float).eps
 # Depths in units of the motion, exact. A time is good to a rounding of itself.
@@ -114,7 +114,7 @@ def test_random_damped_oscillators_by_their_first_top(seed):
 
 
 def test_more_looks_than_there_is_time_for_are_said(monkeypatch):
-    monkeypatch.setattr(compliant, "MOST_LOOKS", 8)
+    monkeypatch.setattr(multiprecision, "MOST_LOOKS", 8)
     found = sb.reference(oscillator(Fraction(1, 10**15), "alone"), 4.0, "multiprecision")
     assert found.impacts.count == 0
     assert "by float64, to 1e-12" in found.provenance["grazes"]

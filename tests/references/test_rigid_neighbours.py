@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.references.exact import lyapunov as tangent
+from stiffbeam.references import horizon as tangent
 from stiffbeam.references.exact.impacting import Tracer
 from stiffbeam.references.exact.rigid_motion import first_zero
 

@@ -7,7 +7,8 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.references import METHODS
-from stiffbeam.schemes import RIGID, SCHEMES, make
+from stiffbeam.schemes import RIGID, SCHEMES
+from stiffbeam.schemes.labels import make
 
 pytestmark = pytest.mark.usefixtures("numpy_kernel")
 

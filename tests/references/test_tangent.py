@@ -11,8 +11,8 @@ from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.piecewise.tracer import tracer_of
+from stiffbeam.references import horizon as tangent
 from stiffbeam.references import solve
-from stiffbeam.references.exact import lyapunov as tangent
 
 
 def table(number: int) -> sb.System:

@@ -23,7 +23,7 @@ from dumont2002.reading import Reading
 from dumont2002.sample import Sample, above, below, coherent, every, no, some
 from dumont2002.table import make_table
 from dumont2002.verdicts import FAILS, HOLDS, JUDGES, NOT_MEASURED, OPEN, VERDICTS, Finding
-from stiffbeam.model.closed_form import natural_frequencies
+from stiffbeam.model.beam import natural_frequencies
 from stiffbeam.trajectory.trajectory import Diverged
 
 NOTHING = Evidence({n: {"runs": {}, "exact": {}, "failures": {"(4.13)": "overflow"}, "apart": {}, "span": {

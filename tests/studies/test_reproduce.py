@@ -20,7 +20,7 @@ from dumont2002.reading import Reading, reading
 from dumont2002.table import drive_of, equation_of, make_table
 from dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
 from stiffbeam.measures.frequencies import amplitude_spectrum
-from stiffbeam.model.closed_form import mode, roots
+from stiffbeam.model.beam import mode, roots
 from stiffbeam.model.problem import PointLoad
 
 STORE = Path(__file__).parents[2] / "reference"

@@ -23,7 +23,7 @@ import scipy.optimize
 import stiffbeam as sb
 from stiffbeam.model.contact import dissipation_for
 from stiffbeam.references.exact.impacting import Tracer
-from stiffbeam.references.exact.lyapunov import Struck
+from stiffbeam.references.horizon import Struck
 
 INF = float("inf")
 

@@ -7,10 +7,10 @@ import signal
 import sys
 from typing import NoReturn
 
-from . import advise, compare, reference, tools
+from . import compare, reference, tools
 from .application import app
 
-COMMANDS = (advise, compare, reference, tools)  # each adds its commands to the application
+COMMANDS = (compare, reference, tools)  # each adds its commands to the application
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 AGAIN = 0.2  # s, until it is looked whether an interruption was heard
 

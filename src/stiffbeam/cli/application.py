@@ -1,11 +1,13 @@
-"""The Typer application: options that several commands share, and a command of every study."""
+"""The Typer application: options and output that the commands share, and a command of every study."""
 
 from __future__ import annotations
 
 import inspect
+import json
+import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import UnionType
@@ -15,15 +17,114 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..basics.resources import TALK, Show, progress
-from ..basics.validation import InputError
-from .output import check_json, console, default_folder, file_name, make_folder, say, table_of, write_json
+from ..basics.text import cells_of, cut, plain
+from ..basics.validation import InputError, file_path
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
+    from rich.console import Console
+    from rich.table import Table
+
     from ..files.cases import Case as CaseFile
     from ..studies.interface import Records, Study
+
+
+# ---------------------------------------------------------------- output: terminal, folders, names, records
+
+NAME = 36  # characters of a first column that are not broken
+
+
+def console(width: int | None = None) -> Console:
+    """The terminal, silent with --quiet; ``width``: for piped output. Names and messages may contain [/]."""
+    from rich.console import Console
+
+    wide = None if sys.stdout.isatty() else width
+    return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
+
+
+def table_of(lines: Sequence[Mapping[str, str]]) -> Table:
+    """A table of lines, text by heading; – for empty entries. Columns of numbers stand to the right."""
+    from rich import box
+    from rich.table import Table
+
+    headings, rows = cells_of(lines)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    for i, name in enumerate(headings):
+        cells = [line.get(name, "") for line in lines]
+        number = any(cell.removeprefix("≤ ")[:1] in "+-0123456789" for cell in cells if cell)
+        whole = not i and max(map(len, cells)) <= NAME
+        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def say(text: str) -> None:
+    """Print a line unchanged, of any length; nothing with --quiet."""
+    if not TALK.quiet:
+        print(text)
+
+
+def default_folder(case: str) -> Path:
+    """stiffbeam-output/<case>."""
+    return Path("stiffbeam-output") / file_name(case)
+
+
+def file_name(label: str) -> str:
+    """The label without the characters that shells and file systems dislike, never a folder's name for another."""
+    plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+    return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
+
+
+def make_folder(folder: Path, option: str = "--out") -> Path:
+    """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
+    file_path(option, folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError("no permission to write")
+    except OSError as error:
+        remedy = f"{error.strerror or error}: name another"
+        raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
+    return folder
+
+
+def check_json(file: Path | None) -> None:
+    """Raise InputError for a --json that cannot be a file, before anything is computed."""
+    if file is None or str(file) == "-":
+        return
+    file_path("--json", file)
+    if file.is_dir():
+        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
+    make_folder(file.parent, "--json")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+
+
+def json_text(command: str, records: Mapping[str, Any]) -> str:
+    """The records of a command as JSON, which has no NaN: its name and the version of the package come first."""
+    head = {"stiffbeam": version("stiffbeam"), "command": command}
+    return json.dumps(plain(head | dict(records)), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> bool:
+    """Write the records to the file of --json. Returns True if that is the standard output, which then has nothing
+    else."""
+    if file is None:
+        return False
+    text = json_text(command, records)
+    if str(file) == "-":
+        print(text)
+        return True
+    from ..basics.storage import write_whole
+
+    write_whole(file, text + "\n")
+    return False
+
+
+# ---------------------------------------------------------------- options
 
 
 def labels(text: str | None) -> list[str] | None:
@@ -94,7 +195,7 @@ def names_of(kind: str) -> list[str]:
 
         return list(problems())
     from ..references.registry import REFERENCES
-    from ..schemes.registry import RIGID, SCHEMES
+    from ..schemes import RIGID, SCHEMES
 
     schemes = [scheme.__name__ for scheme in (*SCHEMES.values(), *RIGID.values())]
     return {"schemes": schemes, "methods": list(REFERENCES)}.get(kind, [*schemes, *REFERENCES])

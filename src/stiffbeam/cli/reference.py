@@ -10,8 +10,21 @@ import typer
 from ..basics.resources import Show, progress
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, METHODS, MULTIPRECISION, REFERENCES
-from .application import CASE, Form, Json, TEnd, app, completion, option
-from .output import check_json, console, make_folder, say, table_of, write_json
+from .application import (
+    CASE,
+    Form,
+    Json,
+    TEnd,
+    app,
+    check_json,
+    completion,
+    console,
+    make_folder,
+    option,
+    say,
+    table_of,
+    write_json,
+)
 
 
 @app.command("reference")

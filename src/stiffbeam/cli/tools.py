@@ -18,8 +18,19 @@ import typer
 
 from ..basics.resources import progress
 from ..basics.validation import InputError, integer
-from .application import Jobs, Json, References, app, option
-from .output import check_json, console, make_folder, say, table_of, write_json
+from .application import (
+    Jobs,
+    Json,
+    References,
+    app,
+    check_json,
+    console,
+    make_folder,
+    option,
+    say,
+    table_of,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from ..basics.resources import Show

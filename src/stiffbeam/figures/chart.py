@@ -23,8 +23,8 @@ from ..basics.storage import write_whole
 from ..basics.units import Units
 from ..measures.report import short
 from ..references.registry import REFERENCES
-from ..schemes import RIGID, SCHEMES, make
-from ..schemes.labels import scheme_of
+from ..schemes import RIGID, SCHEMES
+from ..schemes.labels import make, scheme_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

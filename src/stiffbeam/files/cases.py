@@ -20,8 +20,8 @@ from ..model.reduction import ReducedModel
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..model.uncertain import KINDS, Uncertain, uncertain_members
-from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, make, takes_stops
-from ..schemes.labels import parse_run
+from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
+from ..schemes.labels import make, parse_run
 from .reader import Reader, SystemReader
 
 

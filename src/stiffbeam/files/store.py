@@ -25,8 +25,8 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
+from ..piecewise.linear import Perturbation
 from ..piecewise.motion import Motion
-from ..piecewise.rounding import Perturbation
 from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import clock
-from ..model.contact import laws, polar, solve_several
-from ..model.first_order import FirstOrderSystem
-from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_stage, solve_turning, turned
+from ..model.contact import laws, polar
+from ..model.equations import FirstOrderSystem
+from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_several, solve_stage, solve_turning, turned
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme

@@ -14,7 +14,7 @@ from ..basics.resources import afford, clock
 from ..basics.units import KNOWN
 from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
-from ..model.first_order import FirstOrderSystem
+from ..model.equations import FirstOrderSystem
 from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System

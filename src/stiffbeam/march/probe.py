@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..model.equations import Equation, FirstOrder, Matrices, Modal
-from ..model.first_order import FirstOrderSystem
+from ..model.equations import Equation, FirstOrder, FirstOrderSystem, Matrices, Modal
 from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate

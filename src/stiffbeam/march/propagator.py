@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, aligned, padded
-from ..model.drive import Drive, Term
 from ..model.stage import AVERAGED, LINEAR, MEAN, RATED
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_rate
+from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
 from .kernels.blocks import Block, Forcing, Inflow
 from .probe import Coordinates, InModes, Readers, StepMap, probe

@@ -12,9 +12,8 @@ import numpy as np
 
 from ..basics.arrays import Array, IntArray, aligned, padded
 from ..model.contact import laws
-from ..model.drive import Drive, Term
 from ..model.system import System
-from ..model.time_functions import Constant, evaluate, offset_rate
+from ..model.time_functions import Constant, Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
 from .block_march import Segment, Stepper, initial_channels
 from .kernels.accounts import Energies, FreeBlock, Step, account, work_for

@@ -10,9 +10,9 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import clock
 from ..basics.validation import InputError
-from ..model.active_set import solve_node
 from ..model.equations import Modal
 from ..model.modes import modes
+from ..model.stage import solve_node
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme

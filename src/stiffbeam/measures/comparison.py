@@ -16,9 +16,9 @@ from ..basics.arrays import Array, step_lengths
 from ..basics.text import DRAW, plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError
-from ..model.drive import stays_at_rest
 from ..model.scales import scales
 from ..model.system import System
+from ..model.time_functions import stays_at_rest
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory

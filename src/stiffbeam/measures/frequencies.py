@@ -10,14 +10,13 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.drive import Drive
 from ..model.modes import modes as uncoupled
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
 from ..model.sampled import Sampled
 from ..model.scales import oscillates
 from ..model.system import System
-from ..model.time_functions import Superposition, parts
+from ..model.time_functions import Drive, Superposition, parts
 
 
 def drive_frequency(system: System) -> float:

@@ -469,21 +469,6 @@ def require_one_row(contacts: Sequence[Contact], for_what: str, remedy: str = ""
         raise InputError("contact.row", "the two rows of a round hole", f"be one row for {for_what}", remedy)
 
 
-def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
-    """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
-
-    r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
-    semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
-    by a finite active-set method (see active_set.solve_node).
-    """
-    from .active_set import solve_node
-
-    for stop in stops:
-        stop.require_linear("the active set")
-    law = np.array([stop.law for stop in stops]).reshape(-1, LAW)
-    return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(compliance), law)
-
-
 def laws(contacts: Sequence[Contact]) -> Array:
     """The laws of all contacts, (m, 6), see contact_law."""
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)

@@ -15,11 +15,10 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .contact import channel_motion, channel_position, laws
 from .contact_law import Law, pressure
-from .drive import Drive, Term
-from .first_order import FirstOrderSystem
+from .equations import FirstOrderSystem
 from .right_hand_side_kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
 from .sampled import Sampled
-from .time_functions import LoadFunction, TimeFunction, evaluate, offset_rate, offset_values
+from .time_functions import Drive, LoadFunction, Term, TimeFunction, evaluate, offset_rate, offset_values
 
 if TYPE_CHECKING:
     from .system import System

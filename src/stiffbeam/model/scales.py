@@ -9,11 +9,10 @@ import numpy as np
 from ..basics.arrays import Array
 from .contact import Contact, most
 from .contact_law import stored
-from .drive import Drive
 from .modes import undamped_modes
 from .sampled import Sampled
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, parts
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 

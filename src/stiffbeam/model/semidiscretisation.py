@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, itself, near
+from .beam import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
 from .contact import Contact, Stops
-from .field import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
-from .first_order import FirstOrderContact, FirstOrderSystem, interleaved, of_rows
+from .equations import FirstOrderContact, FirstOrderSystem, interleaved, of_rows
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
 from .system import BANDED, Origin, System

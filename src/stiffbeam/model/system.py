@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
+from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
-from .field import beam_field, beam_field_rate, beam_stress
-from .first_order import FirstOrderSystem, interleaved
+from .equations import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import (
@@ -508,7 +508,7 @@ class System:
         return self.first_order()
 
     def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
-        """u(x, t) of a beam between its nodes, see field; t (m,), q (m, n), x (...) -> (m, ...).
+        """u(x, t) of a beam between its nodes, see ``beam_field``; t (m,), q (m, n), x (...) -> (m, ...).
 
         Raises InputError for a system that is not a beam, and for x outside it.
         """
@@ -563,7 +563,7 @@ class System:
             "loads": b"".join(loads),
             "contacts": b"".join(contacts),
             "exact parameters": "; ".join(self.exact_parameters).encode(),
-            "units": repr(self.units).encode() if self.units.known else b"",
+            "units": b"" if self.units in (NON_DIMENSIONAL, UNKNOWN) else repr(self.units).encode(),
         }
 
     def differences(self, other: System) -> list[str]:

@@ -12,12 +12,10 @@ from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner
 from ..trajectory.trajectory import SolverFailure
 from .linear import alike, answers, basis_at, forced_derivatives, forced_sizes, response
-from .spectrum import differences, largest
-from .touching import (
+from .search import (
     CLOSES,
     EPS,
     FAINT,
-    ORDER,
     REMEDY,
     ROUNDINGS,
     SHORTEST,
@@ -27,6 +25,8 @@ from .touching import (
     stands_still,
     taylor_step,
 )
+from .spectrum import differences, largest
+from .terms import ORDER
 
 
 @inner

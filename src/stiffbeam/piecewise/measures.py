@@ -26,8 +26,8 @@ from ..basics.resources import afford
 from ..model.system import System
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.trajectory import SolverFailure
-from .events import LET_GO, peak_between, pressed, pressure
-from .touching import EPS, REMEDY
+from .follow import LET_GO, peak_between, pressed, pressure
+from .search import EPS, REMEDY
 
 if TYPE_CHECKING:
     from .motion import Motion

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array, IntArray
 from ..basics.compiled import compiled, inner
 from ..model.contact import Contact
-from ..model.drive import Drive
 from ..model.system import System
-from ..model.time_functions import evaluate
-from .events import LET_GO
-from .follow import Table, drive, enter, leave, see, see_close, turn
+from ..model.time_functions import Drive, evaluate
+from .follow import LET_GO, Table, drive, enter, leave, see, see_close, turn
 from .linear import Complex, spin_of
 from .measures import NODES, WEIGHTS, integrated, pressed_by
 from .regimes import Pairs, Regimes
+from .search import EPS
 from .terms import (
     CONSTANT,
     END,
@@ -38,14 +37,13 @@ from .terms import (
     oscillations,
     pair,
 )
-from .touching import EPS
 
 RUN = 16  # times that are answered from one of them
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion:
-    """Segments: at times[i] the contacts are on the sides[i] (m,), see events.py, in the regime[i], with the pairs
+    """Segments: at times[i] the contacts are on the sides[i] (m,), see follow.py, in the regime[i], with the pairs
     x[i], y[i] (K,)."""
 
     regimes: Regimes

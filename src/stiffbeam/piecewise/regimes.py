@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, content, same
-from ..model.drive import Drive
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
+from ..model.time_functions import Drive
 from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
-from .linear import Pushed, Regime, regime_of
-from .rounding import Correction, Perturbation, correction, rounded_sum
+from .linear import Correction, Perturbation, Pushed, Regime, correction, regime_of, rounded_sum
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
 NONE = np.zeros((0, 2), np.int64)

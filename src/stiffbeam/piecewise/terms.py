@@ -25,8 +25,8 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, in_order, inner
-from .touching import ORDER
 
+ORDER = 8  # of the highest derivative of a gap
 # pi/2 in three parts, the first of 33 bits: k times it is exact for |k| < 2^20.
 QUARTER, QUARTER_2, QUARTER_3 = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624871116645580e-21
 # Below 2^20 pi/2 = 1.647e6, so that k stays below 2^20.

@@ -11,20 +11,18 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.resources import Forecast
-from ..model.drive import Drive
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..trajectory.trajectory import SolverFailure
-from .events import LET_GO, next_side, pressed, side_of, watched
 from .exponential_search import Cells, pass_samples, search
-from .follow import DONE, FULL, UNKNOWN, follow
-from .linear import Complex, Regime, phasors, spin_of
+from .follow import DONE, FULL, LET_GO, UNKNOWN, follow, next_side, pressed, side_of, watched
+from .linear import Complex, Perturbation, Regime, phasors, spin_of
 from .motion import Motion
 from .regimes import Known, Regimes, Source
-from .rounding import Perturbation
+from .search import REMEDY
 from .search import search as leap
 from .spectrum import seen_by
-from .terms import OMEGA, SIGMA, SQUARE, X, Y, layout
-from .touching import ORDER, REMEDY
+from .terms import OMEGA, ORDER, SIGMA, SQUARE, X, Y, layout
 
 EVENTS_PER_CALL, FIRST_EVENTS = 4096, 16
 QUIET = np.zeros((0, 3, 0))  # no noise

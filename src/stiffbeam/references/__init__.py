@@ -205,7 +205,7 @@ def solve(
         for contact in system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
     try:
-        solver = import_module(f".{entry.module}", __name__)
+        solver = import_module(f".{(system.rigid and entry.rigid) or entry.module}", __name__)
         return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]

@@ -24,9 +24,9 @@ from flint import arb, arb_mat, ctx
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value
-from ..model.drive import Drive
 from ..model.system import System
-from ..piecewise.events import LET_GO
+from ..model.time_functions import Drive
+from ..piecewise.follow import LET_GO
 from .multiprecision.linear_flow import LinearFlow, bernstein
 from .multiprecision.rational import number
 

@@ -23,8 +23,8 @@ from flint import acb, acb_mat, arb, arb_mat, ctx
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.drive import Drive
-from ..piecewise.events import switched_by_force
+from ..model.time_functions import Drive
+from ..piecewise.follow import switched_by_force
 from .ball_flow import BallSystem, ExactPeriod, SignProver, Watched, frame_of, identity, trimmed
 from .multiprecision.rational import carried
 

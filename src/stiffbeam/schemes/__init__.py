@@ -1,10 +1,44 @@
-"""The schemes, one file each, and the text that names them."""
+"""The schemes. A new one is one file, and here one import and one name in a tuple. Every class here is public."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from . import misprints as misprints  # registers the printed forms
-from .labels import make as make
-from .labels import registered as registered
-from .registry import *  # noqa: F403
-from .registry import RIGID as RIGID
-from .registry import SCHEMES as SCHEMES
+from .bathe import Bathe as Bathe
+from .bdf2 import BDF2 as BDF2
+from .conserving import ExponentialFlow as ExponentialFlow
+from .conserving import Theta as Theta
+from .conserving import Trapezoidal as Trapezoidal
+from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .moreau_jean import MoreauJean as MoreauJean
+from .moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
+from .newmark import HHT as HHT
+from .newmark import GeneralisedAlpha as GeneralisedAlpha
+from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
+from .scheme import RigidScheme as RigidScheme
+from .scheme import Scheme as Scheme
 from .scheme import takes_stops as takes_stops
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER
+from .sdirk import SDIRK as SDIRK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SCHEMES: dict[str, type[Scheme]] = {
+    scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
+}
+
+# For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
+RIGID: dict[str, type[RigidScheme]] = {
+    scheme.name: scheme
+    for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha, MoreauJeanBilbao)
+}
+
+
+def registered() -> Iterator[Scheme]:
+    """Every registered scheme: its defaults, then its variants."""
+    for scheme in SCHEMES.values():
+        for parameters in ({}, *scheme.variants):
+            yield scheme(**parameters)

@@ -9,13 +9,12 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Iterator
 from inspect import signature
 from typing import Any
 
 from ..basics.validation import InputError, near
 from ..model.semidiscretisation import ALL_FORMS
-from .registry import RIGID, SCHEMES
+from . import RIGID, SCHEMES
 from .scheme import Scheme
 
 LONGEST_RUN = 200  # letters
@@ -41,13 +40,6 @@ def make(name: str, **parameters: Any) -> Scheme:
 def _plain(name: str) -> str:
     """A name without capitals and hyphens: ``moreau-jean`` is MoreauJean."""
     return name.lower().replace("-", "").replace("_", "")
-
-
-def registered() -> Iterator[Scheme]:
-    """Every registered scheme: its defaults, then its variants."""
-    for scheme in SCHEMES.values():
-        for parameters in ({}, *scheme.variants):
-            yield scheme(**parameters)
 
 
 def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:

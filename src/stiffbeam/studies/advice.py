@@ -46,16 +46,17 @@ from ..march.integrate import integrate
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
 from ..measures.rates import contact_rates
-from ..model.drive import Drive
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
 from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..model.uncertain import Uncertain
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
-from ..schemes import RIGID, SCHEMES, Scheme, make
+from ..schemes import RIGID, SCHEMES, Scheme
+from ..schemes.labels import make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from .budget import Budget
 from .common import label_of

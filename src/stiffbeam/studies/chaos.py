@@ -42,7 +42,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, parts_of
 from ..references.ensemble import reference_ensemble
-from ..references.exact.lyapunov import MERGED, lyapunov
+from ..references.horizon import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of

@@ -14,7 +14,7 @@ from ..figures.chart import Axis, Curve, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..model.closed_form import natural_frequencies
+from ..model.beam import natural_frequencies
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from ..model.modes import modes
@@ -23,8 +23,8 @@ from ..references import best_reference
 from ..references import takes as method_takes
 from ..references.ensemble import reference_ensemble
 from ..references.registry import REFERENCES
-from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, make, takes_stops
-from ..schemes.labels import parse_run, user_label
+from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, takes_stops
+from ..schemes.labels import make, parse_run, user_label
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
 from ..trajectory.ensemble import Ensemble

@@ -43,14 +43,18 @@ class _Solver:
 
     def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
         """Solve to t_end. Raises InputError where the budget does not allow that."""
-        kept = self.cache and is_cached(system, t_end, method, times)
+        kept = self.keeps(method) and is_cached(system, t_end, method, times)
         outputs = OUTPUTS if times is None else len(times)
         if not kept and (seconds := self.seconds(system, t_end, method, outputs)) > self.budget:
             rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
             raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
-        if not self.cache:
+        if not self.keeps(method):
             return reference(system, t_end, method, times, progress=silent)
         return cached_reference(system, t_end, method, times, progress=silent)
+
+    def keeps(self, method: str) -> bool:
+        """Return True if the cache has a part in it: the exact solution takes no longer than reading a file."""
+        return self.cache and method != "exact"
 
     def as_far_as(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
         """Solve to t_end, or to one of SHARES of it, as far as the budget allows. times: None for any time."""
@@ -58,7 +62,7 @@ class _Solver:
         parts = [grid[: int(share * (len(grid) - 1)) + 1] for share in SHARES if share * (len(grid) - 1) >= 2.0]
         spans = [(t_end if len(p) == len(grid) else float(p[-1]), None if times is None else p) for p in parts]
         # A stored span costs nothing; else the first that the budget allows.
-        span = next((span for span in spans if self.cache and is_cached(system, span[0], method, span[1])), None)
+        span = next((s for s in spans if self.keeps(method) and is_cached(system, s[0], method, s[1])), None)
         if span is None:
             seconds = self.seconds(system, t_end, method, len(grid))
             span = next((span for span in spans if seconds * span[0] / t_end <= self.budget), None)

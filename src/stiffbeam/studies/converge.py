@@ -16,9 +16,9 @@ from ..files.cases import Case
 from ..measures.errors import Order, impact_times, matched_until, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact
 from ..measures.report import DASH
-from ..model.drive import Drive
 from ..model.scales import scales
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..testset.integrators import RECORDED, SOLVER
 from . import common
 from .interface import Answer, Point, Records, Row, Rows, declared

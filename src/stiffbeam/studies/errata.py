@@ -14,7 +14,8 @@ from ..measures.errors import observed_order, tip_error
 from ..measures.frequencies import smooth_motion
 from ..measures.report import DASH
 from ..model.system import System
-from ..schemes import SCHEMES, Scheme, make
+from ..schemes import SCHEMES, Scheme
+from ..schemes.labels import make
 from ..schemes.misprints import forms_of
 from ..trajectory.trajectory import Reference
 from . import common

@@ -31,7 +31,7 @@ from ..files.cases import Case
 from ..measures.errors import Order, observed_order
 from ..measures.frequencies import without_contact
 from ..measures.report import percent
-from ..model.closed_form import natural_frequencies, roots
+from ..model.beam import natural_frequencies, roots
 from ..model.contact import Stops
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise

@@ -28,7 +28,7 @@ from ..basics.storage import write_whole
 from ..basics.text import cells_of, html_table, plain
 from ..basics.validation import InputError, integer, near, positive
 from ..figures.chart import Axis, Panel, Picture, heading, png, render, save_figure, short, with_nan
-from ..model.drive import stays_at_rest
+from ..model.time_functions import stays_at_rest
 from ..references import substitute
 from ..references.registry import BEST
 

@@ -14,12 +14,11 @@ from ..basics.arrays import content
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
-from ..model.drive import Drive
 from ..model.members import value_at, varied_members, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
-from ..model.time_functions import Harmonic
+from ..model.time_functions import Drive, Harmonic
 from ..schemes import Scheme
 from .common import scheme_of
 from .interface import Point

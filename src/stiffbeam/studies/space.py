@@ -12,7 +12,7 @@ from ..figures.chart import Axis, Curve, Panel, Picture, column, groups, style_o
 from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
-from ..model.closed_form import natural_frequencies, tip_response
+from ..model.beam import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from .common import Cells, Forms, ImpactCount, extremes, first_impacts, order_over, solve_once, system_of

@@ -32,9 +32,9 @@ from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, d
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
-from ..model.drive import Drive
 from ..model.members import paths_of
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes.scheme import RigidScheme

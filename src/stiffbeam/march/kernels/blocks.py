@@ -14,9 +14,8 @@ import numpy as np
 
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
-from ...model.active_set import solve_node
 from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness, state
-from ...model.stage import AVERAGED, MEAN, solve_stage
+from ...model.stage import AVERAGED, MEAN, solve_node, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
     END,

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.compiled import compiled
-from ...model.active_set import solve_node
 from ...model.contact_law import G1, G2, KAPPA
+from ...model.stage import solve_node
 
 ON_STOP = 1e-13  # of the terms of a predicted position: so near a stop it is on it
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity

@@ -11,7 +11,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, one_of, positive
-from ...model.first_order import FirstOrderSystem
+from ...model.equations import FirstOrderSystem
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...trajectory.recorder import contact_spans

@@ -17,7 +17,7 @@ from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...basics.validation import InputError
 from ...model.contact import most
-from ...model.first_order import FirstOrderSystem, along
+from ...model.equations import FirstOrderSystem, along
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure

@@ -16,8 +16,8 @@ from ...model.modes import undamped_modes
 from ...model.system import System
 from ...model.system_data import slopes
 from ...piecewise.generator import Generators
+from ...piecewise.linear import Perturbation
 from ...piecewise.measures import NODES, WEIGHTS, panels
-from ...piecewise.rounding import Perturbation
 from ...piecewise.tangent import Forms, Path, Tangent
 from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference

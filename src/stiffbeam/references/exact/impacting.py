@@ -23,14 +23,14 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
-from ...model.active_set import solve_node
+from ...model.stage import solve_node
 from ...model.system import System
 from ...piecewise.follow import DONE
 from ...piecewise.generator import Generators
+from ...piecewise.linear import Perturbation
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import NONE, Known, Pairs, Source
-from ...piecewise.rounding import Perturbation
-from ...piecewise.touching import EPS
+from ...piecewise.search import EPS
 from ...piecewise.tracer import Tracer as FreeTracer
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import REMEDY, on_stops, order_decides, require_smooth, together_but_for_rounding

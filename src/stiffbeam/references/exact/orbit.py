@@ -27,7 +27,7 @@ from ...model.sampled import Sampled
 from ...model.system import System, require_system
 from ...model.system_data import SystemData
 from ...model.time_functions import Harmonic, parts_of
-from ...piecewise.events import switched_by_force
+from ...piecewise.follow import switched_by_force
 from ...piecewise.generator import Generators
 from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known

@@ -16,19 +16,23 @@ from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
-from ...model.drive import Drive
 from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered, parts_of, require_closed_form
+from ...model.time_functions import Drive, covered, parts_of, require_closed_form
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
 from ...piecewise.tracer import tracer_of
 from ...trajectory.records import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import output_times
+from ..registry import Request, output_times
 from .derivative import derivative
+
+
+def solve(request: Request) -> Reference:
+    """Return the exact solution with compliant stops; of a request it takes system, t_end and t_eval."""
+    return solve_exact(request.system, request.t_end, request.t_eval)
 
 
 def solve_exact(
@@ -41,7 +45,7 @@ def solve_exact(
     """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (events.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
+    stops, damped ones too (follow.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
     with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
     rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
     or the energy balance of the motion is open.
@@ -50,7 +54,7 @@ def solve_exact(
     before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
     B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
     crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
-    u' vanishes too the first derivative that does not decides (touching.py).
+    u' vanishes too the first derivative that does not decides (search.py).
     """
     begun = clock()
     positive("t_end", t_end)

@@ -11,14 +11,14 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, numbers, positive
-from ...model.drive import Drive
 from ...model.system import System, require_system
-from ...model.time_functions import offset_values
+from ...model.time_functions import Drive, offset_values
 from ...piecewise.measures import ROUNDINGS, exact_ledger, path_of, within_float64
-from ...piecewise.touching import EPS
+from ...piecewise.search import EPS
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, watched
+from ..registry import Request
 from ..rigid_stops import REMEDY, at_rest, require_rigid
 from .impacting import RADIANS, Tracer
 from .piecewise import reference_of, refuse
@@ -28,6 +28,11 @@ from .rigid_motion import RigidMotion, horner, impacts_of
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
 PART = 0.5  # of the tolerances of a horizon: each of two motions may be off by as much
 LOST = 1e-9  # of the energy: what the balance may be open by
+
+
+def solve(request: Request) -> Reference:
+    """Return the exact solution with rigid stops; of a request it takes system, t_end and t_eval."""
+    return solve_rigid(request.system, request.t_end, request.t_eval)
 
 
 def solve_rigid(

@@ -38,8 +38,8 @@ import numpy as np
 from flint import acb, arb, arb_mat, arb_poly, ctx, fmpq
 
 from ...basics.arrays import Array
-from ...model.drive import Drive
 from ...model.system import System
+from ...model.time_functions import Drive
 from ...trajectory.trajectory import SolverFailure
 from .rational import channels, exact_problem, number, taylor
 

@@ -1,35 +1,71 @@
 """The exact piecewise-linear solution in as many digits as error growth requires, with python-flint.
 
-Between two events the system is one linear flow, whatever damps, drives or holds it. Compliant stops: compliant.py
-refines events and modes of float64. Rigid stops: rigid.py finds its own events. Two runs with different digits have to
-agree.
+Between two events the system is one linear flow, z' = G z, in blocks (linear_flow.py). Float64 finds the next event
+from the state, Newton's method doubles its digits, and one evaluation of the exponentials uses all of them. Digits that
+the motion has lost are dropped. Two runs with different digits have to agree. Rigid stops: rigid.py finds its own
+events.
+
+Contacts that float64 cannot see: where a gap is almost zero as it turns, many digits say whether it is closed.
+
+The event search runs in float64, where a gap that turns at less than the rounding of its terms counts as open.
+Near such a turn gap = d + a s^2/2, a > 0, s the time from it, and d in all the digits that are carried decides:
+
+    d < 0    closed for 2 sqrt(-2 d/a): a contact, or a moment between two, that was passed over
+    d > 0    open; where |d| is less than ``TOUCH`` of the motion it touches, and that is no contact
+
+In contact the gap is the penetration. Of a damped stop that presses only the penetration is looked at, not the force.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import flint
 import numpy as np
-from flint import ctx
+from flint import arb, arb_mat, ctx
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.resources import clock
+from ...basics.resources import Forecast, clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
+from ...model.time_functions import Drive
+from ...piecewise.follow import LET_GO, pressed, side_of, switched_by_force
+from ...piecewise.linear import Regime, spin_of
+from ...piecewise.measures import path_of
 from ...piecewise.motion import Motion
+from ...piecewise.regimes import Regimes, Source
+from ...piecewise.search import EPS, REMEDY
+from ...piecewise.tracer import Gaps
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.lyapunov import lyapunov
 from ..exact.piecewise import reference_of, refuse
+from ..horizon import lyapunov
 from ..registry import Request
-from .compliant import GUARD_BITS, MOST, Known, Sampler, Switch, follow, grazes_of, passed_over
+from .linear_flow import DERIVATIVES, Block, LinearFlow, Split, with_drives
+from .rational import carried, exact_problem
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
+GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
+KNOWN_BITS = 28  # precision of a time between two events in float64
 CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the events
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
+MOST = 100  # contacts that float64 passes over; each costs the whole solution once more
+
+Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
+Sampler = Callable[..., tuple[Array, Array]]  # of the channels at any times, rounded by what it is given
+
+
+class Switch(NamedTuple):
+    """An event that the search receives: approximate time, contact, and side of the stop."""
+
+    t: float
+    contact: int
+    side: int
 
 
 def solve(request: Request) -> Reference:
@@ -48,7 +84,7 @@ def solve(request: Request) -> Reference:
     values. All others are doubles; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
     times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined. Events
-    that float64 passes over are searched where gaps turn (compliant.py). On compliant stops a contact shallower than
+    that float64 passes over are searched where gaps turn, see above. On compliant stops a contact shallower than
     1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
@@ -177,3 +213,363 @@ def _agreement(a: Reference, b: Reference) -> float:
     scale = float(np.max(np.abs(b.tip)))
     wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end))
     return min(end, float(b.t[max(0, wrong[0] - 1)])) if len(wrong) else end
+
+
+# ---------------------------------------------------------------- from event to event
+
+
+class PreciseRegime:
+    """The flow with contacts ``closed``, and the same regime in float64, ``rounded``.
+
+    known: splits by the contacts that are closed, on either side; this one is added.
+    """
+
+    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], rounded: Regime, known: Known) -> None:
+        self.flow, self.G = flow, flow.closed(closed)
+        self.rounded = rounded
+        # A stop adds the same stiffness and damping on either side; only the constant term of G differs. The split of
+        # one side is therefore where the refinement of the other begins.
+        contacts = tuple(map(abs, closed))
+        if contacts in known:
+            self.split = known[contacts].again(self.G)
+        else:
+            self.split = Split(self.G, *_by_float64(self.rounded, flow), drives=2 * flow.n)
+        known[contacts] = self.split
+        self._rows: dict[tuple[int, int, bool], Any] = {}
+
+    @cached_property
+    def channels(self) -> Any:
+        """Rows of all channels and their rates on y (2 channels, N)."""
+        return self._seen(*self.flow.forms, *self.flow.rates)
+
+    def gap(self, contact: int, side: int, lagging: bool) -> Any:
+        """Rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate on y (2, N)."""
+        key = contact, side, lagging
+        if key not in self._rows:
+            form = self.flow.gap(contact, side, lagging)
+            self._rows[key] = self._seen(form, form * self.G)
+        return self._rows[key]
+
+    def _seen(self, *forms: Any) -> Any:
+        return (arb_mat([form.entries() for form in forms]) * self.split.V).mid()
+
+    def coefficients(self, z: Any, t: float) -> Any:
+        """Values of ``rounded`` where z (N, 1) is at t."""
+        n = self.flow.n
+        values = np.array([float(x) for x in z.entries()[: 2 * n]])
+        return self.rounded.coefficients(values[:n], values[n:], spin_of(self.flow.drive, np.array([t]))[0])
+
+
+class Piece(NamedTuple):
+    """A regime from time t on, the coordinates y there and the bits carried."""
+
+    regime: PreciseRegime
+    t: Any
+    y: Any
+    bits: int
+
+    def ahead(self, t: float) -> Any:
+        """y at time t."""
+        return self.regime.split.ahead(self.y, arb(t) - self.t)
+
+    def state(self, t: float) -> Any:
+        """z (N, 1) at time t."""
+        return (self.regime.split.V * self.ahead(t)).mid()
+
+
+@dataclass(frozen=True, eq=False)
+class Unrounded(Motion):
+    """A motion with the states of its ``precise`` pieces, for motions that are small differences of
+    large amplitudes: of these only the values are rounded."""
+
+    precise: list[Piece]
+
+    def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
+        """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
+        n, z = self.precise[0].regime.flow.n, np.empty((len(t), self.precise[0].regime.flow.N))
+        for i, (k, when) in enumerate(zip(piece.tolist(), t.tolist(), strict=True)):
+            with carried(self.precise[k].bits):
+                z[i] = [float(x) for x in self.precise[k].state(when).entries()]
+        return z[:, :n], z[:, n : 2 * n]
+
+    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
+        """row @ q and its rate at any times, (k,)."""
+        q, v = self.states(t)
+        return q @ row, v @ row
+
+
+def follow(
+    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch], known: Known
+) -> tuple[Motion, Sampler, Unrounded]:
+    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
+    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
+
+    told: events that float64 does not see, in order. known: see ``PreciseRegime``.
+    """
+    room, drive = ctx.prec, Drive.of(system)
+    # The flow in many digits, beside it the regimes of float64 that find the events.
+    flow, gaps = LinearFlow(system, full), Gaps(system, drive)
+    float64 = Regimes(Source(system, span=t_end))
+    float64.source.damped = True  # exponentials in every regime
+    regimes: dict[tuple[int, ...], PreciseRegime] = {}
+    t, z = arb(0), flow.start()
+    # Side of every contact at the start.
+    chi = [
+        side_of(contact.stops, *(float((form * z)[0, 0]) for form in forms))
+        for contact, *forms in zip(system.contacts, flow.forms, flow.rates, strict=False)
+    ]
+    times, sides, coefficients, resting, evaluations = [], [], [], -1, 0
+    pieces: list[Piece] = []
+    forecast, untold = Forecast(t_end), list(told)
+    fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
+    while True:
+        # The regime of these contacts, refined where it is first met.
+        key = tuple(chi)
+        if key not in regimes:
+            with carried(room):
+                closed = tuple(pressed(key).tolist())
+                rounded = float64.made[float64.at(closed, t_end)].exponentials  # refuses what float64 refuses
+                assert rounded is not None
+                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, rounded, known)
+            values = regimes[key].rounded.eigenvalues
+            fastest = max(fastest, float(np.max(np.abs(values))))
+            turning = max(turning, float(np.max(np.abs(values.imag))))
+        # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
+        regime, begun = regimes[key], float(t)
+        ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
+        times.append(begun)
+        sides.append(list(chi))
+        coefficients.append(regime.coefficients(z, begun))
+        pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
+        # Next event before the next sample: by float64, or one that float64 passes over if that comes first.
+        edge = drive.next_edge(begun, t_end)
+        start, contact, side, used = gaps.next_switch(
+            regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, begun, edge
+        )
+        evaluations += used
+        if untold and untold[0].t < (begun + start if contact >= 0 else edge):
+            start, contact, side = untold[0].t - begun, untold[0].contact, untold[0].side
+            # In contact the event that was passed over is an exit.
+            side = 0 if chi[contact] else side
+            del untold[0]
+        if contact >= 0 and begun + start < edge:
+            # Refine the event to all digits, and go on from there in the new regime.
+            forecast.check(begun, len(times) * (full / 32.0 + 20.0) * system.size)
+            gap = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
+            tau, shift, ahead = _locate(partial(_at, pieces[-1], gap), start, fastest, 2.0 * np.pi / turning, begun)
+            when = (t + tau + shift).mid()
+            # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
+            if not drive.records or t <= when < edge:
+                t, chi[contact], resting = when, side, contact
+                z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
+                continue
+            if when < t:
+                raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
+        # No event before the sample: the same regime goes on with the next polynomials of the records.
+        if edge >= t_end:
+            break
+        t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
+    # The motion as float64 stores it: times, sides and coefficients of every segment.
+    numbers = [float64.number[tuple(pressed(line).tolist())] for line in sides]
+    x, y = np.zeros((2, len(times), float64.table.sigma.shape[1]))
+    for i, (r, c) in enumerate(zip(numbers, coefficients, strict=True)):
+        x[i, : len(c)], y[i, : len(c)] = float64.made[r].pairs(c)
+    on = np.array(sides, np.int64).reshape(len(times), len(chi))
+    motion = float64, np.array(times), on, np.array(numbers, np.int64), x, y, evaluations
+    return Motion(*motion), partial(_sample, times, pieces), Unrounded(*motion, pieces)
+
+
+def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:
+    """Columns V (N, N) and blocks of a float64 regime and of the drives behind it: the constant, sine and cosine of
+    every frequency, and the derivatives of every record."""
+    n, V = flow.n, np.eye(flow.N)
+    # Eigenvalues that meet form a chain, which is one block; each of the others is a block of its own.
+    chains = [chain.modes.tolist() for chain in regime.chains if len(chain.T) > 1]
+    alone = set(range(len(regime.eigenvalues))) - {k for modes in chains for k in modes}
+    columns: list[Array] = []
+    modes = []
+    for group in (*([k] for k in sorted(alone)), *chains):
+        values = regime.eigenvalues[group]
+        both, first = np.concatenate([regime.W, regime.W_rate])[:, group].T, len(columns)
+        columns += [x.real for x in both]
+        # Real and imaginary part of an eigenvector are two real columns of its pair.
+        if paired := bool(np.all(values.imag > 0.0)):
+            columns += [-x.imag for x in both]
+            values = np.append(values, values.conj())
+        modes.append(Block(list(range(first, len(columns))), values.tolist(), paired and len(group) == 1))
+    V[: 2 * n, : 2 * n] = np.transpose(columns)
+    # Drives: the constant, sine and cosine of every frequency, the derivatives of every record.
+    drives = [Block([2 * n], [0.0], False)]
+    for k, frequency in enumerate(flow.drive.frequencies):
+        places = [2 * n + 1 + 2 * k, 2 * n + 2 + 2 * k]
+        drives.append(Block(places, [1j * frequency, -1j * frequency], True))
+    for first in range(2 * n + flow.drive.size, flow.N, DERIVATIVES):
+        drives.append(Block(list(range(first, first + DERIVATIVES)), [0.0], False))
+    return arb_mat([[arb(x) for x in line] for line in V.tolist()]), with_drives(modes, drives)
+
+
+def _sample(
+    times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
+) -> tuple[Array, Array]:
+    """Positions and velocities (k, channels) at any times, ``rounded``."""
+    states = []
+    for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
+        with carried(pieces[k].bits):
+            seen = pieces[k].regime.channels * pieces[k].ahead(when)
+            states.append([rounded(x) for x in seen.entries()])
+    u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
+    return u, v
+
+
+def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
+    """A gap and its rate at tau after the start of a piece, and y there."""
+    y = piece.regime.split.ahead(piece.y, tau)
+    return *(gap * y).mid().entries(), y  # type: ignore[return-value]
+
+
+def _locate(
+    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
+) -> tuple[Any, Any, Any]:
+    """(tau, shift, y at tau): the gap closes at tau + shift, by so little later that y is known there as well.
+
+    gap_at(tau) -> (gap, gap', y). Newton's method from the float64 time ``start``, the precision doubled at each turn,
+    so that only one evaluation is made at full precision. Where the gap is zero as the piece begins, at rest on its
+    stop and pressed, that is the event. Raises SolverFailure where Newton's method leads further than a fiftieth of
+    the ``shortest`` period away: two crossings so close to each other that float64 cannot tell them apart.
+    """
+    near = 0.02 * shortest
+    # At rest on its stop and pressed: at the start gap and rate are zero to half the digits.
+    if start < near:
+        (gap, speed, y), soon = gap_at(arb(0)), arb(0.5 * near)
+        if max(abs(gap), abs(speed) * soon) < arb(2) ** (-ctx.prec // 2) * abs(gap_at(soon)[0]):
+            return arb(0), arb(0), y
+    # Newton's method with few digits first: a step doubles the correct ones, so more would be computed in vain.
+    full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
+    while accurate < full // 2:
+        accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
+        with carried(min(full, accurate + 70)):
+            gap, speed, _ = gap_at(tau)
+            tau = (tau - gap / speed).mid()
+    # At full precision: the last step is returned as ``shift``, so that the gap need not be evaluated after it.
+    for _ in range(64):
+        gap, speed, y = gap_at(tau)
+        shift = (-gap / speed).mid()
+        if not abs(float(tau + shift) - start) < near:
+            break
+        # What the last step leaves is its square. A damped stop's force jumps, so all digits of the time count.
+        if abs(shift) * fastest < arb(2) ** (-full // 2):
+            return tau, shift, y
+        tau = (tau + shift).mid()
+    remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
+    raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
+
+
+# ---------------------------------------------------------------- contacts that float64 does not see
+
+PER_PERIOD = 16  # looks at a gap in the shortest period
+AT_ONCE, MOST_LOOKS = 100_000, 30_000_000
+CLOSE = 1e-9  # of the motion: deeper ones float64 sees
+TOUCH = 1e-18
+MOVES = 64.0 * EPS  # of the largest speed: a gap that turns more slowly rests
+HALVINGS = 60
+APART = 64.0 * EPS  # of the time: events that are closer have one time in float64
+
+
+class Turn(NamedTuple):
+    """A gap sign (u - stop) that turns at t with gap'' = curve > 0 within ``CLOSE`` of zero; size: of the motion."""
+
+    t: float
+    contact: int
+    side: int
+    sign: int
+    curve: float
+    size: float
+
+
+def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float, since: float) -> Switch | None:
+    """The first event after ``since`` that is missing in ``solution``; ``sample`` gives its channels in many digits.
+
+    None too for more than ``MOST_LOOKS``. Raises SolverFailure where it ends before float64 can tell its end from its
+    beginning.
+    """
+    if np.sum(looks(solution, t_end)[0]) > MOST_LOOKS:
+        return None
+    # Turns close to zero by float64, then the least gap of each in many digits.
+    turns = [turn for i in range(len(system.contacts)) for turn in _turns(system, solution, i, t_end)]
+    contacts = exact_problem(system, Drive.of(system)).contacts if turns else []
+    for turn in sorted(turn for turn in turns if turn.t > since):
+        t, stop, least = turn.t, contacts[turn.contact].stop(turn.side), arb(0)
+        for _ in range(3):  # to the double next to the turn
+            (u,), (v,) = (x[:, turn.contact] for x in sample(np.array([t]), lambda x: x))
+            # Least value of the parabola through gap, rate and curvature at t.
+            least = turn.sign * (u - stop - v * v / (2 * arb(turn.sign * turn.curve)))
+            t = min(max(0.0, t - turn.sign * float(v) / turn.curve), t_end)
+        depth = -float(least)
+        if depth <= TOUCH * turn.size:
+            continue
+        # The parabola crosses zero that long before its turn.
+        early = math.sqrt(2.0 * depth / turn.curve)
+        if early <= APART * t:
+            remedy = f"end before t = {t:.6g}"
+            raise SolverFailure("multiprecision", t, "a contact begins and ends at one time of float64", remedy)
+        return Switch(t - early, turn.contact, turn.side)
+    return None
+
+
+def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
+    """Number of gap evaluations in every segment, and their distance in time, (segments,) each."""
+    length = np.diff(np.append(solution.times, t_end))
+    count = np.ceil(np.maximum(1.0, PER_PERIOD * length / np.minimum(solution.periods, t_end)))
+    return count.astype(np.int64), length / count
+
+
+def grazes_of(solution: Motion, t_end: float) -> str:
+    """Sentence that names the grazes that are decided."""
+    count = float(np.sum(looks(solution, t_end)[0]))
+    if count > MOST_LOOKS:
+        return f"by float64, to 1e-12 of the motion: {count:.1g} looks are more than {MOST_LOOKS:.0e}"
+    return f"by many digits, to {TOUCH:g} of the motion"
+
+
+def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iterator[Turn]:
+    """Turns of the gaps of a contact close to zero, in float64."""
+    stops, sides = system.contacts[contact].stops, solution.sides[:, contact]
+    count, apart = looks(solution, t_end)
+    before = np.concatenate([[0], np.cumsum(count)])
+
+    def path(t: Array) -> tuple[Array, Array]:
+        return path_of(system, solution, t, contact)
+
+    # Looks in blocks, which bounds the size of the arrays.
+    for first in range(0, int(before[-1]), AT_ONCE):
+        look = np.arange(first, min(first + AT_ONCE, before[-1]))
+        piece = np.searchsorted(before, look, "right") - 1
+        h, side = apart[piece], sides[piece]
+        t = solution.times[piece] + (look - before[piece]) * h
+        t = np.append(t, min(t[-1] + h[-1], t_end))
+        u, v = path(t)
+        size = float(np.max(np.abs(u)))
+        moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
+        for which, stop in stops.sides:
+            # A free contact is looked at for entries, one in an undamped stop or beyond one that has let go for exits.
+            looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
+            sign = np.where(side == 0, -which, np.where(looked_at, which, 0))
+            near = CLOSE * (size + abs(stop))
+            gap, rate, gap_after, rate_after = (sign * x for x in (u[:-1] - stop, v[:-1], u[1:] - stop, v[1:]))
+            # Tangents from both ends over twice the distance: a generous estimate of the least gap between two looks.
+            lowest = np.minimum(gap + 2.0 * h * rate, gap_after - 2.0 * h * rate_after)
+            (k,) = np.nonzero((rate < 0.0) & (rate_after >= 0.0) & (lowest <= near) & moves)
+            if not len(k):
+                continue
+            # Bisect for the turn, where the rate changes its sign.
+            low, high = t[k], t[k + 1]
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                falls = sign[k] * path(middle)[1] < 0.0
+                low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+            # Curvature by a difference of rates around the turn.
+            left, right = np.maximum(high - 0.01 * h[k], 0.0), np.minimum(high + 0.01 * h[k], t_end)
+            curve = sign[k] * (path(right)[1] - path(left)[1]) / (right - left)
+            close = (np.abs(path(high)[0] - stop) <= near) & (curve > 0.0)
+            for j in np.flatnonzero(close):
+                yield Turn(float(high[j]), contact, which, int(sign[k[j]]), float(curve[j]), size + abs(stop))

@@ -10,19 +10,19 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
 from ...basics.validation import exact_value
 from ...model.contact import Stops
-from ...model.drive import Drive
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ...model.sampled import Sampled, moved
 from ...model.semidiscretisation import bending_stencil, curvature_stencil, semidiscretise
 from ...model.system import System
-from ...model.time_functions import Constant, Harmonic, parts
+from ...model.time_functions import Constant, Drive, Harmonic, parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,29 +80,45 @@ def number(x: float) -> Any:
     return rational * arb.pi() if pi else rational
 
 
+class _Beam(NamedTuple):
+    """A beam whose semi-discretisation a system is; starts: True if it has the initial data of the beam too."""
+
+    problem: BeamProblem
+    stops: tuple[Stops, ...]
+    starts: bool
+
+
+# Systems cannot change: whether one is a beam is decided once. Weak keys: the table keeps no system alive.
+_BEAMS: WeakKeyDictionary[System, _Beam | None] = WeakKeyDictionary()
+
+
+def _beam_of(system: System) -> _Beam | None:
+    """The beam that makes the system to the last digit, but perhaps for the initial data, as of a perturbed member."""
+    problem, beam = system.problem, None
+    # Of elements the matrices are taken as they are: see System.exact_parameters.
+    if problem is not None and system.form != "hermite":
+        made = semidiscretise(problem, system.cells or system.size, system.form)
+        if replace(made, q0=system.q0, v0=system.v0).fingerprint == system.fingerprint:
+            beam = _Beam(problem, problem.all_stops, made.fingerprint == system.fingerprint)
+    return beam
+
+
 def exact_problem(system: System, drive: Drive) -> Exact:
     """The problem at the current precision: call it again after raising ctx.prec."""
     loads = _Loads(drive, system.size)
-    problem = system.problem
-    # Of elements it takes the matrices as they are: see System.exact_parameters.
-    made = (
-        None
-        if problem is None or system.form == "hermite"
-        else semidiscretise(problem, system.cells or system.size, system.form)
-    )
+    if system not in _BEAMS:
+        _BEAMS[system] = _beam_of(system)
     q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
-    places = [([number(x) for x in contact.row], *offset_of(drive, (1, contact.offset))) for contact in system.contacts]
-    # A system that its problem makes, but perhaps for initial data of its own, as a perturbed member has.
-    fingerprint = system.fingerprint
-    if made and problem and replace(made, q0=system.q0, v0=system.v0).fingerprint == fingerprint:
-        mass, damping, stiffness, *start = _beam(system, problem, loads)
-        places = [_place(problem, stops, system.size, drive) for stops in problem.all_stops]
-        if made.fingerprint == fingerprint:
+    if beam := _BEAMS[system]:
+        mass, damping, stiffness, *start = _matrices(system, beam.problem, loads)
+        places = [_place(beam.problem, stops, system.size, drive) for stops in beam.stops]
+        if beam.starts:
             q0, v0 = start
     else:
         mass, damping, stiffness = (
             [[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.damping, system.stiffness)
         )
+        places = [([number(x) for x in each.row], *offset_of(drive, (1, each.offset))) for each in system.contacts]
         for vector, function in system.loads:
             loads.add([number(x) for x in vector], function)
     # Stops at the exact values of their numbers.
@@ -190,7 +206,7 @@ class _Loads:
                 lines[k] = [b + p * weight * value for b, p in zip(lines[k], vector, strict=True)]
 
 
-def _beam(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any, Any, Any, Any]:
+def _matrices(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any, Any, Any, Any]:
     """Mass, damping, stiffness and initial data of both forms; the loads go to ``loads``."""
     M = system.size
     bending, viscosity = number(problem.stiffness), number(problem.viscosity)
