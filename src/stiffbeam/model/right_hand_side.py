@@ -14,7 +14,7 @@ import scipy.sparse
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .contact import channel_motion, channel_position, laws
-from .contact_law import Law, pressure
+from .contact_law import Law, damps, pressure
 from .equations import FirstOrderSystem
 from .right_hand_side_kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
 from .sampled import Sampled
@@ -360,12 +360,11 @@ def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[A
             rates = jnp.stack([velocities[c], numbers.velocity_rows[second] @ y])
             positions[c], velocities[c] = jnp.where(moving, size, 0.0), r @ rates / size
             pushes[c] = r / size @ jnp.stack([pushes[c], numbers.pushes[second]])
-        kappa, g1, g2, _, damping, dissipation = numbers.law[c]
-        stop = Law(kappa, g1, g2, p, damping, dissipation)  # type: ignore[arg-type]
+        stop: Any = Law(*numbers.law[c])._replace(p=p)  # the exponent is a constant of the program
         force: Any = 0.0
         # The regime is data, not structure: one compiled program computes both sides and selects.
         for side in (1, -1):
-            bound = g2 if side > 0 else g1
+            bound = stop.g2 if side > 0 else stop.g1
             # A side without a stop counts as open, its infinite bound outside the arithmetic.
             there = jnp.isfinite(bound)
             depth = jnp.where(there, side * (positions[c] - jnp.where(there, bound, 0.0)), -1.0)
@@ -398,8 +397,7 @@ def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
     for c, force in enumerate(forces):
         rate = rate + pushes[c] * force
         given = given - force * offset_rates[c]
-        dissipative = (numbers.law[c, 4] > 0.0) | (numbers.law[c, 5] > 0.0)
-        absorbed = absorbed - jnp.where(dissipative, force * velocities[c], 0.0)
+        absorbed = absorbed - jnp.where(damps(Law(*numbers.law[c])), force * velocities[c], 0.0)
     viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
     integrals = [given, viscous, *(-force for force in forces), *([absorbed] if kind.damped else [])]
     return jnp.concatenate([rate, jnp.stack(integrals)])

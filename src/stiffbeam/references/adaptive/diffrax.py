@@ -16,6 +16,7 @@ import scipy.linalg
 from ...basics.arrays import Array
 from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
+from ...model.contact import linear
 from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
 from ...model.right_hand_side_kernels import THROUGH
 from ...model.time_functions import require_closed_form
@@ -86,14 +87,13 @@ class Programs:
         import diffrax
 
         self.rhs, self.name = rhs, name
-        self._kind = kind = numbers_of(rhs)[0]
+        self._kind = numbers_of(rhs)[0]
         # If the first stage of a step is the last one of the step before (FSAL), a step has one stage less.
         tableau = getattr(diffrax, name).tableau
         self.stages = len(tableau.b_sol) - int(tableau.fsal)
         # Modal needs y' linear in y. diffrax solves for f in the stages of FSAL solvers alone, else for h f.
         implicit = issubclass(getattr(diffrax, name), diffrax.AbstractImplicitSolver) and tableau.fsal
-        linear = set(kind.exponents) <= {1.0} and set(kind.seconds) <= {-1} and not kind.damped
-        self._linear = implicit and linear
+        self._linear = implicit and linear(rhs.first_order.system.contacts)
         self._numbers: Any = None
         self._modal: dict[bytes, Modal | None] = {}
         self._ready: dict[tuple[Any, bool], Any] = {}
