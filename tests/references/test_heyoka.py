@@ -169,6 +169,11 @@ def test_refusals_name_rule_value_and_remedy():
     )
 
 
+def test_a_law_with_a_term_that_the_series_lacks_is_refused(monkeypatch):
+    monkeypatch.setattr(taylor, "pressure", lambda d, rate, law: law.kappa * (d + 0.1 * d**2))
+    refused("stops must have a law that heyoka spells out.*cvode", oscillator())
+
+
 def test_what_a_series_cannot_begin_with_fails_with_a_remedy():
     resting = sb.System.from_matrices(
         [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(2.0))], initial_displacement=[0.5],

@@ -68,6 +68,11 @@ def solve(request: Request) -> Reference:
         if stops.jumps and fractional(stops.coefficients):
             rule = f"be 0 beside the exponent {float(stops.exponent):g} for heyoka"
             raise InputError("stops.damping", stops.damping, rule, "use dissipation, or the adaptive solver cvode")
+        # The series spells the law out: another term of ``contact_law`` would be missing in it.
+        law = stops.coefficients
+        spelled = law.kappa * (1.0 + 0.5 * law.lam) + 0.5 * law.c
+        if not math.isclose(pressure(1.0, 0.5, law), spelled, rel_tol=1e-12):
+            raise InputError("stops", stops, "have a law that heyoka spells out", "use the adaptive solver cvode")
     return reference_from(request, _solver, RESTART)
 
 
