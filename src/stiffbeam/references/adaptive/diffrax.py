@@ -74,7 +74,8 @@ class Modal(NamedTuple):
 
 
 class Arguments(NamedTuple):
-    """What a program is told of the system; modal: None where Newton's method takes the Jacobian in every step."""
+    """Arguments of a program. numbers: of the right-hand side. modal: its Jacobian in its eigenvectors, None where
+    Newton's method takes it in every step."""
 
     numbers: Any
     modal: Modal | None
