@@ -43,11 +43,11 @@ def pytest_collection():
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Of a test marked ``fast(n, slow=m)`` n parametrisations, spread evenly, stay in the fast suite.
 
     m others, spread evenly too, are slow, all of them without ``slow``; the rest is for campaigns, which have no time
-    limit.
+    limit. A campaign runs only if -m names campaigns: a -m of the command line replaces the one of pyproject.toml.
     """
     kinds: dict[str, list[pytest.Item]] = {}
     for item in items:
@@ -62,6 +62,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("campaign"):
             item.add_marker(pytest.mark.timeout(0))  # they take what they take
+    if "campaign" not in config.getoption("markexpr"):
+        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("campaign")])
+        items[:] = [item for item in items if not item.get_closest_marker("campaign")]
 
 
 def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:

@@ -16,6 +16,7 @@ import typer
 
 import stiffbeam as sb
 from stiffbeam.cli.application import app
+from stiffbeam.files.cases import paper_cases
 
 MINE = """
 [[case]]
@@ -299,25 +300,49 @@ def test_an_unknown_option_or_a_missing_case_exits_with_2(command):
 # ---------------------------------------------------------------- what is loaded
 
 HEAVY = ("jax", "diffrax", "sksundae", "matplotlib")
+COMPILED = ("scipy", "numba")  # half a second, which a command without numbers does without
 IMPORT = "import sys, stiffbeam; print(sorted(m for m in sys.modules if '.' not in m))"
-HELP = """
+COMMAND = """
 import sys
 import stiffbeam.cli
-sys.argv = ["stiffbeam", "--help"]
+sys.argv = ["stiffbeam", *{}]
 try:
     stiffbeam.cli.main()
 finally:
     print("LOADED", sorted(m for m in sys.modules if "." not in m))
 """
+LIGHT = (["--help"], ["--version"], ["cases"], ["cases", "--show", "table10"], ["cases", "--json", "-"])
 
 
-@pytest.mark.parametrize(("code", "light"), [(IMPORT, "stiffbeam"), (HELP, "typer")], ids=["import", "--help"])
-def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
-    process = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+def loaded_by(code: str, folder) -> str:
+    process = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=60)
     assert process.returncode == 0, process.stderr
-    loaded = process.stdout.rpartition("[")[2]
-    assert f"'{light}'" in loaded
-    assert not [name for name in HEAVY if f"'{name}'" in loaded]
+    return process.stdout.rpartition("[")[2]
+
+
+def test_the_import_loads_no_heavy_library(tmp_path):
+    loaded = loaded_by(IMPORT, tmp_path)
+    assert "'stiffbeam'" in loaded
+    assert not [name for name in (*HEAVY, *COMPILED) if f"'{name}'" in loaded]
+
+
+@pytest.mark.parametrize("arguments", LIGHT, ids=" ".join)
+def test_commands_without_numbers_load_neither_scipy_nor_numba(arguments, tmp_path):
+    loaded = loaded_by(COMMAND.format(arguments), tmp_path)
+    assert "'typer'" in loaded
+    assert not [name for name in (*HEAVY, *COMPILED) if f"'{name}'" in loaded]
+
+
+def test_the_list_of_cases_has_the_values_of_the_cases(command):
+    listed = json.loads(command("cases", "--json", "-")[1])["cases"]
+    assert listed == [
+        {
+            "name": c.name, "title": c.title, "cells": c.cells, "dt": c.dt, "t_end": c.t_end,
+            "runs": [f"{scheme}@{form}" for scheme, form in c.runs],
+            "published": c.published, "inferred": list(c.notes),
+        }
+        for c in paper_cases().values()
+    ]  # fmt: skip
 
 
 def test_no_help_has_words_in_brackets():

@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
 import stiffbeam as sb
+
+STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
+
+
+def oscillator(frequency):
+    load = ([1.0], sb.Harmonic(0.3, frequency))
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[STOP])
 
 
 def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(table10, capsys):
@@ -17,3 +29,53 @@ def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(tab
     quiet = sb.reference(system, 0.05, progress=True)  # neither a terminal nor a notebook
     assert quiet.horizon == asked.horizon
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_continuation_shows_every_orbit_and_its_search_for_grazings():
+    shown: list[tuple[str, int, int]] = []
+    along, keep = np.linspace(1.0, 1.3, 8), lambda *x: shown.append(x)
+    branch = sb.continuation(oscillator, "frequency", along, lambda w: 2 * np.pi / w, grazings=True, progress=keep)
+    orbits = [x for x in shown if x[2] == 160]  # of 20 for each value, at most
+    assert [x[0] for x in orbits[:1]] == ["continuation: frequency = 1"]
+    # Every orbit is shown before the search for the next one; with the last one, at the end of the values, none begins.
+    assert {x[1] for x in orbits} >= set(range(1, len(branch.values) - 1))
+    assert "grazing" in {x.kind for x in branch.bifurcations}
+    assert any(x[0].startswith("continuation: grazings from frequency = ") for x in shown)
+    with pytest.raises(sb.InputError, match="progress must be True, False or a function"):
+        sb.continuation(oscillator, "frequency", along, lambda w: 2 * np.pi / w, progress="yes")  # type: ignore[arg-type]
+
+
+def test_a_study_shows_its_points(capsys):
+    shown: list[tuple[str, int, int]] = []
+    case, options = sb.paper_case(10), {"schemes": ["BDF2", "bathe"], "per_decade": 3}
+    study = sb.study("amplification", case, progress=lambda *x: shown.append(x), **options)
+    assert shown[0] == ("amplification: planning", 0, 0)
+    assert shown[-1][1:] == (shown[-1][2],) * 2 > (0, 0)
+    again = sb.study("amplification", case, progress=True, **options)  # neither a terminal nor a notebook
+    assert again.rows == study.rows
+    assert capsys.readouterr() == ("", "")
+
+
+def test_an_advice_past_the_horizon_shows_its_exact_motions(table10):
+    shown: list[tuple[str, int, int]] = []
+    system = sb.semidiscretise(table10, 8)
+    advice = sb.advise(
+        system, {"impacts": 0.2}, 1.0, [sb.Trapezoidal()], most_steps=64, members=4,
+        progress=lambda *x: shown.append(x),
+    )  # fmt: skip
+    assert advice.horizon < 1.0
+    assert [x[1:] for x in shown if x[0] == "advise: 4 exact motions"][-1] == (4, 4)
+
+
+def test_a_printed_reference_states_its_error():
+    units = sb.Units("mm", "ms", "N")
+    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[STOP], initial_velocity=[2.0], units=units)
+    exact = sb.reference(system, 3.0)
+    first, statement = str(exact).splitlines()
+    assert first == repr(exact)
+    tolerance = exact.provenance["horizon_tolerance"]
+    assert statement.startswith(f"Valid to t = 3 ms: {tolerance} ms. Compared with 4 copies perturbed by")
+    assert str(sb.reference(system, 3.0, "dop853")).endswith("ms. Compared with the exact solution.")
+    more = str(sb.reference(system, 3.0, "multiprecision"))
+    assert " the same events. Compared with itself with " in more
+    assert str(replace(exact, horizon=float("nan"))).endswith("Its error is not known: it was compared with nothing.")

@@ -301,6 +301,19 @@ def progress() -> Generator[Show, None, None]:
         yield show
 
 
+@contextmanager
+def displayed(asked: bool | Show) -> Generator[Show, None, None]:
+    """The function show(what, done, total) that a ``progress`` argument asks for: of a display for True, one that shows
+    nothing for False, else the function itself."""
+    if not isinstance(asked, bool) and not callable(asked):
+        raise InputError("progress", asked, "be True, False or a function", "leave it out")
+    if asked is True:
+        with progress() as show:
+            yield show
+    else:
+        yield asked or silent
+
+
 class _Phases:
     """Detector of the calls of show(what, done, total) that begin a phase."""
 

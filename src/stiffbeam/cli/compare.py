@@ -266,7 +266,8 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
     from ..measures.report import WIDTH
 
     terminal = console(WIDTH)
-    terminal.print(Text.assemble((result.case.name, "bold"), f"  {result.case.title}"))
+    title = "" if result.case.title == result.case.name else f"  {result.case.title}"
+    terminal.print(Text.assemble((result.case.name, "bold"), title))
     terminal.print(_tables(result, TALK.verbose))
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
         say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")

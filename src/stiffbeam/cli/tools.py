@@ -42,21 +42,22 @@ def cases(
     json_file: Json = None,
 ) -> None:
     """List the paper's cases."""
-    from ..files.cases import case_text, paper_cases
+    from ..files.paper import case_blocks, paper_entries, paper_text
 
     check_json(json_file)
     if show is not None:
-        say(case_text(show).rstrip())
+        text = case_blocks(paper_text()).get(show)
+        if text is None:
+            from ..files.cases import case_text  # loads SciPy and numba
+
+            text = case_text(show)
+        say(text.rstrip())
         return
-    listed = paper_cases().values()
+    fields = ("name", "title", "cells", "dt", "t_end", "runs")
     rows: list[dict[str, Any]] = [
-        {
-            "name": c.name, "title": c.title, "cells": c.cells, "dt": c.dt, "t_end": c.t_end,
-            "runs": [f"{scheme}@{form}" for scheme, form in c.runs],
-            "published": c.published, "inferred": list(c.notes),
-        }
-        for c in listed
-    ]  # fmt: skip
+        {x: entry[x] for x in fields} | {"published": entry.get("published", {}), "inferred": entry.get("inferred", [])}
+        for entry in paper_entries()
+    ]
     if write_json("cases", {"cases": rows}, json_file):
         return
     columns = ("title", "cells", "dt", "t_end")

@@ -138,19 +138,22 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
     """Logarithmic axes wherever what is drawn so far holds anything positive."""
     if x and np.isfinite(axis.dataLim.minposx):
         axis.set_xscale("log", nonpositive="mask")
-        _few_ticks(axis.xaxis, axis.dataLim.x1 / axis.dataLim.minposx, 10.0)
+        _few_ticks(axis.xaxis, axis.dataLim.minposx, axis.dataLim.x1, 10.0)
     if y and np.isfinite(axis.dataLim.minposy):
         axis.set_yscale("log", nonpositive="mask")
-        _few_ticks(axis.yaxis, axis.dataLim.y1 / axis.dataLim.minposy, 50.0)
+        _few_ticks(axis.yaxis, axis.dataLim.minposy, axis.dataLim.y1, 50.0)
 
 
-def _few_ticks(axis: XAxis | YAxis, span: float, most: float) -> None:
-    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other."""
-    from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
+def _few_ticks(axis: XAxis | YAxis, low: float, high: float, most: float) -> None:
+    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other. Numbers that need
+    no power of ten have none."""
+    from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter
 
-    if 1.0 < span < most:
+    if 1.0 < high / low < most:
+        powers = LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf))
+        plain = FuncFormatter(lambda x, _: f"{x:g}")
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
+        axis.set_major_formatter(plain if low >= 1e-3 and high <= 1e4 else powers)
         axis.set_minor_formatter(NullFormatter())
 
 

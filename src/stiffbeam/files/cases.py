@@ -7,7 +7,6 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from ..model.system import System
 from ..model.uncertain import KINDS, Uncertain, uncertain_members
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
+from .paper import case_blocks, paper_text
 from .reader import Reader, SystemReader
 
 
@@ -278,18 +278,11 @@ def paper_cases() -> dict[str, Case]:
     return _parse(_toml(paper_text()), "paper.toml")
 
 
-def paper_text() -> str:
-    """The data file of the paper's tables, as a start for a case file."""
-    return files("stiffbeam.files").joinpath("paper.toml").read_text(encoding="utf-8")
-
-
 def case_text(name: str) -> str:
     """The case as the text of a TOML file; ``name`` as in ``find_case``."""
     case = find_case(name)
     text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
-    # The text of each case as it stands in the file, with its comments.
-    blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]
-    return next(block for block in blocks if tomllib.loads(block)["case"][0].get("name") == case.name)
+    return case_blocks(text)[case.name]
 
 
 def parse_case(text: str, source: str) -> Case:

@@ -32,8 +32,8 @@ from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import parse_run, run_label
 from ..trajectory.records import ContactRecord, Impacts, Ledger
-from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS
-from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work, output_index
+from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
+from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
 from .cases import parse_case
 
 FROZEN_FORMAT = 1

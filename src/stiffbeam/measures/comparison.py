@@ -318,7 +318,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
             if contact.stops.rigid
         ]
     if energy is None:
-        without = "states or a ledger" if run.pieces is None else "the reactions of its rigid stops"
+        without = "states (q, v)" if run.pieces is None else "the reactions of its rigid stops"
         missing.append(f"energy: the run came without {without}")
     if "tip_velocity" in run.provenance:
         missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")

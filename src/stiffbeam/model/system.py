@@ -285,7 +285,7 @@ class System:
             loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
         if self.observe is None and all(each.radial for each in contacts[:1]):
             rule = "name the row of .tip where there is no contact, or a round hole first"
-            raise InputError("observe", None, rule, "pass observe=row")
+            raise InputError("observe", None, rule, "pass observe=row, for example the first row of the hole")
         if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:

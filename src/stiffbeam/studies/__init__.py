@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..basics.validation import one_of
-from .interface import Records, Study
+
+if TYPE_CHECKING:
+    from .interface import Records, Study
 
 # In this order: one step, one run, many runs, many steps.
 STUDIES = {
@@ -30,6 +32,13 @@ STUDIES = {
     "sweep": "Bifurcation diagram, impacts and forces over one or two parameters; continues after an interruption.",
     "orbits": "Periodic orbits over a parameter, stable or not, with folds, flips and multipliers.",
 }
+
+
+def __getattr__(name: str) -> Any:
+    """Records and Study, loaded on first use: with them come SciPy and numba, which a list of studies does without."""
+    if name in ("Records", "Study"):
+        return getattr(import_module(".interface", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def find_study(name: str) -> Study:

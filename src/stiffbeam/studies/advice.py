@@ -202,8 +202,9 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
     reasons = {}
     for name in [name for name, probe in alone.items() if probe is None]:
         best = min(tried, key=lambda p, name=name: p.errors[name])
-        runs = f"{'from no step on all' if best.meets({name: want[name]}) else 'none'} of {len(tried)} runs of up to "
-        reasons[name] = f"{runs}{most} steps; the best has {best.errors[name]:.3g}, {best.label} at dt = {best.dt:.3g}"
+        kept = "some, but of no scheme all finer ones," if best.meets({name: want[name]}) else "none"
+        runs = f"{kept} of {len(tried)} runs of up to {most} steps reach it"
+        reasons[name] = f"{runs}; the best has {best.errors[name]:.3g}, {best.label} at dt = {best.dt:.3g}"
     if reasons:
         return reasons
     name = max(alone, key=lambda n: alone[n].work)  # type: ignore[union-attr]
@@ -214,7 +215,7 @@ def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str
 
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-PAST = "past the horizon t = {:.4g} no step gives one motion: motions 1e-16 apart have diverged there"
+PAST = "past the horizon t = {} no step gives one motion: motions 1e-16 apart have diverged there"
 
 
 @dataclass(frozen=True)
@@ -316,17 +317,17 @@ class Advice:
         lines = [self.remark] if self.remark else []
         if self.recommendation is not None:
             p = self.recommendation
-            met = ", ".join(f"{name} {p.errors[name]:.2g} of {self.want[name]:g}" for name in self.attainable)
+            met = ", ".join(f"{name} {p.errors[name]:.2g} (wanted {self.want[name]:g})" for name in self.attainable)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
             dt = units.measure(p.dt, "time", ".6g")
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
-            lines.append(f"errors, beside those of the mesh: {met}")
+            lines.append(f"relative errors, of the tip rms, without those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
-            until = units.measure(self.trusted_until, "time", ".4g")
-            lines.append(f"its tip stays within {self.want.get('tip', WANT['tip']):g} of the exact one to t = {until}")
+            until, least = units.measure(self.trusted_until, "time", ".4g"), self.want.get("tip", WANT["tip"])
+            lines.append(f"at every moment to t = {until} its tip is within {least:g} max|u| of the exact one")
         if self.doubt is not None:
             lines.append(
                 f"sources of uncertainty of this run, from {self.doubt.members} systems within the tolerances:"
@@ -390,10 +391,8 @@ def advise(
         Where the search ends: by default 2^20 steps, 2^14 of a march with matrices, 2^11 for means.
     members : int
         Perturbed runs behind each mean past the horizon; the most systems that are drawn to rank uncertainties.
-    progress : bool or callable
-        As in ``reference``.
-    tell : callable
-        Called with one line of text after every refinement.
+    progress : as for ``reference``
+    tell : callable, with one line of text after every refinement
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
     uncertain, finer
@@ -439,13 +438,13 @@ def advise(
         one_of("contacts", name, CONTACTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
-    show("advise: the exact motion", 0, 0)
-    exact = best_reference(system, positive("t_end", t_end))
+    exact = best_reference(system, positive("t_end", t_end), progress=progress)
     # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
     work = WORK in wanted
-    criterion = Statistics(system, t_end, members, work) if past else Motion(exact, work)
-    cannot = {"tip": PAST.format(exact.horizon)} if past and "tip" in wanted else {}
+    criterion = Statistics(system, t_end, members, work, show) if past else Motion(exact, work)
+    until = system.units.measure(exact.horizon, "time", ".4g")
+    cannot = {"tip": PAST.format(until)} if past and "tip" in wanted else {}
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
@@ -543,10 +542,11 @@ class Motion:
 class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
-    def __init__(self, system: System, t_end: float, members: int, work: bool) -> None:
+    def __init__(self, system: System, t_end: float, members: int, work: bool, show: Show) -> None:
         self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
-        self.exact = reference_ensemble(system, t_end, self.systems)
+        what = f"advise: {members} exact motions"
+        self.exact = reference_ensemble(system, t_end, self.systems, progress=lambda done: show(what, done, members))
         self.scatter = {
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS

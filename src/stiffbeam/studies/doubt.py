@@ -282,9 +282,7 @@ def uncertain_case(
 def require_uncertain(case: Case) -> None:
     """Raise InputError for a case without uncertain parameters."""
     if not case.uncertain:
-        remedy = (
-            'state its tolerances: [case.uncertain] with stiffness = 0.01, or replace(case, uncertain={"...": ...})'
-        )
+        remedy = 'pass uncertain={"stops.stiffness": 0.01}, in a case file [case.uncertain] with stops.stiffness = 0.01'
         raise InputError("case", case.name, "have uncertain parameters", remedy)
 
 

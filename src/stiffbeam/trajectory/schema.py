@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..basics.arrays import Array
 from ..basics.storage import Arrays, write_netcdf, write_whole
 from ..basics.text import plain, table
 from ..basics.units import NON_DIMENSIONAL, ONE, Units
@@ -324,3 +326,14 @@ def _write_mat(arrays: Arrays, file: str | Path) -> Path:
     content |= notes | {"provenance": arrays.attributes["provenance"]}
     savemat(buffer, content, appendmat=False, long_field_names=True)
     return write_whole(file, buffer.getvalue())
+
+
+GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
+
+
+def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
+    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
+    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
+    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
+        raise InputError("t", "new times", f"be among t_eval for {method}", GIVEN_TIMES)
+    return index

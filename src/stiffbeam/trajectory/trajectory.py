@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
@@ -21,7 +21,7 @@ from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, Renamed, integer, numbers, positive
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import arrays_of, frame_of, named, save, values_of
+from .schema import arrays_of, frame_of, named, output_index, save, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -433,17 +433,6 @@ def _travels(value: Any) -> bool:
     return True
 
 
-REMEDY = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
-
-
-def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
-    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
-    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
-    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
-        raise InputError("t", "new times", f"be among t_eval for {method}", REMEDY)
-    return index
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Reference(Trajectory):
     """A Trajectory with the time to which it is reliable, and, of some solvers, values between its outputs.
@@ -454,7 +443,7 @@ class Reference(Trajectory):
         The time to which an independent or more precise solution agrees with it: |du| <= 1e-3 max|u| for the tip and
         for every contact, and impact times to a thousandth of the longest natural period and to a twentieth of the mean
         time between them. NaN where nothing has been compared. ``provenance["horizon_against"]`` names the other
-        solution.
+        solution; ``print(reference)`` states all this.
 
     Examples
     --------
@@ -487,6 +476,16 @@ class Reference(Trajectory):
         text = self.units.measure(f"{self.horizon:.4g}", "time") if np.isfinite(self.horizon) else "not known"
         against = str(self.provenance.get("horizon_against", ""))
         return [("horizon", text), ("against", against), *super()._facts()]
+
+    def __str__(self) -> str:
+        """The repr, and under it the error statement: to which time, how exactly, and what it was compared with."""
+        against, within = (str(self.provenance.get(f"horizon_{name}", "")) for name in ("against", "tolerance"))
+        if not (np.isfinite(self.horizon) and against):
+            return f"{self!r}\nIts error is not known: it was compared with nothing."
+        within = self.units.measure(within, "time") if within[-1:].isdigit() else within  # ends with a time
+        other = "the exact solution" if against == "exact" else against
+        end = self.units.measure(f"{self.horizon:.4g}", "time")
+        return f"{self!r}\nValid to t = {end}: {within or 'to 0.001 of max|u|'}. Compared with {other}."
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,7 +29,7 @@ from scipy.interpolate import krogh_interpolate
 from scipy.optimize import brentq
 
 from ...basics.arrays import Array
-from ...basics.resources import afford
+from ...basics.resources import Show, afford, displayed, silent
 from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
@@ -224,6 +225,7 @@ class _Follower:
     ) -> None:  # fmt: skip
         self.make_system, self.period, self.parameter, self.limits = make_system, period, parameter, limits
         self.span, self.most, self.grazings = limits[1] - limits[0], most, grazings
+        self.show: Show = silent
         self.first_step, self.scale = first_step, np.ones(0)
         self._known: tuple[System, Known] | None = None
         self._last: tuple[float, PeriodMap, float] | None = None
@@ -247,11 +249,8 @@ class _Follower:
 
     def slope(self, value: float, system: System) -> SystemData:
         """Derivative of the data of the system by the parameter, without that of the initial data."""
-        if self._slopes is None:
-            vector = self._slope(value, system)
-        else:
-            share = (value - self.limits[0]) / self.span
-            vector = (1.0 - share) * self._slopes[0] + share * self._slopes[1]
+        share, ends = (value - self.limits[0]) / self.span, self._slopes
+        vector = self._slope(value, system) if ends is None else (1.0 - share) * ends[0] + share * ends[1]
         vector[-2 * system.size :] = 0.0
         return data_of(system).of_vector(vector)
 
@@ -299,9 +298,8 @@ class _Follower:
                 direction = direction if direction @ ahead >= 0.0 else -direction
                 m = np.asarray(np.linalg.eigvals(D), complex)
                 m = m[np.argsort(-np.abs(m), kind="stable")]
-                return _Point(
-                    z, value, direction, m, float(np.linalg.norm(D)), len(tangent.path.times) - 1, tangent
-                ), count
+                switches = len(tangent.path.times) - 1
+                return _Point(z, value, direction, m, float(np.linalg.norm(D)), switches, tangent), count
             if size > before and count > (2 if guess is None else 1):  # a kink: a shorter step costs less than more
                 break
             before, step = size, np.linalg.solve(bordered, -np.append(defect, normal @ moved))
@@ -341,6 +339,7 @@ class _Follower:
         points, bifurcations, near = [start.kept], list[Bifurcation](), list[tuple[float, float]]()
         point, before, straight, end = start, None, False, ""
         while not end:
+            self.show(f"continuation: {self.parameter} = {point.value:.5g}", len(points), self.most)
             if abrupt(point.tangent.generators.system) and len(near) < len(points):
                 near.append(distances(point.tangent))
             reason = "the branch turns sharply"
@@ -426,6 +425,7 @@ class _Follower:
         changes = (after - before) + (before - after)
         if not changes:
             return
+        self.show(f"continuation: grazings from {self.parameter} = {one.value:.5g} on", depth, SPLIT)
         contacts = {event[0] for event in changes}
         # One pair of events of one contact: the graze is where its turning gap changes sign.
         if sum(changes.values()) == 2 and len(contacts) == 1:
@@ -448,11 +448,9 @@ class _Follower:
     def doubled(self, flip: Bifurcation) -> Branch:
         """The branch of twice the period that leaves at a flip, along the vector that a period turns round."""
         period = self.period
-        follower = _Follower(
-            self.make_system, lambda x: 2.0 * period(x), self.parameter, self.limits, self.first_step, self.most,
-            self.grazings,
-        )  # fmt: skip
-        follower.scale = self.scale
+        follower = copy(self)
+        follower.period, follower.show = lambda x: 2.0 * period(x), silent
+        follower._known = follower._last = None
         with within_float64("continuation", period(flip.value)):
             _, D, _, _ = self.flow(flip.z, flip.value)
             m, vectors = np.linalg.eig(D * self.scale / self.scale[:, None])
@@ -537,6 +535,7 @@ def continuation(
     guess: Any = None,
     grazings: bool = False,
     most: int | None = None,
+    progress: bool | Show = False,
 ) -> Branch:
     """Periodic orbits along a branch, through folds and past flips, stable or not.
 
@@ -557,6 +556,7 @@ def continuation(
         by it in any case. Two touches of one contact of which one is born and one dies between two points cancel.
     most : int
         Number of orbits after which the branch ends; by default 20 for each of the values.
+    progress : as for ``reference``
 
     Returns
     -------
@@ -594,7 +594,7 @@ def continuation(
     start = periodic_orbit(first, of_value(float(along[0])), guess)
     follower = _Follower(make_system, of_value, parameter, limits, 1.0 / (len(along) - 1), most, grazings)
     follower.scale = _units(start.path)
-    with within_float64("continuation", start.period):
+    with within_float64("continuation", start.period), displayed(progress) as follower.show:
         normal = np.append(np.zeros(2 * first.size), np.sign(along[-1] - along[0]))
         point, _ = follower.point(np.concatenate([start.q, start.v]), float(along[0]), normal, normal)
         return follower.follow(point, follower.first_step)
