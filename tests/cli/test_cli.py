@@ -326,6 +326,7 @@ def test_the_import_loads_no_heavy_library(tmp_path):
     assert not [name for name in (*HEAVY, *COMPILED) if f"'{name}'" in loaded]
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("arguments", LIGHT, ids=" ".join)
 def test_commands_without_numbers_load_neither_scipy_nor_numba(arguments, tmp_path):
     loaded = loaded_by(COMMAND.format(arguments), tmp_path)
@@ -357,6 +358,7 @@ def test_no_help_has_words_in_brackets():
         assert not [text for text in texts if re.search(r"\[[a-z][\w.]*\]", text)], name
 
 
+@pytest.mark.slow
 def test_kernels_that_may_not_be_compiled_are_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     done = shell("compare", "table10", cwd=tmp_path)

@@ -88,6 +88,7 @@ def test_every_module_is_in_a_room():
     assert {name.split(".")[0] for name in MODULES} - ENTRANCES == set(ROOMS)
 
 
+@pytest.mark.slow
 def test_no_room_imports_from_one_to_its_right():
     back = [
         f"{name} -> {other}"
@@ -135,6 +136,7 @@ def test_a_file_is_one_sitting_of_reading(name):
     assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= 600
 
 
+@pytest.mark.slow
 def test_campaigns_run_only_where_they_are_named():
     """A -m of the command line replaces that of pyproject.toml: "not slow" must not begin campaigns."""
     file = "tests/references/test_rigid_neighbours.py"
