@@ -58,7 +58,8 @@ def study(name: str, case: Any = "table10", **options: Any) -> Records:
     case : str, Case or System
         The label of a case, a case, or a system of your own (with dt= and t_end=).
     **options
-        Those of ``run_study`` and of the study itself, as its command lists them.
+        ``progress=True`` for a bar, ``jobs=`` for processes or your ``executor=``, ``folder=`` to go on after an
+        interruption, and those of the study itself, as its command lists them.
 
     Returns
     -------

@@ -338,7 +338,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
     elif not system.damped and not any(lossy):
         notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
-    most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
+    most = [f"most {x['over all values']} {x['most']}" for x in table if "impacts" in x["over all values"]]
     ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
     verdict = "; ".join(_periodicity(rows) or most) or "no contact"
     return Answer(f"{first['method']} over {' and '.join(ranges)}: {verdict}.", table, notes)
