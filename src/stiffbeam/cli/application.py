@@ -388,8 +388,14 @@ def _dressed(command: Any, name: str) -> Any:
     if command.epilog is None:
         command.rich_help_panel = next((group for group, names in GROUPS.items() if name in names), None)
         command.params = [*command.params, *shared()]
+        command.help = _joined(command.help or "")  # typer breaks lines where the docstring does
         command.epilog = epilog(name)
     return command
+
+
+def _joined(text: str) -> str:
+    """The text with one line for each paragraph."""
+    return re.sub(r"(?<!\n)\n(?!\n)", " ", text)
 
 
 def command_of(name: str) -> Any:
@@ -420,7 +426,7 @@ def command_of(name: str) -> Any:
         add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
     )
     names = {p.name for p in options}
-    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(study.points.__doc__ or ""))
+    text = _joined(inspect.cleandoc(study.points.__doc__ or ""))
     # A parameter of the function is an option of the command.
     text = re.sub(r"``(\w+)``", lambda x: f"--{x[1].replace('_', '-')}" if x[1] in names else f"'{x[1]}'", text)
     text = text.replace("``", "'")

@@ -319,7 +319,10 @@ def animate(
 def advise(
     case: Case,
     want: Annotated[
-        str | None, option("admissible errors of tip, impacts, peak_force, impulse, normal_work; default: tip=1e-3,...")
+        str | None,
+        option(
+            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work; default: tip=1e-3,..."
+        ),
     ] = None,
     schemes: Annotated[str | None, option("comma-separated; default: all", "schemes")] = None,
     form: Form = None,

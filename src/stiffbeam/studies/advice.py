@@ -379,8 +379,8 @@ def advise(
     system : System or Case
         As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
     want : mapping of str to float, optional
-        Admissible error per quantity: tip, impacts, peak_force, impulse, normal_work. By default 1e-3, 0.05 and 0.05 of
-        the first three; of rigid stops impulse in the place of peak_force.
+        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work. By default 1e-3,
+        0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
