@@ -530,7 +530,7 @@ def dissipation_for(restitution: float, speed: float) -> float:
 
     e = number("restitution", restitution)
     if not 0.0 < e <= 1.0:
-        raise InputError("restitution", restitution, "lie in (0, 1]", "0 takes an infinite dissipation")
+        raise InputError("restitution", restitution, "lie in (0, 1]", "for 0 use a rigid stop with restitution=0")
     positive("speed", speed)
     if e == 1.0:
         return 0.0
