@@ -438,3 +438,31 @@ def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
     assert np.max(np.abs(run.energy.input - 0.6 * (motion - 0.2) + np.where(t < 1.0, 0.0, 0.02))) < 1e-7
     assert np.max(np.abs(run.energy.loss)) < 1e-7
     assert np.max(np.abs(run.energy.stop_dissipation)) < 1e-7
+
+
+class Polygon:
+    """A stop that recedes, waits, comes, and stands still at once at t = 4."""
+
+    corners, places = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]), np.array([0.0, 0.0, -0.4, -0.4, 0.1, 0.1])
+
+    def value(self, t):
+        return np.interp(t, self.corners, self.places)
+
+    def rate(self, t):
+        side = np.searchsorted(self.corners, np.asarray(t, float), "right") - 1
+        return (np.diff(self.places) / np.diff(self.corners))[np.clip(side, 0, 4)]
+
+    def acceleration(self, t):
+        return 0.0 * np.asarray(t)
+
+
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853"])
+def test_a_corner_at_the_end_takes_no_output_away(method):
+    """The force of the damper jumps at t_end: a root there ends the last phase before its output."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0, damping=3.0), offset=Polygon())
+    system = sb.System.from_matrices(
+        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(0.5))], contacts=[stop], initial_displacement=[0.2]
+    )
+    run = sb.reference(system, 4.0, method, t_eval=np.linspace(0.0, 4.0, 401))
+    assert run.states[0].shape == (401, 1)
+    assert abs(run.at(np.array([3.99999]))[0][0] - run.tip[-1]) < 1e-4

@@ -347,6 +347,8 @@ def follow(
                 closed[k] = not closed[k]
                 contacts.switch(k, now, z)
             contacts.pass_kink(now, z)
+    # A root at the end itself leaves the output there to a phase that does not come.
+    states += [z] * (len(t) - len(states))
     counters["restarts"] = counters.pop("starts") - 1
     return Path(np.array(states), contacts if events else None, counters, z)
 
