@@ -394,7 +394,13 @@ def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
         again = None if system is None else _solved_again(system, common["provenance"])
         state_at = None if again is None else partial(_states_at, again)
         evaluate = partial(_values_at, common, again)
-        run = Reference(**common, horizon=float(data.attributes["horizon"]), evaluate=evaluate, state_at=state_at)
+        run = Reference(
+            **common,
+            horizon=float(data.attributes["horizon"]),
+            evaluate=evaluate,
+            state_at=state_at,
+            contact_by_events=None if again is None else partial(_contact_between, again),
+        )
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
     energies = {field: data[name] for field, name in LEDGER_FIELDS.items() if name in data}
@@ -434,6 +440,10 @@ def _states_at(again: Callable[[], Reference], t: Array) -> tuple[Array, Array]:
     state_at = again().state_at
     assert state_at is not None
     return state_at(t)
+
+
+def _contact_between(again: Callable[[], Reference], start: float, end: float, contact: int) -> ContactRecord | None:
+    return again().contact_between(start, end, contact)
 
 
 def _values_at(
