@@ -501,11 +501,13 @@ class Correction(NamedTuple):
     lost_squares: Array
 
     def perturbed(self, size: float, rng: np.random.Generator) -> Modes:
-        """These modes, off by ``size`` and by size/eps times what the correction loses."""
+        """These modes, off by ``size`` and by size/eps times what the correction loses; what strains nothing does so in
+        every copy."""
         n = len(self.squares)
         noise = rng.uniform(-1.0, 1.0, (n + 1, n))
         # abs: the change of a square near zero may exceed it.
         omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.lost_squares * np.diag(noise)))
+        omega[self.base.omega == 0.0] = 0.0
         shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost_shapes * noise[:n])
         return replace(self.base, omega=omega, shapes=shapes)
 

@@ -8,7 +8,7 @@ its sums of exponentials, and the loop leaves it to ``Tracer``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Lock
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -153,6 +153,8 @@ class Source:
         self.kappas = [float(c.stops.stiffness) for c in system.contacts]
         self.dampings = [float(c.stops.damping) for c in system.contacts]
         self.lags = np.array([c / kappa for c, kappa in zip(self.dampings, self.kappas, strict=True)])
+        self.lagging = bool(self.lags.any())
+        self.frequencies = np.array(self.drive.frequencies, float)
 
     def modes(
         self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
@@ -170,9 +172,7 @@ class Source:
             return base
         if kappas not in self.corrections:
             self.corrections[kappas] = correction(self.system, springs, base)
-        made = self.corrections[kappas].perturbed(perturbation.frequency, rng)
-        # What strains nothing does so in every copy.
-        return replace(made, omega=np.where(base.omega == 0.0, 0.0, made.omega))
+        return self.corrections[kappas].perturbed(perturbation.frequency, rng)
 
     def regime(
         self, sides: tuple[int, ...], perturbation: Perturbation | None, t_end: float, free: Modes | None
@@ -185,8 +185,8 @@ class Source:
         free = free or basis
         pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
-        close = NONE if self.damped else close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
-        if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
+        close = NONE if self.damped else close_pairs(basis.omega, self.frequencies, self.span)
+        if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and self.lagging):
             span = self.span if self.span < math.inf else t_end
             key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i, _, _ in pressed))
             frame, ways = (None, None) if perturbation else self.known.get(key, (None, None))
@@ -248,7 +248,8 @@ class Regimes:
         self.source, self.perturbation = source, perturbation
         self.number: dict[tuple[int, ...], int] = {}
         self.made: list[Pairs] = []
-        self.table = self._empty(1, 0, 0)
+        self.table: Table  # from the first regime on
+        self.rows: list[Array]  # of the contacts, in the ``free`` modes
         self.free: Modes | None = None
         self.making = Lock()  # members of an ensemble share their regimes
 
@@ -268,6 +269,8 @@ class Regimes:
             if self.free is None:
                 open_ = (0,) * len(sides)
                 made, self.free = self.source.regime(open_, self.perturbation, t_end, None)
+                self.rows = [self.free.force(contact.row) for contact in self.source.system.contacts]
+                self.table = self._empty(3, len(made.sigma), len(made.close))
                 self.add(open_, made)
             if sides not in self.number:
                 self.add(sides, self.source.regime(sides, self.perturbation, t_end, self.free)[0])
@@ -281,8 +284,7 @@ class Regimes:
         # Twice the rows when the table is full, and wider arrays for a regime with more pairs: filled anew.
         R, K, p = len(table.sizes), table.sigma.shape[1], table.close.shape[1]
         if r >= R or len(made.sigma) > K or len(made.close) > p:
-            room = 2 * r if r >= R else R
-            table = self._empty(max(room, 3), max(K, len(made.sigma)), max(p, len(made.close)))
+            table = self._empty(2 * r if r >= R else R, max(K, len(made.sigma)), max(p, len(made.close)))
             for key, number in self.number.items():
                 self._fill(table, number, key, self.made[number])
             self.table = table
@@ -291,7 +293,7 @@ class Regimes:
 
     def _empty(self, R: int, K: int, p: int) -> Table:
         source = self.source
-        contacts, n, F = source.system.contacts, source.system.size, len(source.drive.frequencies)
+        contacts, n, F = source.system.contacts, source.system.size, len(source.frequencies)
         m, d = len(contacts), source.drive.size
         sigma, omega, level = np.zeros((3, R, K))
         g1, g2 = np.array([(c.stops.lower_bound, c.stops.upper_bound) for c in contacts], float).reshape(m, 2).T.copy()
@@ -299,18 +301,16 @@ class Regimes:
             np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), sigma, omega, level,
             np.zeros((R, K + F), np.int64), np.zeros((R, 2, K + F)), np.zeros((R, 4, K, n)), np.zeros((R, 4, n, K)),
             np.zeros((R, 2, d, n)), np.zeros((R, 2, m, K)), np.zeros((R, m, d)),
-            np.array(source.drive.frequencies, float), np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64),
-            np.zeros((R, p, 2)), g1, g2, source.lags,
+            source.frequencies, np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64), np.zeros((R, p, 2)), g1, g2,
+            source.lags,
         )  # fmt: skip
 
     def _fill(self, table: Table, r: int, sides: tuple[int, ...], made: Pairs) -> None:
-        source, size, p = self.source, len(made.sigma), len(made.close)
-        assert self.free is not None
+        size, p, drives = len(made.sigma), len(made.close), self.source.frequencies
         table.sides[r] = sides
         table.undamped[r], table.closes[r] = made.exponentials is None, p
         table.sigma[r, :size], table.omega[r, :size], table.level[r, :size] = made.sigma, made.omega, made.level
-        drives = np.array(source.drive.frequencies)
-        sigma, omega = np.append(made.sigma, 0.0 * drives), np.append(made.omega, drives)
+        sigma, omega = np.concatenate([made.sigma, 0.0 * drives]), np.concatenate([made.omega, drives])
         # From slow to fast, as the search expects its terms.
         order = np.argsort(np.hypot(sigma, omega), kind="stable")
         table.order[r, : len(order)] = order
@@ -318,10 +318,9 @@ class Regimes:
         table.outward[r, :, :size], table.inward[r, :, :, :size] = made.outward, made.inward
         table.response[r, :, :, : made.response.shape[2]] = made.response
         # Every contact's view of the pairs and of the drive, its offset included.
-        for i, contact in enumerate(source.system.contacts):
-            row = self.free.force(contact.row)
+        for i, row in enumerate(self.rows):
             table.rows[r, :, i, :size] = made.outward[:2] @ row
-            table.waves[r, i] = made.steady @ row + source.pushed.offsets[:, i]
+            table.waves[r, i] = made.steady @ row + self.source.pushed.offsets[:, i]
         table.close[r, :p], table.pulls[r, :p] = made.close, made.pulls
         table.sizes[r] = size if made.followed else -size  # at last: now a loop may find it
 

@@ -96,7 +96,7 @@ class Tracer:
         noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
         why, count, used, t = follow(
             table, t, t_end, q, v, places, speeds, sides, switched, noise, self.size, times, regime, chi, x, y,
-            1 if np.any(table.lags > 0.0) else None,
+            1 if self.source.lagging else None,
         )  # fmt: skip
         return why, Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used), t
 
