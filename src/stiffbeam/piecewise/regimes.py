@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -136,6 +136,15 @@ def same_modes(one: System, other: System) -> bool:
     return springs[0] == springs[1] and all(same(a, b) for a, b in pairs)
 
 
+class Pressing(NamedTuple):
+    """Stiffness of every contact, 0 where it is open; rows and stiffnesses of the closed ones; the loads (d, n) of the
+    drive with those of the stops."""
+
+    kappas: tuple[float, ...]
+    springs: tuple[tuple[Array, float], ...]
+    force: Array
+
+
 class Source:
     """Modes, loads and offsets from which the regimes of a system and of its perturbed copies are made.
 
@@ -148,6 +157,7 @@ class Source:
         self.system, self.drive, self.span = system, Drive.of(system), span
         self.known = _KNOWN.setdefault(system, {}) if known is None else known
         self.corrections: dict[tuple[float, ...], Correction] = {}
+        self._pressing: dict[tuple[int, ...], Pressing] = {}
         self.pushed = Pushed.of(system, self.drive)
         self.damped = system.damped or bool(self.drive.records)
         self.kappas = [float(c.stops.stiffness) for c in system.contacts]
@@ -156,15 +166,23 @@ class Source:
         self.lagging = bool(self.lags.any())
         self.frequencies = np.array(self.drive.frequencies, float)
 
-    def modes(
-        self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
-    ) -> Modes:
-        """The undamped modes with the contacts on these sides closed, or those of a copy."""
-        contacts = self.system.contacts
-        kappas = tuple(kappa if side else 0.0 for kappa, side in zip(self.kappas, sides, strict=True))
-        if kappas in self.known and perturbation is None:
-            return self.known[kappas]
-        springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
+    def pressing(self, sides: tuple[int, ...]) -> Pressing:
+        """The stops that press on these sides; made once for all copies."""
+        if sides not in self._pressing:
+            kappas, springs, force = [0.0] * len(sides), [], self.pushed.loads.copy()
+            for i, (contact, side) in enumerate(zip(self.system.contacts, sides, strict=True)):
+                if side:
+                    # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+                    kappas[i], constant = contact.stops.spring(side)
+                    springs.append((contact.row, kappas[i]))
+                    force -= kappas[i] * np.outer(self.pushed.offsets[:, i], contact.row)
+                    force[0] += constant * contact.row
+            self._pressing[sides] = Pressing(tuple(kappas), tuple(springs), force)
+        return self._pressing[sides]
+
+    def modes(self, pressing: Pressing, perturbation: Perturbation | None, rng: np.random.Generator | None) -> Modes:
+        """The undamped modes with these stops, or those of a copy."""
+        kappas, springs, _ = pressing
         if kappas not in self.known:
             self.known[kappas] = undamped_modes(self.system, springs)
         base = self.known[kappas]
@@ -181,14 +199,15 @@ class Source:
         the ``free`` modes, its own where there are none; and its undamped modes."""
         # Both stops have the same modes.
         rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *map(abs, sides)])
-        basis = self.modes(sides, perturbation, rng)
+        pressing = self.pressing(sides)
+        basis = self.modes(pressing, perturbation, rng)
         free = free or basis
-        pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
         close = NONE if self.damped else close_pairs(basis.omega, self.frequencies, self.span)
-        if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and self.lagging):
+        pressed = [i for i, side in enumerate(sides) if side]
+        if self.damped or (self.lagging and (len(close) or self.lags[pressed].any())):
             span = self.span if self.span < math.inf else t_end
-            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i, _, _ in pressed))
+            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i in pressed))
             frame, ways = (None, None) if perturbation else self.known.get(key, (None, None))
             regime = regime_of(self.system, self.drive, self.pushed, sides, span, perturbation, basis, frame)
             if ways is None or regime.chains:
@@ -196,20 +215,15 @@ class Source:
             if not (perturbation or regime.chains):
                 self.known[key] = regime.frame, ways
             return of_exponentials(regime, ways), basis
-        force = self.pushed.loads.copy()
-        for i, contact, side in pressed:
-            # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-            kappa, constant = contact.stops.spring(side)
-            force -= kappa * np.outer(self.pushed.offsets[:, i], contact.row)
-            force[0] += constant * contact.row
         # Modal forces, and the way from the free modes to those of this regime.
+        force = pressing.force
         modal, inward = basis.force(force), np.eye(len(basis.omega))
-        if any(sides):
+        if pressed:
             inward = free.shapes.T @ (self.system.mass @ basis.shapes)
         if perturbation is not None and rng is not None:
             # A perturbed copy: both change by their rounding. Forces differ by side: other random numbers.
             size = perturbation.state
-            if any(sides):
+            if pressed:
                 lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
                 inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
             own = np.random.default_rng([perturbation.seed, *(side + 2 for side in sides)])

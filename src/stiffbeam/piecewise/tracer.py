@@ -4,6 +4,7 @@ follow."""
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,14 @@ class Tracer:
     def __init__(self, source: Source, perturbation: Perturbation | None = None) -> None:
         self.source, self.system, self.drive = source, source.system, source.drive
         self.perturbation, self.regimes = perturbation, Regimes(source, perturbation)
-        self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
         self.size = 0.0 if perturbation is None else perturbation.state
         self.gaps: Gaps | None = None
+
+    @cached_property
+    def noise(self) -> np.random.Generator:
+        """The random numbers of a perturbed copy."""
+        assert self.perturbation is not None
+        return np.random.default_rng([self.perturbation.seed, 98])
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Motion:
         """The motion on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""

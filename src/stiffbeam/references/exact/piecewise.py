@@ -8,12 +8,12 @@ system with a solution in closed form. The search for the next event uses steps 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
+from ...basics.units import KNOWN
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
 from ...model.modes import undamped_modes
@@ -107,7 +107,7 @@ def reference_of(
         provenance={
             "method": method,
             "form": system.form,
-            "units": asdict(system.units),
+            "units": {name: getattr(system.units, name) for name in KNOWN},
             "t_end": float(t_end),
             **notes,
             **versions(),
