@@ -358,7 +358,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
         first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
         remedy = "give a function that has a value at every time"
         raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite", remedy)
-    return np.broadcast_to(values, t.shape)
+    return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
 
 
 def breakpoints_of(function: LoadFunction) -> Array | None:

@@ -20,7 +20,7 @@ from ..basics.arrays import Array, content, same
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
 from ..model.time_functions import Drive
-from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
+from .follow import Table
 from .linear import Correction, Perturbation, Pushed, Regime, correction, regime_of, rounded_sum
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
@@ -198,7 +198,7 @@ class Source:
         """The regime with the contacts on these sides, 0 where nothing presses, of motions to t_end, in amplitudes of
         the ``free`` modes, its own where there are none; and its undamped modes."""
         # Both stops have the same modes.
-        rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *map(abs, sides)])
+        rng = None if perturbation is None else perturbation.random(*map(abs, sides))
         pressing = self.pressing(sides)
         basis = self.modes(pressing, perturbation, rng)
         free = free or basis
@@ -226,7 +226,7 @@ class Source:
             if pressed:
                 lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
                 inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
-            own = np.random.default_rng([perturbation.seed, *(side + 2 for side in sides)])
+            own = perturbation.random(*(side + 2 for side in sides))
             modal = modal + size * rounded_sum(force, basis.shapes) * own.uniform(-1.0, 1.0, modal.shape)
         # The response P, but for close pairs: there it would be large, and they answer from rest.
         gain, pulls = basis.omega**2 - (self.drive.rates**2)[:, None], np.zeros((len(close), 2))
@@ -236,15 +236,14 @@ class Source:
             gain[sine, mode] = gain[sine + 1, mode] = np.inf
             pulls[:, 0], pulls[:, 1] = modal[sine, mode], modal[sine + 1, mode]
         P = modal / gain
-        ways = np.zeros((2, 4, *inward.shape))  # what x makes of q', and y of q, is nothing
-        ways[0, [PLACE_X, SPEED_Y]], ways[1, [X_PLACE, Y_SPEED]] = inward.T, inward
+        nothing = np.zeros_like(inward)  # what x makes of q', and y of q
         # P': (sin w t)' = w cos w t, (cos w t)' = -w sin w t
         rates = np.zeros_like(P)
         rates[1::2], rates[2::2] = -P[2::2] * self.drive.rates[2::2, None], P[1::2] * self.drive.rates[1::2, None]
         made = Pairs(
-            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]), ways[0], ways[1],
-            np.array([P, rates]),
-            close, pulls,
+            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]),
+            np.array([inward.T, nothing, nothing, inward.T]), np.array([inward, nothing, nothing, inward]),
+            np.array([P, rates]), close, pulls,
         )  # fmt: skip
         return made, basis
 
@@ -359,7 +358,7 @@ class Regimes:
             driven = pushed / (slowest if len(slowest) else np.array([np.inf]))
         least = max(float(np.max(np.hypot(omega * eta, rate))), float(np.max(driven)))
         # A slow mode is changed by least/omega, though by no more than 1e8 times that of the fastest.
-        noise = np.random.default_rng([self.perturbation.seed, 99]).uniform(-1.0, 1.0, (2, eta.size))
+        noise = self.perturbation.random(99).uniform(-1.0, 1.0, (2, eta.size))
         scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * omega[-1]), slowest[0] if len(slowest) else np.inf)
         eta = eta + size * (least / scale + rounded_sum(q, turned)) * noise[0]
         return eta, rate + size * (least + rounded_sum(v, turned)) * noise[1]

@@ -43,7 +43,7 @@ class Tracer:
     def noise(self) -> np.random.Generator:
         """The random numbers of a perturbed copy."""
         assert self.perturbation is not None
-        return np.random.default_rng([self.perturbation.seed, 98])
+        return self.perturbation.random(98)
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Motion:
         """The motion on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
