@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -511,10 +511,11 @@ class Correction(NamedTuple):
         n = len(self.squares)
         noise = rng.uniform(-1.0, 1.0, (n + 1, n))
         # abs: the change of a square near zero may exceed it.
-        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.lost_squares * np.diag(noise)))
+        lost = size * self.lost_squares * noise.diagonal()
+        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + lost))
         omega[self.base.omega == 0.0] = 0.0
         shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost_shapes * noise[:n])
-        return replace(self.base, omega=omega, shapes=shapes)
+        return Modes(omega, shapes, self.base.damping, self.base.mass)
 
 
 def correction(system: System, springs: Sequence[tuple[Array, float]], base: Modes) -> Correction:
