@@ -86,6 +86,7 @@ def test_every_module_is_in_a_room():
     assert {name.split(".")[0] for name in MODULES} - ENTRANCES == set(ROOMS)
 
 
+@pytest.mark.slow
 def test_no_room_imports_from_one_to_its_right():
     back = [
         f"{name} -> {other}"
