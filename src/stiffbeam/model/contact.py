@@ -204,12 +204,12 @@ class Stops(Parameters):
         lower, upper = (g if math.isfinite(g) else None for g in (g1, g2))
         return cls(lower, upper, stiffness=kappa, **dict(zip(LINEAR, others, strict=True)))
 
-    @property
+    @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
         return not self.rigid and is_linear(self.coefficients)
 
-    @property
+    @cached_property
     def dissipative(self) -> bool:
         """Return True where F depends on the velocity."""
         return damps(self.coefficients)
