@@ -69,8 +69,8 @@ def points(
     ] = None,
     span: Annotated[float | None, "time span of a pair; default: half the horizon"] = None,
 ) -> list[Point]:
-    """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
-    followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
+    """Pairs of neighbouring motions, ``starts`` of them, by the exact solution and by every scheme at ``dt``. A pair is
+    ``size`` apart at the start and is followed for ``span``. Also portraits of the exact motion."""
     exact = solve_once(system_of(case, form), case.t_end)
     most = (case.t_end if span is None else positive("span", span)) / STEPS
     if not dt <= most:

@@ -53,10 +53,12 @@ LOOK = 1600  # times in two first periods, between which the tip crosses a stop 
 def points(
     case: Case,
     cells: Cells = None,
-    forms: Annotated[list[str] | None, "with commas between them; default: all three"] = None,
-    starts: Annotated[list[str] | None, "'at rest', 'with its base'; default: both"] = None,
+    forms: Annotated[list[str] | None, "comma-separated; default: all three"] = None,
+    starts: Annotated[
+        list[str] | None, "initial velocity of the beam: 'at rest', 'with its base'; default: both"
+    ] = None,
 ) -> list[Point]:
-    """Grids of 10 to 640 cells in all forms, the beam at rest and moving with its base at the start."""
+    """Grids of 10 to 640 cells in all forms. The beam starts at rest, or with the velocity of its base."""
     _plain(case)
     for start in starts or ():
         one_of("starts", start, (OWN, SMOOTH))

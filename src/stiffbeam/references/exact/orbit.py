@@ -74,7 +74,7 @@ class Orbit:
     multipliers : array (2n,)
         Floquet multipliers, the largest first; those below 1e-14 of the largest are rounding.
     monodromy : array (2n, 2n)
-        Of (q, q').
+        Derivative of (q, q') after a period with respect to (q, q') at its start.
     event_times : array (k,)
         In [0, period).
     event_contacts, event_sides : array (k,)
