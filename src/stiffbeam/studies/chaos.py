@@ -264,7 +264,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
     known = {method: pair for method, pair in means.items() if pair is not None}
     if not known:
-        return Answer(f"{unseen}: most pairs do not part or approach threefold in the second half of the span.")
+        return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
     unit = units.of("rate") and f" {units.of('rate')}"
     notes = "Means over the starts, ± 95 % by their scatter."
     if "tangent flow" in known:

@@ -140,8 +140,9 @@ def answer(rows: Rows, case: Case) -> Answer:
     if not table:
         return Answer("No contact came to an end.")
     rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
-    blow = "An exact blow on a rigid stop takes no time, that of a scheme a step or two." if rigid else ""
-    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, blow)
+    notes = "Half of the time from: half of the time in contact is spent in contacts of at least this duration."
+    blow = " An exact impact on a rigid stop takes no time, that of a scheme a step or two." if rigid else ""
+    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, notes + blow)
 
 
 def picture(records: Records) -> Picture:

@@ -232,7 +232,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"With its base moving, the first impact has a peak force of {best['share']:.4f} V (A^2 kappa)^(1/3) on "
         f"{best['cells']} cells; theory gives {largest_penetration():.4f}.",
         table,
-        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + at_rest,
+        (f"Orders in h of this force where h < l = (EI/kappa)^(1/3): {rates}. " if rates else "") + at_rest,
     )
 
 

@@ -216,7 +216,8 @@ def answer(rows: Rows, case: Case) -> Answer:
             }
             for name, group in entries.items()
         ],
-        "Medians over the starts; penetration and foot as shares of the fall.",
+        "Medians over the starts. Penetration, and foot, the mean error of the height of the lower end, as shares of "
+        "the fall. Order of the foot.",
     )
 
 
