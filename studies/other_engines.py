@@ -150,7 +150,9 @@ def diffrax_through() -> ProblemSolver:
 
     def solve(problem: Problem, rtol: float, t_end: float) -> Made:
         if problem.rigid:
-            raise sb.InputError("stops.stiffness", np.inf, "be finite: events of diffrax end a solve", "use sb.reference")
+            raise sb.InputError(
+                "stops.stiffness", np.inf, "be finite: events of diffrax end a solve", "use sb.reference"
+            )
         model = Model(problem)
         if any("times" in load for load in problem.data.get("loads", ())):
             table = problem.data["loads"][0]
