@@ -73,6 +73,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_broke_once_is_refused(what):
     with pytest.raises(sb.InputError) as refused:

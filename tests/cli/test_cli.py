@@ -311,6 +311,7 @@ finally:
 """
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(("code", "light"), [(IMPORT, "stiffbeam"), (HELP, "typer")], ids=["import", "--help"])
 def test_import_and_help_load_no_heavy_library(code, light, tmp_path):
     process = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
@@ -332,6 +333,7 @@ def test_no_help_has_words_in_brackets():
         assert not [text for text in texts if re.search(r"\[[a-z][\w.]*\]", text)], name
 
 
+@pytest.mark.slow
 def test_kernels_that_may_not_be_compiled_are_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
     done = shell("compare", "table10", cwd=tmp_path)

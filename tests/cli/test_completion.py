@@ -21,6 +21,7 @@ def completed(line: str, folder=None) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     ("line", "answers"),
     [
@@ -38,6 +39,7 @@ def test_values_are_completed(line, answers):
     assert completed(line) == answers
 
 
+@pytest.mark.slow
 def test_a_case_file_is_completed(tmp_path):
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "strip.toml").write_text("")

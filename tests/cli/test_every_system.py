@@ -197,6 +197,7 @@ def test_the_remedy_for_a_stop_that_moves_along_a_polygon_is_one_of_case_files(m
     assert not PYTHON.search(err)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("rounding", [-1e-17, 0.0, 1e-17])
 def test_a_ball_that_rests_on_a_moving_table_starts_there_but_for_rounding(rounding):
     """The gap is a difference of the two heights: their size, not the gap's, says what rounding is."""

@@ -58,6 +58,7 @@ def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
             assert words.endswith(f"default: {option.default}")
 
 
+@pytest.mark.slow
 def test_options_reach_the_study_as_what_they_are(command, tmp_path):
     arguments = ["--schemes", "HHT(alpha=-0.1),bdf2", "--kinds", "smooth", "--halvings", "2", "--dt", "2e-3"]
     code, out, _ = command("converge", "table10", *arguments, "--out", "here", "--jobs", "1", "--json", "-")

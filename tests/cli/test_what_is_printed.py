@@ -96,6 +96,7 @@ def test_what_is_kept_ends_with_the_run_where_a_divisor_allows(steps, outputs):
         assert steps % every == 0
 
 
+@pytest.mark.slow
 def test_multiprecision_takes_no_negative_time(table10):
     """Its clock began as one that runs on while kernels are compiled and ended as one that does not."""
     pytest.importorskip("flint")
@@ -203,6 +204,7 @@ def test_advice_without_wants_is_asked_of_a_system_without_stops(command, tmp_pa
     assert set(json.loads(found)["want"]) == {"tip"}
 
 
+@pytest.mark.slow
 def test_figures_of_a_beam_on_rigid_stops_say_how_much_of_them_is_chance():
     """The trapezoidal rule gains anything: a per cent of the step changes all figures, and one was printed."""
     records = study("rigid_beam", sb.paper_case(10), kappas=[1e6], cells=[10], divide=[1])

@@ -69,6 +69,7 @@ def same(a, b):
     np.testing.assert_array_equal(np.asarray(a, float), np.asarray(b, float))
 
 
+@pytest.mark.slow
 def test_every_result_is_the_same_in_every_container(result, tmp_path):
     data = result.to_xarray()
     many = hasattr(result, "members")

@@ -39,6 +39,7 @@ def read(file: Path, run: sb.Trajectory) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_damage_to_a_file_of_ours_is_found_before_hdf5_sees_it(run, content, tmp_path, monkeypatch):
     monkeypatch.setattr(storage, "_unreadable", lambda file, size: "its seal is damaged")
     monkeypatch.setattr(store, "read_netcdf", None)
@@ -60,6 +61,7 @@ def test_a_file_that_hdf5_does_not_come_back_from_is_refused_in_time(run, conten
     assert time.monotonic() - begun < 10.0
 
 
+@pytest.mark.slow
 def test_a_file_that_another_tool_has_written_again_is_read(run, content, tmp_path):
     (file := tmp_path / "again.nc").write_bytes(content[:-SEALED])
     assert not read(file, run)

@@ -144,6 +144,7 @@ def test_a_truncated_file_is_named(run, tmp_path, keep):
         sb.load(file)
 
 
+@pytest.mark.slow
 def test_what_is_no_trajectory_is_named(tmp_path):
     text = tmp_path / "notes.nc"
     text.write_text("not a netCDF file\n" * 100, encoding="utf-8")

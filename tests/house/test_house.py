@@ -92,6 +92,7 @@ def test_contributing_has_a_line_for_every_room_in_this_order():
     assert tuple(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == ROOMS
 
 
+@pytest.mark.slow
 def test_no_room_imports_from_one_to_its_right():
     back = [
         f"{name} -> {other}"

@@ -36,6 +36,7 @@ def test_every_python_block_runs_and_prints_what_is_shown(block, shown, tmp_path
     assert shown.strip() in ("", printed)
 
 
+@pytest.mark.slow
 def test_the_readme_prints_what_it_says(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     (printed,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
@@ -215,6 +216,7 @@ def test_public_names_have_numpydoc_sections():
     assert missing == []
 
 
+@pytest.mark.slow
 def test_examples_in_docstrings_print_what_they_show():
     import doctest
     import inspect

@@ -78,6 +78,7 @@ def test_an_executor_finds_the_bits_of_one_process(kind, scheme):
     )
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_references_on_an_executor_are_those_of_one_process(kind):
     members, executor, done = members_of(kind), Elsewhere(), []

@@ -53,7 +53,7 @@ def random_run(rng: np.random.Generator) -> sb.Trajectory:
 
 @pytest.mark.parametrize("short", [1, 10**9])
 @pytest.mark.parametrize("seed", range(20))
-@pytest.mark.fast(6)
+@pytest.mark.fast(4)
 def test_ledger_and_velocities_are_those_of_the_states(seed, short, monkeypatch):
     """Ten runs each, with blocks without forces at once and step by step; what blows up has no energy to compare.
 

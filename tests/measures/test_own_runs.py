@@ -135,6 +135,7 @@ def bouncing():
     return system, sb.reference(system, 1.3), sb.integrate(system, sb.MoreauJean(0.5), 1e-3, 1.3)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("given", ["tip", "velocity", "states"])
 @pytest.mark.parametrize("whose", ["scheme", "exact", "uneven"])
 def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, whose):

@@ -116,6 +116,7 @@ def test_work_of_a_prescribed_motion(damping):
     assert result.to_dataframe()["sliding_work_rate"].iloc[0] == pytest.approx(works[1] / t_end, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_work_of_a_motion_that_answers_to_its_stop():
     """Two masses, one on a stop, against DOP853 with the works as further unknowns; cvode and exact alike."""
     K, C = np.array([[6.0, -2.0], [-2.0, 5.0]]), np.diag([0.1, 0.05])
@@ -163,6 +164,7 @@ def test_what_is_not_known_is_said(tmp_path):
         sb.contact_rates(run, since=6.0)
 
 
+@pytest.mark.slow
 def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
     """The command's tables hold what ``contact_rates`` returns; a later comparison removes them."""
     monkeypatch.chdir(tmp_path)

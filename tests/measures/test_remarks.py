@@ -81,6 +81,7 @@ def test_converge_and_contact_duration_say_that_there_are_no_impacts() -> None:
     assert lasting.answer == "No contact came to an end."
 
 
+@pytest.mark.slow
 def test_the_command_says_it_and_ends_as_before(command, tmp_path) -> None:
     file = tmp_path / "still.toml"
     file.write_text(

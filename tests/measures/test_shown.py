@@ -69,6 +69,7 @@ def things():
 KINDS = ["system", "beam", "run", "reference", "impacts", "ensemble", "outputs", "comparison", "advice", "scorecard"]
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_result_draws_into_a_figure_of_its_own_and_into_axes_of_others(kind, things):
     from matplotlib.figure import Figure
@@ -123,6 +124,7 @@ def test_the_tables_hold_the_numbers(things):
     assert any(row[0].startswith("advised: ") for row in cells(things["advice"]))
 
 
+@pytest.mark.slow
 def test_records_of_a_study_show_their_table_and_picture():
     records = sb.study("amplification", schemes=["BDF2"], per_decade=4)
     rows = cells(records)
@@ -131,6 +133,7 @@ def test_records_of_a_study_show_their_table_and_picture():
     assert records._repr_png_().startswith(PNG)
 
 
+@pytest.mark.slow
 def test_ipython_shows_figures_and_tables(things):
     formatters = pytest.importorskip("IPython.core.formatters")
     shown = formatters.DisplayFormatter()

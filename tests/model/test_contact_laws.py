@@ -81,7 +81,7 @@ def test_hunt_crossley_restitution(lam, p):
 
 @pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.01])
 @pytest.mark.parametrize("speed", [1e-3, 1.0, 40.0])
-@pytest.mark.fast(6)
+@pytest.mark.fast(4)
 def test_restitution_is_delivered(e, speed):
     lam = dissipation_for(e, speed)
     assert abs(restitution_of(lam, speed) - e) < 4e-16

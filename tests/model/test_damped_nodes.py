@@ -230,6 +230,7 @@ def test_the_remedies_for_damping_at_a_node_work_as_they_are_written(given, aske
         assert sb.reference(made, 1.0).impacts.count
 
 
+@pytest.mark.slow
 def test_condensed_damping_leaves_rigid_motions_and_free_flights_as_they_are():
     free = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     drifting = chain(stiffness=free, damping=0.03 * free, initial_velocity=np.ones(3))
@@ -304,6 +305,7 @@ def two_chains(multiples):
     )
 
 
+@pytest.mark.slow
 def test_damped_nodes_of_two_bodies_are_one_kelvin_voigt_stop():
     """Against implicit steps of the nodes' first-order equations under one unilateral force."""
     beta, h, t_end = 5e-3, 5e-5, 2.0

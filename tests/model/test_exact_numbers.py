@@ -258,6 +258,7 @@ def test_the_caches_hold_both_and_never_serve_one_for_the_other(own_cache):
     assert set(opened) == {s.fingerprint for s in systems}
 
 
+@pytest.mark.slow
 def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
     case = sb.paper_case(10)
     doubles = sb.reference(system_of(case, doubles=True), 0.1, "multiprecision")

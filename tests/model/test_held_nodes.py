@@ -46,6 +46,7 @@ def mass(v: float = 3.0) -> sb.System:
     )  # fmt: skip
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("march", ["numba", "numpy", "direct"])
 def test_what_a_held_node_feels_is_what_holds_it(march):
     total, unseen = 0, 0.0
@@ -114,6 +115,7 @@ def coupled(seed: int, on_the_stop: bool, n: int = 5) -> sb.System:
     )  # fmt: skip
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("on_the_stop", [True, False])
 def test_marches_agree_where_rounding_would_tell_the_side(on_the_stop):
     """Forces, impacts and energy of runs in blocks, in NumPy and by matrices, as long as their motions are the same."""

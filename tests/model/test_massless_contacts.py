@@ -128,6 +128,7 @@ def momenta(system, states, cells):
     return np.sum(each[:cells]), np.sum(each[cells:])
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("engine", ["exact", "cvode", "multiprecision", "conserving"])
 def test_equal_rods_exchange_their_velocities(engine):
     """d'Alembert: the force is 1/2 from t = .1 to 2.1, then the left rod is at rest and the right one flies."""
@@ -163,6 +164,7 @@ def characteristics(left, right, gap, t_end, dt):
     return force
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(("length", "impedance"), [(1.7, 0.5), (1.7, 3.0), (0.6, 2.0)])
 def test_unlike_rods_against_their_characteristics(length, impedance):
     t_end, dt = 4.0, 1e-3
@@ -211,6 +213,7 @@ def test_a_string_on_a_point_obstacle(engine):
     assert found.impacts.ends[0] == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("engine", ["exact", "conserving"])
 def test_a_string_on_a_flat_obstacle(engine):
     """It turns round at t = 1/2, u = sin(pi x) |cos(pi t)|, by an impulse of 2 pi sin(pi x), 4 in all."""
@@ -296,7 +299,7 @@ def two_bodies(seed):
     return sb.System.from_matrices(mass, stiffness, loads=[load], contacts=contacts, initial_velocity=velocity)
 
 
-@pytest.mark.fast(2, slow=5)
+@pytest.mark.fast(1, slow=6)
 @pytest.mark.parametrize(("seed", "nodes"), [(s, n) for s in range(6) for n in (None, [2, 5], [3, 5, 6])])
 def test_the_same_motion_as_of_nodes_of_two_bodies_in_balance(seed, nodes):
     system = two_bodies(seed)

@@ -39,6 +39,7 @@ def acceleration(system: sb.System, t: float, q: np.ndarray, v: np.ndarray) -> n
 LAWS = [{}, {"damping": 3.0}, {"exponent": 1.5, "dissipation": 0.4}]
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("law", LAWS)
 def test_every_variant_is_the_law_written_down(law):
     import jax

@@ -41,6 +41,7 @@ def ball() -> sb.System:
     )
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     ("parameter", "values", "expected"),
     [
@@ -185,6 +186,7 @@ def test_of_two_drives_the_varied_one_sets_the_period():
         sb.study("sweep", system, parameter="q0[0]", values=[0.0, 1.0], **options)
 
 
+@pytest.mark.slow
 def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
     options = {"parameter": "contacts[0].stops.restitution", "values": [0.5, 0.6], "transient": 60, "periods": 3}
     rows = {

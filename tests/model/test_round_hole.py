@@ -49,6 +49,7 @@ def by_hand(stops: sb.Stops, t: np.ndarray) -> np.ndarray:
     return solve_ivp(rate, (0.0, t[-1]), [0, 0, 0.3, 0.1, 0, 0], "DOP853", t, rtol=1e-11, atol=1e-13, max_step=1e-3).y
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("law", LAWS)
 def test_adaptive_references_give_the_motion_of_a_hand_written_oscillator(law):
     stops, t = LAWS[law], np.linspace(0.0, T_END, 201)
@@ -109,7 +110,7 @@ def test_a_steady_whirl_is_its_closed_form(method):
 SCHEMES = [sb.HHT(-0.05), sb.BDF2(), sb.GeneralisedAlpha(0.7), sb.Bathe()]
 
 
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 def test_turned_data_give_the_turned_motion_to_rounding(scheme):
     for law in LAWS.values():
@@ -120,7 +121,7 @@ def test_turned_data_give_the_turned_motion_to_rounding(scheme):
             assert run.contacts[0].impacts.count == runs[0].contacts[0].impacts.count > 0
 
 
-@pytest.mark.fast(4)
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 def test_a_motion_along_one_row_is_that_of_two_stops(scheme, contact):
@@ -138,7 +139,7 @@ def test_a_motion_along_one_row_is_that_of_two_stops(scheme, contact):
         assert np.all(one.contacts[0].impacts.stops == 1)
 
 
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("law", ["linear", "Hertz", "Hunt-Crossley"])
 def test_schemes_converge_to_the_reference(scheme, law):
@@ -156,6 +157,7 @@ def test_schemes_converge_to_the_reference(scheme, law):
     assert run.contacts[0].impulse == pytest.approx(exact.contacts[0].impulse, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_forces_of_a_node_satisfy_the_law_in_every_direction():
     """Two holes and a stop on one row, coupled by a full compliance: u = r + S F with F of the law written out."""
     rng = np.random.default_rng(3)
@@ -207,6 +209,7 @@ def test_jacobians_are_derivatives_of_the_right_hand_side(law, form):
         np.testing.assert_allclose(ode.rhs(0.0, centre)[[0, 2]], [1.0, 2.0])
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("law", ["linear", "Kelvin-Voigt"])
 def test_energy_is_balanced(law):
     """Without loads and dampers: elastic impacts keep the energy, and what a damped hole takes is what is missing."""
@@ -222,6 +225,7 @@ def test_energy_is_balanced(law):
     assert ends[1] == pytest.approx(ends[0], rel=5e-3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_records_ensembles_and_tables_take_a_hole(tmp_path: Path):
     system = oscillator(LAWS["linear"])
     run = sb.integrate(system, sb.HHT(-0.05), 1e-3, T_END)
@@ -247,6 +251,7 @@ def test_records_ensembles_and_tables_take_a_hole(tmp_path: Path):
         sb.contact_rates(run, tangents=[system.contacts[0].row])
 
 
+@pytest.mark.slow
 def test_a_case_file_takes_two_rows(tmp_path: Path):
     (tmp_path / "hole.toml").write_text(
         """[[case]]

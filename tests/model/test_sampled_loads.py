@@ -123,6 +123,7 @@ def test_a_mode_answers_a_power_of_time_as_quadrature_says():
                     )
 
 
+@pytest.mark.fast(5)
 @pytest.mark.parametrize("powers", [0, 1, 4])
 @pytest.mark.parametrize("apart", [1e-13, 1e-9, 1e-7, 1e-5])
 def test_cells_of_equal_length_share_their_exponentials_and_lose_no_digit(powers, apart):
@@ -306,6 +307,7 @@ def test_a_record_that_cannot_be_read_is_refused_with_file_and_line(tmp_path, co
         sb.load_cases(tmp_path / "case.toml")
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("held", [1.0, 0.0], ids=["held", "free"])  # free bodies: two eigenvalues are zero
 @pytest.mark.parametrize("dashpot", [0.0, 0.05], ids=["elastic", "damped"])
 def test_samples_on_a_straight_line_change_nothing(dashpot, held):
@@ -391,6 +393,7 @@ def test_random_systems_with_slow_and_overdamped_modes_under_records(seed):
         assert a.impacts.until(end).count == b.impacts.until(end).count
 
 
+@pytest.mark.slow
 def test_a_free_body_with_a_dashpot_inside_has_its_motion():
     """K = 0 and a dashpot between two masses: eigenvalues 0 that meet, with eigenvectors that are one."""
     t = np.linspace(0.0, 10.0, 21)

@@ -39,6 +39,7 @@ def test_a_run_on_a_rigid_floor_is_compared():
     assert np.isfinite(found.phase.lag)
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_small_beside_the_flight_matches():
     """A step of HHT that does not resolve the contact is 7 ms late after a flight of 0.9 s."""
     for stiffness in (0.0, 1e-9):

@@ -28,6 +28,7 @@ def test_a_few_modes_are_those_of_all(form, viscosity):
     assert len(repr(few).splitlines()) == 7
 
 
+@pytest.mark.slow
 def test_frequencies_of_thousands_of_cells_are_those_of_the_beam(monkeypatch):
     def no_dense(*_):
         raise AssertionError("all modes were computed")

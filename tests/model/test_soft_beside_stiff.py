@@ -110,6 +110,7 @@ def test_what_is_stiff_does_not_hide_what_is_wrong(name, what):
         sb.System.from_matrices(np.eye(2), **given, observe=[0.0, 1.0])
 
 
+@pytest.mark.slow
 def test_modal_damping_reaches_the_slowest_mode():
     """C phi_j = 2 zeta omega_j M phi_j where omega_j^2 is 1e-13 of the largest, and where it is 1e-14 of it."""
     beam = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), modal_damping=0.02)

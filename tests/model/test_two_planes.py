@@ -47,6 +47,7 @@ def by_scipy(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return z[ends], KAPPA * np.maximum(np.hypot(*z[ends]) - CLEARANCE, 0.0)
 
 
+@pytest.mark.slow
 def test_the_circle_is_that_of_scipy():
     t = np.linspace(0.0, 0.5 * T_END, 251)
     r, force = by_scipy(t)
@@ -66,6 +67,7 @@ def test_the_circle_is_that_of_scipy():
     assert apart[0] > 2.0 * apart[1] > 4.0 * apart[2]
 
 
+@pytest.mark.slow
 def test_two_circles_at_once():
     """Their nodes are coupled: a scheme with small steps is near the adaptive reference."""
     holes = (replace(HOLE, position=0.6), HOLE)

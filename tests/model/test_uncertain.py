@@ -59,6 +59,7 @@ def test_members_with_other_matrices_are_the_beams_built_by_hand():
         assert many.ledger(i).supplied[-1] == pytest.approx(run.energy.supplied[-1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_exact_members_are_the_exact_beams_built_by_hand():
     system = tube()
     members = sb.uncertain_members(
@@ -79,6 +80,7 @@ def test_members_that_share_their_matrices_march_side_by_side():
     assert members[0].contacts[1].stops.upper == 2e-4 * members.values[0, 0]
 
 
+@pytest.mark.slow
 def test_a_factor_on_a_record_is_that_of_each_member():
     """The record is one object in all members: a march that looked at it alone gave all the load of the first."""
     system = tube()
@@ -112,6 +114,7 @@ def test_matrices_by_a_function_and_by_a_factor_are_one():
         np.testing.assert_allclose(member.stiffness, factor * stiffness, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_draws_have_their_distributions_and_more_members_keep_the_first():
     """Of 4000 draws a mean is off by 5 of its deviations in one of two million; a normal value has kurtosis 3."""
     contact = sb.Contact(np.ones(1), sb.Stops(None, 1.0, stiffness=9.0))
@@ -235,6 +238,7 @@ bending_viscosity = 0.1
     assert all(abs(x.problem.stiffness / 668.0 - 1.0) <= 0.01 for x in drawn)
 
 
+@pytest.mark.slow
 def test_a_case_file_states_what_is_uncertain_and_the_ensemble_draws_it(tmp_path: Path):
     (tmp_path / "tube.toml").write_text(CASE)
     case = find_case(str(tmp_path / "tube.toml"))
@@ -268,6 +272,7 @@ def test_a_case_file_that_states_no_distribution_is_refused_with_its_place(line,
         parse_case(CASE.partition("[case.uncertain]")[0] + "[case.uncertain]\n" + line, "own.toml")
 
 
+@pytest.mark.slow
 def test_an_ensemble_of_drawn_members_is_saved_with_its_numbers(tmp_path: Path):
     system = tube()
     many = sb.integrate_ensemble(system, HHT, 1e-3, 0.1, sb.uncertain_members(system, PATHS, 3))

@@ -55,6 +55,7 @@ def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
         within_reference((ref.t, 0.0 * ref.t), ref, tolerance=1e-3)
 
 
+@pytest.mark.slow
 def test_a_load_that_only_the_second_look_sees_shortens_the_horizon(monkeypatch):
     """2 us in 1 s lie between the points of the first look, 1/2^18 apart, and on one of the second's, at 1/3."""
     system = struck(2e-6, start=1.0 / 3.0 - 1e-6)

@@ -26,6 +26,7 @@ def at_least_the_outputs(run):
     return run
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_stop_with_a_recorded_motion(method):
     """Its position at the peak is asked for then, not when the solver has gone on to another piece."""
@@ -56,6 +57,7 @@ def test_another_contact_turns_the_force_of_a_damped_stop(method):
     assert exact.contacts[1].peak_force == pytest.approx(0.57125, rel=1e-4)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_load_that_drops_turns_the_force_of_a_damped_stop(method):
     def drop(t):

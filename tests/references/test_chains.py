@@ -182,6 +182,7 @@ def test_two_bodies_that_only_dashpots_join(method):
     assert np.allclose(ref.tip, tip, rtol=0.0, atol=1e-9 * max(tip))
 
 
+@pytest.mark.slow
 def test_critical_damping_under_a_record():
     t = np.linspace(0.0, 6.0, 25)
     far = [([1.0], sb.Stops(-0.5, 0.5, stiffness=80.0))]

@@ -108,7 +108,7 @@ def test_a_step_bound_tells_the_number_of_steps(method):
     assert (counters["error_test_failures"], counters["convergence_failures"]) == (0, 0)
 
 
-@pytest.mark.fast(13)
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_both_ways_give_the_same_bits(in_python, name, method):

@@ -103,6 +103,7 @@ RESPONSE = 1.0 / (1.0 - 2.8**2 + 0.28j)
 GRAZING = abs(RESPONSE)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     ("values", "stiffness"),
     [(np.linspace(0.2, 0.1, 9), 5.0), (np.linspace(0.2, 0.1, 9), np.inf), (np.linspace(0.05, 0.2, 9), np.inf)],
@@ -123,6 +124,7 @@ def test_a_grazing_in_closed_form(values, stiffness):
         assert branch.values[-1] == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_the_graze_of_a_damped_stop_in_closed_form():
     """Past the frequency at which the linear response has the size of the gap, a touched orbit, unstable, is free."""
 
@@ -149,6 +151,7 @@ def hard(frequency: float) -> sb.System:
     return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
 
 
+@pytest.mark.slow
 def test_a_march_comes_back_to_the_doubled_branch():
     """Beside the flip it is near the orbit of one period; an adaptive march that starts off it settles on it."""
     branch = sb.continuation(hard, "frequency", np.linspace(2.5, 2.65, 10), turn)

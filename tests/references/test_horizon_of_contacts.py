@@ -177,6 +177,7 @@ def silent_record(factor=1.0):
 DIVERGED = 31.14  # where exact solutions leave the true one first, by more than 1e-3 of the motion
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_with_silence():
     """Damping brings copies to rest, equal to the bit: each loses in every segment what rounding loses there."""
     assert 25.0 < sb.reference(silent_record(), 33.0).horizon < DIVERGED  # 33 was certified

@@ -56,6 +56,7 @@ def tips_of_scipy(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
     return values
 
 
+@pytest.mark.slow
 def test_gradient_of_a_misfit_is_that_of_another_solver():
     theta, t = np.array([40.0, 1.7]), np.linspace(0.0, 9.0, 19)
     flow = sb.jax_flow(oscillator(*theta), ["stops.stiffness", "loads[0].time.amplitude"], t)
@@ -76,6 +77,7 @@ def test_gradient_of_a_misfit_is_that_of_another_solver():
         assert float(slope[i]) == pytest.approx((4.0 * near - far) / 3.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_value_and_derivative_are_those_of_the_reference(beam):
     flow = sb.jax_flow(beam, PATHS, TIMES)
     run = sb.reference(beam, TIMES[-1], t_eval=TIMES)
@@ -94,6 +96,7 @@ def test_values_move_with_the_parameters_and_map_over_batches(beam):
     assert not np.array_equal(values[0], values[1])
 
 
+@pytest.mark.slow
 def test_state_and_velocity(beam):
     state = sb.jax_flow(beam, PATHS, TIMES[:6], "state")
     run = sb.reference(beam, TIMES[5], t_eval=TIMES[:6])
@@ -103,6 +106,7 @@ def test_state_and_velocity(beam):
     assert np.array_equal(speed(speed.start), run.tip_velocity)
 
 
+@pytest.mark.slow
 def test_past_the_end_of_a_chatter_the_derivative_is_not_a_number():
     stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)
     ball = sb.System.from_matrices(

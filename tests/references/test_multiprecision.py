@@ -17,6 +17,7 @@ from stiffbeam.references.multiprecision.multiprecision import carry
 pytest.importorskip("flint")
 
 
+@pytest.mark.slow
 def test_inside_the_horizon_it_is_the_float64_solution(table10_system):
     times = np.linspace(0.0, 0.1, 401)
     many = sb.reference(table10_system, 0.1, "multiprecision", t_eval=times, digits=50)
@@ -164,7 +165,7 @@ def test_two_contacts_with_a_moving_stop_past_the_float64_horizon():
     ],
     ids=["equal", "equal damped", "nearly equal", "nearly equal damped", "rigid-body mode", "free mass"],
 )
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 def test_frequencies_that_coincide_or_vanish(stiffness, damping):
     n = len(stiffness)
     system = sb.System.from_matrices(

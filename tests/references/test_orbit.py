@@ -147,6 +147,7 @@ def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
         sb.periodic_orbit(one_mass(None, c, k), 2.0 * np.pi)
 
 
+@pytest.mark.slow
 def test_an_orbit_at_a_fold_closes_or_raises():
     """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
 

@@ -16,6 +16,7 @@ def stop(row, restitution=0.5, **where):
     return sb.Contact(row=row, stops=sb.Stops(stiffness=np.inf, restitution=restitution, **where))
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", BOTH)
 @pytest.mark.parametrize("upper", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_body_at_rest_on_its_stop_takes_its_part_in_a_blow(method, upper):
@@ -34,6 +35,7 @@ def test_a_body_at_rest_on_its_stop_takes_its_part_in_a_blow(method, upper):
     assert run.energy.stop_dissipation[-1] == pytest.approx(0.75 * energy, rel=1e-12)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("written", ["decimals", "moving stop"])
 def test_two_that_start_on_their_stops_but_for_rounding_have_no_order(written):
     """A stop at the decimal 0.3 and a start at the double next to it: who is hit first is not known in float64. Written
@@ -71,6 +73,7 @@ def test_a_plastic_impact_of_a_free_body(method, size):
     assert run.contacts[0].position[-1] == pytest.approx(0.1, rel=1e-12)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("load", ["sine", "ramp", "chain"])
 def test_a_load_that_rises_from_zero_presses_a_body_on_its_stop(load):
     """J = int f dt while it presses; that on the other mass of a chain reaches the stop through its spring only."""
@@ -110,6 +113,7 @@ PRESSED = {
 }
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("load", ["constant", "ramp"])
 @pytest.mark.parametrize("name", PRESSED)
 def test_a_body_that_is_pressed_on_its_stop_stays_there(name, load):
@@ -211,6 +215,7 @@ def test_two_contacts_at_rest_under_a_load_that_rises_from_zero(load):
     assert [c.impulse for c in run.contacts] == pytest.approx([c.impulse for c in known.contacts], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_more_blows_with_more_digits_are_the_same_motion():
     """Two contacts hit each other in turns until they rest, infinitely often: with more digits that goes on longer."""
     M = [[6.86, 1.77, -0.54, -2.88], [1.77, 1.48, 0.17, -1.07], [-0.54, 0.17, 1.55, -0.78], [-2.88, -1.07, -0.78, 3.19]]

@@ -338,6 +338,7 @@ def test_where_rounding_decides_whether_a_stop_is_hit_the_horizon_ends(speed, ho
     assert found.impacts.count == (speed >= 4.0)
 
 
+@pytest.mark.slow
 def test_copies_lose_roundings_of_their_own(monkeypatch):
     """Samples closer than a radian give all copies the same segments: only their roundings tell them apart."""
     t = np.arange(0.0, 21.0, 0.05)

@@ -72,6 +72,7 @@ def test_a_body_that_rests_alone_on_its_stop_has_no_neighbours():
         sb.lyapunov(system, 1.0)
 
 
+@pytest.mark.slow
 def test_pairs_start_before_their_rigid_stops():
     found = sb.study("chaos", held(), dt=1e-3, t_end=2.0, span=0.5, starts=6, schemes=["moreau-jean"], jobs=1)
     assert not [row for row in found.rows if "refused" in row]

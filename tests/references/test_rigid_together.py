@@ -23,6 +23,7 @@ def bar(inertia, restitution, q0, weight=1.0, spring=0.0, v0=(0.0, 0.0)):
     return sb.System.from_matrices(M, K, loads=load, contacts=contacts, initial_displacement=q0, initial_velocity=v0)
 
 
+@pytest.mark.slow
 def test_an_order_that_rounding_decides_is_not_certified():
     """Left falls from 1/10, right from 1/2: in decimals they close together at 2/sqrt(5), in doubles they do not."""
     system, t = bar(0.5, (0.5, 0.5), (-0.3, 0.2)), np.linspace(0.0, 4.0, 401)
@@ -45,6 +46,7 @@ def balls(starts, restitution, v0, gap=0.0):
 ROW = np.array([0.0, 0.1, 0.2, 0.30000000000000004, 0.4])  # differences of doubles: 0.1 but for rounding
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", BOTH)
 def test_an_impact_whose_result_the_order_decides_ends_the_horizon(method):
     """All at once (-0.6, 0.4, ...); one after the other, as gaps give it, (0, 0, 0, 0, 1)."""
@@ -96,7 +98,7 @@ ROCKING = [
 
 
 @pytest.mark.parametrize("case", FLAT + ROCKING, ids=str)
-@pytest.mark.fast(2)
+@pytest.mark.fast(1)
 def test_a_bar_that_rocks_comes_to_rest(case):
     """Infinitely many impacts of both ends in turns. At rest at first and at last: the impulses are the weight's."""
     inertia, restitution, q0, weight, spring = case

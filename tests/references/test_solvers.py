@@ -141,6 +141,7 @@ def test_cvode_takes_a_callable_load_like_a_harmonic_one(form):
     assert np.max(np.abs(tips[0] - tips[1])) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_reference_without_an_exact_partner_is_held_against_itself(table10):
     pushed = dataclasses.replace(table10, viscosity=2.0, loads=(sb.PointLoad(0.5, lambda t: np.cos(9.0 * t)),))
     ref = sb.reference(sb.semidiscretise(pushed, 8), 0.1, "cvode", rtol=1e-9)
@@ -148,6 +149,7 @@ def test_a_reference_without_an_exact_partner_is_held_against_itself(table10):
     assert ref.horizon == 0.1
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", ["cvode-adams", "dop853", "ida"])
 def test_an_adaptive_reference_answers_at_any_time(method, table10):
     """At its outputs with these, elsewhere by solving once more: as near to the exact motion, in any order of times."""

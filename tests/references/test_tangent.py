@@ -138,6 +138,7 @@ def test_what_has_no_tangent_flow_is_refused(table10):
         sb.lyapunov(table10, 1.0)
 
 
+@pytest.mark.slow
 def test_nothing_but_impacts_turns_neighbours():
     """x'' + x = cos w t between blows on a stop at 0, e = 0.8, long after the start, where the rounding of a time makes
     the velocity jump from stretch to stretch: neighbours come together as two motions in closed form do."""

@@ -57,6 +57,7 @@ def test_the_estimate_is_what_stability_costs():
     assert 1.0 < steps / (rate * t_end / STABLE) < 1.4
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853", "radau", "diffrax:Tsit5"])
 def test_work_without_end_is_given_up(method, monkeypatch):
     monkeypatch.setattr(restarts, "MOST_EVALUATIONS", 300)

@@ -68,6 +68,7 @@ def test_several_averaged_forces_at_once():
             assert abs(F[c] - want) <= 1e-8 * (abs(want) + np.abs(S[c]) @ np.abs(F) / S[c, c])
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
 def test_marches_agree(scheme, exponent):

@@ -42,7 +42,7 @@ def words_of(figure) -> list[str]:
     return [figure.get_suptitle(), *axes]
 
 
-@pytest.mark.fast(4)
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_of_a_physical_case_names_its_units(name):
     options, answered, drawn = STUDIES[name]

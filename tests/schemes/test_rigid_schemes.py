@@ -63,6 +63,7 @@ def on_the_bar(scheme, e=None, cells=100):
     return gained, np.sqrt(np.mean(error**2)), max(0.0, -np.min(run.tip))
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize(
     ("scheme", "e", "gained", "rms", "deepest"),
     [

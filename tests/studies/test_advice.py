@@ -98,6 +98,7 @@ def test_it_names_the_largest_source_of_uncertainty(systems):
     assert not [name for name in outcomes if name.startswith("open")]
 
 
+@pytest.mark.slow
 def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypatch):
     """The advice ranks the wanted quantities only; the command writes the same."""
     (tmp_path / "thrown.toml").write_text(thrown_case(0.5))

@@ -53,6 +53,7 @@ def test_a_solver_over_the_budget_is_left_out_unless_it_is_named(monkeypatch):
     assert "cvode-adams" in {row["method"] for row in named.numbers}
 
 
+@pytest.mark.slow
 def test_a_slow_function_has_fewer_steps(monkeypatch):
     monkeypatch.setattr(precision, "TOO_SLOW", 0.3)
     records = study("precision", SMALL, schemes=[slow, "BDF2"], methods=["exact"], dt=5e-4)

@@ -34,6 +34,7 @@ def ball(stiffness: float = 1e4) -> sb.System:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_scatter_covers_the_known_one():
     """Forces sqrt(kappa), kappa uniform within 30 %: mean and mean square are integrals of powers of kappa."""
     tolerance, system = 0.3, ball()
@@ -146,6 +147,7 @@ def beam(cells: int, dt: float, tolerance: float) -> Case:
 SOURCES = {"scheme": (24, 1.5e-2, 1e-6), "mesh": (4, 1e-4, 1e-6), "data": (24, 1e-4, 0.2)}
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("source", SOURCES)
 def test_the_source_that_is_large_by_construction_is_named(source):
     cells, dt, tolerance = SOURCES[source]
@@ -176,6 +178,7 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_column_of_the_mesh_is_the_distance_to_cubic_elements():
     """Twice the cells leave open here whether scheme or mesh is larger; single runs beside 64 cells know."""
     case, scheme = beam(8, 6e-3, 1e-3), sb.HHT(-0.1)
@@ -192,6 +195,7 @@ def test_the_column_of_the_mesh_is_the_distance_to_cubic_elements():
     assert mesh.low < abs(fine / exact - 1.0) < mesh.high < 1.4 * mesh.low
 
 
+@pytest.mark.slow
 def test_scheme_and_mesh_that_are_as_large_as_each_other_are_alike():
     """At this step the scheme's error of the tip is that of the mesh but for a few per cent."""
     case, scheme = beam(8, 1.2e-2, 1e-3), sb.HHT(-0.1)
@@ -258,6 +262,7 @@ def oscillator(seed: int) -> sb.System:
     return sb.System.from_matrices([[1.0]], [[4.0]], [[0.2]], loads=[load], contacts=[contact])
 
 
+@pytest.mark.slow
 def test_the_span_of_a_rate_is_its_deviation_over_other_records():
     """100 records of one noise: rates scatter by what each run alone states, inside nearly all of its intervals."""
     many = [sb.integrate(oscillator(seed), sb.Trapezoidal(), 4e-3, 80.0).impacts.times for seed in range(100)]
@@ -269,6 +274,7 @@ def test_the_span_of_a_rate_is_its_deviation_over_other_records():
     assert np.mean([x.low <= wanted <= x.high for x in each]) >= 0.84  # 0.87
 
 
+@pytest.mark.slow
 def test_the_rate_has_the_shares_of_the_impacts_and_its_span():
     case = replace(case_of(oscillator(3), 4e-3, 80.0), uncertain={"stops.stiffness": sb.Uncertain(tolerance=0.05)})
     result = sb.doubt(case, sb.Trapezoidal(), members=8)
@@ -345,6 +351,7 @@ def test_rigid_stops_have_no_largest_force():
     assert result["tip"].dominant == "data"
 
 
+@pytest.mark.slow
 def test_the_command_says_what_the_function_finds(tmp_path: Path):
     file = tmp_path / "thrown.toml"
     file.write_text(thrown_case(0.2))
@@ -369,6 +376,7 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
     assert "path=tolerance" in str(wrong.exception)
 
 
+@pytest.mark.slow
 def test_compare_adds_the_budget_of_every_scheme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     Path("thrown.toml").write_text(thrown_case(0.2))
@@ -426,6 +434,7 @@ def test_a_model_that_is_not_finer_is_refused(n):
         sb.doubt(matrices(8), sb.HHT(-0.1), finer=matrices(n), **options)
 
 
+@pytest.mark.slow
 def test_matrices_have_the_mesh_of_a_finer_model(tmp_path: Path):
     """The distance to it, with a bracket that holds the error against 64 cells for 16 and for 32."""
     options = {"dt": 1e-3, "t_end": 0.6, "members": 8, "uncertain": {"stops.stiffness": 0.01}}
@@ -469,6 +478,7 @@ stiffness = {}
         sb.doubt(beam(8, 1e-3, 0.2), finer=matrices(16))
 
 
+@pytest.mark.slow
 def test_a_reduced_model_has_the_mesh_of_twice_its_modes():
     """A chain of 60 masses in 12 modes: the distance to 24, whose bracket holds that to the whole chain."""
     n = 60

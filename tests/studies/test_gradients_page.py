@@ -27,6 +27,7 @@ def test_the_tables_are_those_of_the_records(gradients):
         assert "\n".join(gradients["table"](gradients[engines], gradients[names])) in page
 
 
+@pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("label", "name", "bound"),
     [

@@ -52,6 +52,7 @@ def test_an_interrupted_study_evaluates_only_what_is_missing(tmp_path):
     assert not third
 
 
+@pytest.mark.slow
 def test_an_interrupted_measurement_ends_with_the_same_bits_but_for_what_it_calls_measured(tmp_path):
     one = find_study("precision")
     whole = run_study(one, SMALL, **one.smoke).to_dict()

@@ -68,6 +68,7 @@ def test_couplings_and_paths_reach_the_branch():
     assert "stable all along" in found.answer
 
 
+@pytest.mark.slow
 def test_no_orbit_is_an_answer():
     """Of Table 10 neighbours part within a period by more than float64 holds."""
     case = replace(sb.paper_case(10), cells=8)
@@ -102,6 +103,7 @@ def test_laws_and_drives_without_an_exact_period_are_refused():
             study("orbits", system, **OPTIONS)
 
 
+@pytest.mark.slow
 def test_the_command_names_its_files(tmp_path):
     options = ["--values", "2:2.2:4", "--periods", "2", "--transient", "1", "--starts", "1", "--orbits", "4"]
     case = tmp_path / "case.toml"

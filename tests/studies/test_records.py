@@ -69,6 +69,7 @@ def asked(folder: Path, command: str, name: str, *options: str) -> dict[str, Any
     return json.loads(result.stdout)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("name", FILES)
 def test_a_sweep_counts_over_the_record_what_single_runs_count(folder, name):
     said = asked(folder, "sweep", name, "--parameter", SCALE, "--values", "0.5,1,2", "--method", HHT)
@@ -100,6 +101,7 @@ def scaled(name: str, factor: float) -> sb.System:
     return sb.semidiscretise(beam, 4)
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("name", FILES)
 def test_an_exact_sweep_over_a_stop_and_a_level_has_the_exact_impacts(folder, name):
     values = {"values": [1e4, 2e4], "second": SCALE, "second_values": [1.0, 2.0], "method": "exact"}

@@ -78,6 +78,7 @@ def test_a_study_answers_in_numbers_from_flat_rows(name):
     assert len(records.to_dataframe()) == len(records.rows)
 
 
+@pytest.mark.fast(3)
 @pytest.mark.parametrize("name", BY_WEIGHT)
 def test_a_study_draws_named_axes(name):
     figure = smoke(name).figure()

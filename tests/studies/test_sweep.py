@@ -310,6 +310,7 @@ def by_runge_kutta(x: float, v: float, w: float) -> tuple[float, float]:
     return x, v
 
 
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("method", ["exact", "trapezoidal"])
 def test_a_sweep_there_and_back_goes_on_from_the_last_state(method):
     """Both branches of a bent resonance, against RK4 that goes on from its own last state."""

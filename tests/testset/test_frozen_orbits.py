@@ -48,7 +48,7 @@ def test_multipliers_and_events_are_those_of_the_float64_orbit(name):
     assert np.allclose(np.sort_complex(orbit.multipliers), np.sort_complex(frozen.multipliers), atol=1e-9)
 
 
-@pytest.mark.fast(3)
+@pytest.mark.fast(1)
 @pytest.mark.parametrize("name", SMALL)
 def test_the_law_in_mpmath_leads_back_within_the_digits_of_the_file(name):
     """From the first sample in 40 digits: the events, the sample at half the period, and the start."""

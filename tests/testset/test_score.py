@@ -212,6 +212,7 @@ def test_adaptive_solvers_stay_within_their_tolerance_and_a_loose_one_is_found(m
     assert outcomes(sb.score("dop853", "bilinear-gap")) == {"bilinear-gap": NOT_FALLING}
 
 
+@pytest.mark.slow
 def test_past_the_horizon_the_trapezoidal_rule_is_among_the_exact_motions_and_bdf2_is_not():
     good, bad = (sb.score(x, "table10").entries[0].past for x in ("trapezoidal", "bdf2"))
     assert all(abs(good[-1][what]) < 4.0 for what in ("impacts", "contact_fraction", "median_peak"))
