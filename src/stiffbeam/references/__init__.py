@@ -55,7 +55,7 @@ def reference(
 ) -> Reference:
     """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    Contact runs are chaotic: past ``horizon`` every float64 solution is one of many possible motions.
+    Motions with impacts are often chaotic: past ``horizon`` every float64 solution is one of many possible motions.
 
     Parameters
     ----------
