@@ -60,17 +60,21 @@ def solve(request: Request) -> Reference:
 
 
 class Modal(NamedTuple):
-    """The constant Jacobian V diag(rates) V^-1 of the n states: [Re V, -Im V] (n, 2n), V^-1 likewise (2n, n), rates.
+    """The constant Jacobian Re(V diag(rates) W) of the n states. Of two conjugate eigenvectors V has one, twice.
+
+    vectors: [Re V, -Im V] (n, 2m). back: W likewise, (2m, n), rows of V^-1. rates: (m,), complex. Zeros fill all
+    three up to a round m, so that regimes share programs. iterations: None for each, which is structure to JAX and
+    no number: a loop would cost as much as an iteration.
 
     Between events under a linear law y' is linear in y. The equations of a stage, (I - c J) d = r, are then solved by
-    two products with V and V^-1 for any c, without a Jacobian or a factorisation in the step. Each of ``iterations``
-    leaves the rounding of V^-1 times the error before it.
+    two products with V and W for any c, without a Jacobian or a factorisation in the step. Each iteration leaves the
+    rounding of W times the error before it.
     """
 
     vectors: Any
     back: Any
     rates: Any
-    iterations: Any
+    iterations: tuple[None, ...]
 
 
 class Arguments(NamedTuple):
@@ -97,7 +101,7 @@ class Programs:
         self._linear = implicit and linear(rhs.first_order.system.contacts)
         self._numbers: Any = None
         self._modal: dict[bytes, Modal | None] = {}
-        self._ready: dict[tuple[Any, bool], Any] = {}
+        self._ready: dict[tuple[Any, tuple[int, int] | None], Any] = {}
 
     def arguments(self, rtol: float) -> Arguments:
         """Numbers of the regime and the window of now; all others lie on the device."""
@@ -115,7 +119,8 @@ class Programs:
 
     def __call__(self, function: Callable[..., Any], arguments: Arguments, *rest: Any) -> Any:
         """``function`` of the name, the kind and these arguments, compiled at its first call."""
-        key = (function, arguments.modal is None)
+        modal = arguments.modal
+        key = (function, None if modal is None else (len(modal.rates), len(modal.iterations)))
         if key not in self._ready:
             self._ready[key] = self._compiled(function, arguments, *rest)
         return self._ready[key](arguments, *rest)
@@ -231,17 +236,23 @@ def _modal(jacobian: Array, rtol: float) -> Modal | None:
     balanced, (scale, _) = scipy.linalg.matrix_balance(jacobian, permute=False, separate=True)
     rates: Any
     vectors: Any
-    rates, vectors = np.linalg.eig(balanced.astype(complex))
+    rates, vectors = np.linalg.eig(balanced)
     loss = float(np.linalg.cond(vectors)) * np.finfo(float).eps
     if not loss < WORST:
         return None
     # The errors of the stages are to stay far below those of the steps.
     iterations = max(1, math.ceil(math.log(1e-3 * rtol) / math.log(loss)))
     inverse: Any = np.linalg.inv(vectors) / scale
-    vectors = scale[:, None] * vectors
+    # Of two conjugate terms, whose sum is real, one is taken twice.
+    kept = rates.imag >= 0.0
+    vectors = scale[:, None] * vectors[:, kept] * np.where(rates[kept].imag > 0.0, 2.0, 1.0)
+    count, quarter = int(np.sum(kept)), -(-len(rates) // 4)
+    more = (0, min(len(rates), -(-count // quarter) * quarter) - count)
+    rates, vectors = np.pad(rates[kept], more).astype(complex), np.pad(vectors, ((0, 0), more))
+    inverse = np.pad(inverse[kept], (more, (0, 0)))
     # Re(V x) as a product of real matrices, which is several times as fast.
     stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([inverse.real, inverse.imag])
-    return Modal(*stacked, rates, iterations)
+    return Modal(*stacked, rates, (None,) * iterations)
 
 
 def _method(name: str, kind: Kind, arguments: Arguments, rtol: Any, atol: Any) -> tuple[Any, Any]:
@@ -341,7 +352,11 @@ def _modal_root_finder() -> Any:
     import optimistix
 
     class Chord(optimistix.AbstractRootFinder[Any, Any, Any, Any]):
-        """Iterations by the inverse in ``Modal``; their state is (its diagonal, iterations so far)."""
+        """The iterations of ``Modal``, all in ``postprocess``.
+
+        The loop of optimistix, with its tests of convergence, costs as much as an iteration, and so does a state,
+        which diffrax hands from stage to stage.
+        """
 
         rtol: Any
         atol: Any
@@ -349,32 +364,30 @@ def _modal_root_finder() -> Any:
 
         def init(
             self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any
-        ) -> tuple[Any, Any]:
-            if "init_state" in options:
-                return options["init_state"]
-            _, diagonal, *_, arguments, h = args
-            return 1.0 / (1.0 - h * diagonal * arguments.modal.rates), jnp.array(0)
+        ) -> tuple[()]:
+            return ()
 
         def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
-            diagonal, step = state
-            modal = args[-2].modal
-            n = len(modal.rates)
-            rest, aux = fn(y, args)
-            x = modal.back @ rest[:n]
-            x = diagonal * (x[:n] + 1j * x[n:])
-            y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
-            # No rate depends on the integrals, so that theirs follow from the states at once.
-            rest, aux = fn(y, args)
-            return y.at[n:].add(-rest[n:]), (diagonal, step + 1), aux
+            return y, state, fn(y, args)[1]
 
         def terminate(
             self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any
         ) -> tuple[Any, optimistix.RESULTS]:
-            return state[1] >= args[-2].modal.iterations, optimistix.RESULTS.successful
+            return jnp.array(True), optimistix.RESULTS.successful
 
         def postprocess(
             self, fn: Any, y: Any, aux: Any, args: Any, options: Any, state: Any, tags: Any, result: Any
         ) -> tuple[Any, Any, dict[str, Any]]:
+            _, diagonal, *_, arguments, h = args
+            modal = arguments.modal
+            n, m = len(modal.vectors), len(modal.rates)
+            inverse = 1.0 / (1.0 - h * diagonal * modal.rates)
+            for _ in modal.iterations:
+                x = modal.back @ fn(y, args)[0][:n]
+                x = inverse * (x[:m] + 1j * x[m:])
+                y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
+            # No rate depends on the integrals, so that theirs follow from the states at once.
+            y = y.at[n:].add(-fn(y, args)[0][n:])
             return y, aux, {}
 
     return Chord
