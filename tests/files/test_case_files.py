@@ -253,6 +253,10 @@ def test_a_bad_field_names_file_field_value_and_rule(write, text, field, value, 
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "did you mean HHT?"),
         (PLAIN.replace("cells", 'runs = ["HHT(alpha=0.2)"]\ncells'), "pass -alpha"),
         (PLAIN.replace("cells", 'form = "hermite"\ncells'), 'runs = ["HHT@hermite"]'),
+        (problem_with('units = { length = "mm" }'), "write length, bending_stiffness and mass_per_length"),
+        (problem_with("base = 0.1"), "it is a number: write base = { ... }"),
+        (problem_with("initial_displacement = 1"), "it is an integer: write initial_displacement = [...]"),
+        (PLAIN.replace('name = "mine"', "name = 3"), 'it is an integer: write name = "..."'),
     ],
 )
 def test_a_bad_field_is_answered_with_the_near_one(write, text, remedy):

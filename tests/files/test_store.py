@@ -85,6 +85,15 @@ def test_a_loaded_run_can_be_saved_and_compared_again(run, exact, tmp_path):
     assert stored.to_dict() == fresh.to_dict()
 
 
+def test_a_loaded_exact_reference_knows_its_contacts_between_the_steps(system, exact, tmp_path):
+    """With steps of a twentieth of a contact, a sampled peak is far below that of the exact solution."""
+    coarse, loaded = sb.integrate(system, sb.HHT(-0.1), 1e-3, 0.05), sb.load(exact.save(tmp_path / "exact.nc"), system)
+    fresh, stored = sb.compare(coarse, exact), sb.compare(coarse, loaded)
+    assert stored.to_dict()["contacts"] == fresh.to_dict()["contacts"]
+    assert stored.contacts[0].reference.events
+    assert stored.contacts[0].reference.peak_force == pytest.approx(exact.contacts[0].peak_force, rel=1e-12)
+
+
 def test_two_loaded_files_alone_cannot_be_compared(run, exact, tmp_path):
     stored, reference = sb.load(run.save(tmp_path / "run.nc")), sb.load(exact.save(tmp_path / "exact.nc"))
     with pytest.raises(sb.InputError, match="leave one trajectory with its system"):

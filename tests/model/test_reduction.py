@@ -169,3 +169,5 @@ def test_a_load_that_moves_no_mass_is_lost_and_said_to_be():
     assert small.static_error == 1.0
     assert repr(small).endswith("1 of a static deflection lost>")
     assert small.error_at(0.1) == 1.0
+    nothing = sb.reduce_model(np.eye(3), K, None, [(np.zeros(3), sb.Constant(1.0))], observe=[1.0, 0.0, 0.0], modes=2)
+    assert nothing.error_at(0.1) < 1e-12

@@ -149,3 +149,40 @@ def test_what_nothing_holds_has_no_equilibrium():
         body = sb.System.from_matrices([[1.0]], [[0.0]], loads=loads, contacts=[contact])
         with pytest.raises(sb.InputError, match="hold the system"):
             sb.static_equilibrium(body)
+
+
+@pytest.mark.parametrize("seed", [0, 94, 105, 179, 217, 232])
+def test_a_motion_without_strain_is_no_stiffness_where_rounding_makes_it_one(seed):
+    """A free body in turned axes: the least eigenvalue of K is some 1e-16, and a stop holds it or nothing does."""
+    rng = np.random.default_rng(seed)
+    n = 4
+    free = rng.normal(size=n)
+    free /= np.linalg.norm(free)
+    across = np.eye(n) - np.outer(free, free)
+    root = rng.normal(size=(n, n))
+    K = across @ (root @ root.T + 0.1 * np.eye(n)) @ across
+    load = rng.normal(size=n)
+    load *= np.sign(load @ free)
+    stop, loads = sb.Stops(upper=0.1, stiffness=1e3), [(load, sb.Constant(2.0))]
+    K, row = 0.5 * (K + K.T), free + 0.1 * rng.normal(size=n)
+    held = sb.System.from_matrices(np.eye(n), K, loads=loads, contacts=[sb.Contact(row, stop)])
+    q = sb.static_equilibrium(held)
+    assert row @ q > 0.1
+    assert np.max(np.abs(2.0 * load - K @ q + row * stop.force(row @ q))) < 1e-8
+    with pytest.raises(sb.InputError, match="hold the system"):
+        sb.static_equilibrium(sb.System.from_matrices(np.eye(n), K, loads=loads, observe=row))
+
+
+def test_three_stops_on_one_body_have_one_equilibrium():
+    """Hertz, square and linear stops of one mass; the forces of two are zero."""
+    laws = [
+        (-0.0932, 0.3012, 26248.0, 1.5, -1.4917),
+        (None, 0.8344, 892.7, 2.0, 0.4189),
+        (0.1178, 0.7586, 36803.4, 1.0, -1.3053),
+    ]
+    stops = [(sb.Stops(low, up, stiffness=k, exponent=p), row) for low, up, k, p, row in laws]
+    system = sb.System.from_matrices(
+        [[1.0]], [[0.3723]], loads=[([1.0], sb.Constant(1.3425))], contacts=[sb.Contact([row], x) for x, row in stops]
+    )
+    (q,) = sb.static_equilibrium(system)
+    assert abs(1.3425 - 0.3723 * q + sum(row * float(x.force(row * q)) for x, row in stops)) < 1e-9

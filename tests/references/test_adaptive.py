@@ -384,3 +384,86 @@ def test_kvaerno_gives_the_exact_impacts_of_random_chains():
         impacts += exact.impacts.count
     assert impacts > 15
     assert sum(compiled) <= 1
+
+
+class Jump:
+    """A stop that is 1 further away from t = 1 on."""
+
+    breakpoints = (1.0,)
+
+    def value(self, t):
+        return np.where(np.asarray(t) < 1.0, 0.0, -1.0)
+
+    def rate(self, t):
+        return 0.0 * np.asarray(t)
+
+    acceleration = rate
+
+
+def held(offset: object, **law: float) -> sb.System:
+    """A mass that a load of 0.6 holds at rest, 0.1 deep in its stop; free it is at 0.6 - 0.4 cos(t - 1)."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0, **law), offset=offset)  # type: ignore[arg-type]
+    return sb.System.from_matrices(
+        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(0.6))], contacts=[stop], initial_displacement=[0.2]
+    )
+
+
+@pytest.mark.parametrize("method", PHASED)
+@pytest.mark.parametrize("law", [{"damping": 3.0}, {"dissipation": 8.0}, {"exponent": 1.5, "dissipation": 8.0}])
+def test_a_damped_stop_lets_go_where_it_starts_to_recede(method, law):
+    """The force -3 of the damper, or the factor 1 - 8, jumps at the corner of the polygon, which is no root."""
+    corner = sb.Sampled([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, -1.0, -1.0])
+    system = held(corner, **law)
+    if law.get("exponent"):
+        system = dataclasses.replace(system, loads=(([1.0], sb.Constant(0.2 + 4.0 * 0.1**1.5)),))
+    force = system.loads[0][1].level  # type: ignore[union-attr]
+    t = np.linspace(0.0, 3.0, 61)
+    run = sb.reference(system, 3.0, method, t_eval=t)
+    free = force - (force - 0.2) * np.cos(t - 1.0)
+    assert np.max(np.abs(run.tip - corner.value(t) - np.where(t < 1.0, 0.2, free))) < 1e-7
+    assert run.impacts.count == 0
+    assert run.impacts.at_start.ends[0] == pytest.approx(1.0, abs=1e-12)
+    assert run.contacts[0].fraction == pytest.approx(1.0 / 3.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("method", "way"), [(m, w) for m, w in WAYS if m in ANY_FUNCTION])
+@pytest.mark.parametrize("law", [{}, {"dissipation": 1.0}])
+def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
+    t = np.linspace(0.0, 3.0, 61)
+    run = sb.reference(held(Jump(), **law), 3.0, method, t_eval=t, switches=way)
+    motion = np.where(t < 1.0, 0.2, 0.6 - 0.4 * np.cos(t - 1.0))
+    assert np.max(np.abs(run.tip - Jump().value(t) - motion)) < 1e-7
+    assert run.impacts.count == 0
+    assert run.impacts.at_start.ends[0] == pytest.approx(1.0, abs=1e-12)
+    # The stop leaves with 4 0.1^2/2 = 0.02.
+    assert np.max(np.abs(run.energy.input - 0.6 * (motion - 0.2) + np.where(t < 1.0, 0.0, 0.02))) < 1e-7
+    assert np.max(np.abs(run.energy.loss)) < 1e-7
+    assert np.max(np.abs(run.energy.stop_dissipation)) < 1e-7
+
+
+class Polygon:
+    """A stop that recedes, waits, comes, and stands still at once at t = 4."""
+
+    corners, places = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]), np.array([0.0, 0.0, -0.4, -0.4, 0.1, 0.1])
+
+    def value(self, t):
+        return np.interp(t, self.corners, self.places)
+
+    def rate(self, t):
+        side = np.searchsorted(self.corners, np.asarray(t, float), "right") - 1
+        return (np.diff(self.places) / np.diff(self.corners))[np.clip(side, 0, 4)]
+
+    def acceleration(self, t):
+        return 0.0 * np.asarray(t)
+
+
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853"])
+def test_a_corner_at_the_end_takes_no_output_away(method):
+    """The force of the damper jumps at t_end: a root there ends the last phase before its output."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0, damping=3.0), offset=Polygon())
+    system = sb.System.from_matrices(
+        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(0.5))], contacts=[stop], initial_displacement=[0.2]
+    )
+    run = sb.reference(system, 4.0, method, t_eval=np.linspace(0.0, 4.0, 401))
+    assert run.states[0].shape == (401, 1)
+    assert abs(run.at(np.array([3.99999]))[0][0] - run.tip[-1]) < 1e-4

@@ -54,6 +54,26 @@ def test_rigid_stops_are_asked_of_undamped_beams_only():
         study("rigid", replace(SMALL, problem=replace(SMALL.problem, viscosity=0.1)))
 
 
+STOP = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=9.0, damping=1.0))
+STRUCK = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[STOP], initial_velocity=[1.0])
+CROUCHING = replace(STRUCK, contacts=(replace(STOP, stops=sb.Stops(upper=0.1, stiffness=9.0, dissipation=1.0)),))
+
+
+@pytest.mark.parametrize(
+    ("call", "remedy"),
+    [
+        (lambda: sb.System.from_matrices(np.eye(2), np.eye(2), [[0.0, 1.0], [-1.0, 0.0]]), r"0\.5\*\(A \+ A\.T\)"),
+        (lambda: sb.reference(STRUCK, 1.0, "cvode", switches="through"), "leave switches out"),
+        (lambda: study("gradient", CROUCHING, dt=1e-3, t_end=1.0), "without exponent and dissipation"),
+        (lambda: sb.Stops.from_restitution(0.0, speed=1.0, stiffness=9.0, upper=0.1), "for 0 use a rigid stop"),
+        (lambda: study("energy", STRUCK, dt=1e-3, t_end=1.0, schemes=["Trapezoidal(rho=1)"]), "leave it out"),
+    ],
+)
+def test_a_refusal_states_what_its_caller_can_do(call, remedy):
+    with pytest.raises(sb.InputError, match=remedy):
+        call()
+
+
 @pytest.mark.slow
 def test_the_environment_belongs_to_others_while_points_are_evaluated(monkeypatch):
     """Threads of workers are told to them; what runs here meanwhile reads its own settings."""

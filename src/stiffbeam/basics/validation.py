@@ -92,7 +92,7 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
         result = array.astype(float) if array.dtype.kind in "iufO" else None
     except Exception:  # whatever the objects of others raise when they are made an array
         result = None
-    if result is None or not np.all(np.isfinite(result)):
+    if result is None or not np.isfinite(result).all():
         raise InputError(field, value, rule, remedy)
     return result
 

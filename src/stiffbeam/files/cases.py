@@ -508,6 +508,9 @@ class _Reader(Reader):
             if physical
             else ("stiffness", "viscosity")
         )
+        if not physical and "units" in self.table:
+            remedy = "leave it out, or write length, bending_stiffness and mass_per_length in place of stiffness"
+            raise self.error("units", self.table["units"], "be a known field", remedy)
         self.only(shared | set(parameters) | ({"units", "time_unit"} if physical else set()))
         if self.number("time_unit", 1) != 1:
             remedy = "times are in seconds: leave it out, and give dt and t_end in seconds"

@@ -118,6 +118,7 @@ def _number(text: str) -> float | None:
 
 
 _KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
+_WRITTEN = {str: '"..."', bool: "true", int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
 
 @dataclass
@@ -148,7 +149,10 @@ class Reader:
         value = self.table[field]
         # In Python a truth value is an integer.
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise self.error(field, value, rule, f"it is {_KINDS.get(type(value), 'something else')}")
+            written = _WRITTEN[kind[0] if isinstance(kind, tuple) else kind]
+            is_kind = next((name for x, name in _KINDS.items() if isinstance(value, x)), "something else")
+            remedy = f"it is {is_kind}: write {field} = {written}"
+            raise self.error(field, value, rule, remedy)
         return value
 
     def line(self, field: str, default: Any = ...) -> str:

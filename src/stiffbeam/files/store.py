@@ -114,7 +114,10 @@ def load_frozen(data: Arrays, path: Path, system: System | None = None, t_eval: 
     # What the file is, whether it is whole, and whether it is of this system.
     if data.attributes["stiffbeam_frozen"] != FROZEN_FORMAT:
         raise InputError(
-            "file", str(path), f"be of format {FROZEN_FORMAT}", f"it has {data.attributes['stiffbeam_frozen']}"
+            "file",
+            str(path),
+            f"be of format {FROZEN_FORMAT}",
+            f"it has {data.attributes['stiffbeam_frozen']}: remake it",
         )
     if data.attributes.get("hash") != _hash(data):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
@@ -345,13 +348,15 @@ def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
     # Kind of file, content and system, in this order.
     if data.attributes.get("stiffbeam_format") not in (2, FORMAT):
         rule = f"be a stiffbeam trajectory of format 2 or {FORMAT}"
-        raise InputError("file", str(path), rule, f"it has format {data.attributes.get('stiffbeam_format')}")
+        remedy = f"it has format {data.attributes.get('stiffbeam_format')}: save the run again"
+        raise InputError("file", str(path), rule, remedy)
     if data.attributes["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
     if data.attributes.get("hash") != data.hash(HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attributes["fingerprint"]:
-        raise InputError("file", str(path), "be of the system it is read with", "it is of another one")
+        remedy = "it is of another one: read it with that, or alone"
+        raise InputError("file", str(path), "be of the system it is read with", remedy)
     # Files of older formats have other names.
     data = data.renamed(BEFORE)
     contacts, kinds = [], data.attributes["impact_kind"].split(",")  # one for all contacts, or one for each
@@ -389,7 +394,13 @@ def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
         again = None if system is None else _solved_again(system, common["provenance"])
         state_at = None if again is None else partial(_states_at, again)
         evaluate = partial(_values_at, common, again)
-        run = Reference(**common, horizon=float(data.attributes["horizon"]), evaluate=evaluate, state_at=state_at)
+        run = Reference(
+            **common,
+            horizon=float(data.attributes["horizon"]),
+            evaluate=evaluate,
+            state_at=state_at,
+            contact_by_events=None if again is None else partial(_contact_between, again),
+        )
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
     energies = {field: data[name] for field, name in LEDGER_FIELDS.items() if name in data}
@@ -429,6 +440,10 @@ def _states_at(again: Callable[[], Reference], t: Array) -> tuple[Array, Array]:
     state_at = again().state_at
     assert state_at is not None
     return state_at(t)
+
+
+def _contact_between(again: Callable[[], Reference], start: float, end: float, contact: int) -> ContactRecord | None:
+    return again().contact_between(start, end, contact)
 
 
 def _values_at(

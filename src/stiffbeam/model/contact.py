@@ -204,12 +204,12 @@ class Stops(Parameters):
         lower, upper = (g if math.isfinite(g) else None for g in (g1, g2))
         return cls(lower, upper, stiffness=kappa, **dict(zip(LINEAR, others, strict=True)))
 
-    @property
+    @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
         return not self.rigid and is_linear(self.coefficients)
 
-    @property
+    @cached_property
     def dissipative(self) -> bool:
         """Return True where F depends on the velocity."""
         return damps(self.coefficients)
@@ -530,7 +530,7 @@ def dissipation_for(restitution: float, speed: float) -> float:
 
     e = number("restitution", restitution)
     if not 0.0 < e <= 1.0:
-        raise InputError("restitution", restitution, "lie in (0, 1]", "0 takes an infinite dissipation")
+        raise InputError("restitution", restitution, "lie in (0, 1]", "for 0 use a rigid stop with restitution=0")
     positive("speed", speed)
     if e == 1.0:
         return 0.0

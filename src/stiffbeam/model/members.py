@@ -565,7 +565,9 @@ def _driven(system: System, name: str, value: float) -> System:
         loads = tuple((vector, change(function)) for vector, function in system.loads)
         contacts = tuple(replace(contact, offset=change(contact.offset)) for contact in system.contacts)
         return replace(system, loads=loads, contacts=contacts)
-    stops = tuple(replace(each, motion=change(each.motion)) for each in problem.all_stops)
+    stops = tuple(
+        each if each.motion is None else replace(each, motion=change(each.motion)) for each in problem.all_stops
+    )
     loads = tuple(replace(load, time=change(load.time)) for load in problem.loads)
     return _rebuilt(system, replace(problem, base=change(problem.base), stops=stops or None, loads=loads))
 

@@ -19,6 +19,7 @@ from .time_functions import Constant, LoadFunction, evaluate, offset_values
 
 SMALL, FEWER = 200, 10  # unknowns up to which all modes are computed; share of the modes above which all are
 STEPS = 200  # of Newton's method on closed and open stops; a handful for linear stops
+UNBALANCED = 1e-3  # of the largest force: an equilibrium that is further off is none
 FARTHEST = 2.0**200  # times a step: nothing stops a motion that long
 
 
@@ -196,21 +197,22 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     # A pivot that has lost 14 digits is the rounding of zero: a motion without strain.
     if factor is None or np.any(np.diag(factor[0]) ** 2 < 1e-14 * np.diag(system.stiffness)):
         return _on_its_stops(system, load, at)
-    free = scipy.linalg.cho_solve(factor, load)
-    if not system.contacts:
-        return free
-    # The compliances at the contacts, and one complementarity problem for the forces.
-    rows = np.array([contact.row for contact in system.contacts])
-    gives = scipy.linalg.cho_solve(factor, rows.T)  # K^-1 row^T
-    offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
-    compliance = rows @ gives
-    compliance, none = 0.5 * (compliance + compliance.T), np.zeros(len(rows))
-    at_rest = np.zeros_like(compliance)
-    forces = solve_stage(rows @ free + offsets, none, compliance, at_rest, none, BY_LAW, laws(system.contacts))
-    if np.any(np.isnan(forces)):
-        rule = "have forces that balance, and the search found none"
-        raise InputError("contacts", len(rows), rule, "march the system to rest with damping")
-    return free + gives @ forces
+    q = scipy.linalg.cho_solve(factor, load)
+    pushed = load
+    if system.contacts:
+        # The compliances at the contacts, and one complementarity problem for the forces.
+        rows = np.array([contact.row for contact in system.contacts])
+        gives = scipy.linalg.cho_solve(factor, rows.T)  # K^-1 row^T
+        offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
+        compliance = rows @ gives
+        compliance, none = 0.5 * (compliance + compliance.T), np.zeros(len(rows))
+        at_rest = np.zeros_like(compliance)
+        forces = solve_stage(rows @ q + offsets, none, compliance, at_rest, none, BY_LAW, laws(system.contacts))
+        q, pushed = q + gives @ forces, load + rows.T @ forces
+    # The other search needs no compliance, which rounding may have made of a motion without strain.
+    size = np.sqrt(np.diag(system.stiffness))
+    off, most = (np.max(np.abs(x) / size) for x in (pushed - system.stiffness @ q, pushed))
+    return q if off <= UNBALANCED * most else _on_its_stops(system, load, at)
 
 
 def _on_its_stops(system: System, load: Array, t: float) -> Array:

@@ -199,6 +199,27 @@ class RightHandSide:
         depth = side * (u - c.contact.stops.bound(side))
         return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
 
+    def stored(self, t: float, z: Array) -> Array:
+        """Energy (contacts,) in the stops at t, with the functions of time of the window."""
+        t, y = self._inside(t), z[: self.states]
+        contacts = self.first_order.contacts
+        return np.array(
+            [c.contact.stops.energy(self.first_order.contact_motion(c, t, y)[0]) for c in contacts], float
+        ).reshape(-1)
+
+    def jumped(self, t: float, z: Array, stored: Array) -> Array:
+        """z where stops that held the energy ``stored`` jump at t: the rest of their energy is input, and those that
+        damp have absorbed it."""
+        gained = self.stored(t, z) - stored
+        if not np.any(gained):
+            return z
+        z = z.copy()
+        z[self.states] += np.sum(gained)
+        if self.damped:
+            damps = [c.contact.stops.dissipative for c in self.first_order.contacts]
+            z[-1] += np.sum(gained[damps])
+        return z
+
     @property
     def roots(self) -> int:
         """Number of event functions."""

@@ -45,7 +45,8 @@ def contacts(problem: BeamProblem, row: Row) -> tuple[Contact, ...]:
 def _contact(problem: BeamProblem, stops: Stops, row: Row) -> Contact:
     share = share_of(problem, stops)
     offset = combined((1.0 - share**2, problem.base), (-1.0, stops.motion))
-    return Contact(row(share), replace(stops, position=None, motion=None), offset)
+    at_a_place = stops.position is not None or stops.motion is not None
+    return Contact(row(share), replace(stops, position=None, motion=None) if at_a_place else stops, offset)
 
 
 def share_of(problem: BeamProblem, stops: Stops) -> float:

@@ -65,7 +65,8 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     size = np.sqrt(np.abs(np.diag(dense)))
     if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
         rule = "be symmetric to 1e-12 of its diagonal there"
-        raise InputError(name, "an unsymmetric matrix", rule, "gyroscopic terms have no place")
+        remedy = "give its symmetric part, 0.5*(A + A.T): gyroscopic and follower forces have no place here"
+        raise InputError(name, "an unsymmetric matrix", rule, remedy)
     return read_only(0.5 * (dense + dense.T))
 
 

@@ -358,7 +358,7 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
         first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
         remedy = "give a function that has a value at every time"
         raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite", remedy)
-    return np.broadcast_to(values, t.shape)
+    return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
 
 
 def breakpoints_of(function: LoadFunction) -> Array | None:
@@ -551,9 +551,10 @@ class Drive:
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """t -> (o(t), o'(t)) of a channel whose offset is in closed form."""
-        basis, rest = self.offsets(system)
-        column, recorded = basis[:, channel], self.recorded(rest, basis.shape[1])[:, channel]
-        still, known = not np.any(column), not np.any(recorded)
+        function = system.channels[channel][1]
+        basis, rest = self.split([] if function is None else [(np.ones(1), function)], 1)
+        column, recorded = basis[:, 0], self.recorded(rest, 1)[:, 0]
+        still, known = not column.any(), not recorded.any()
 
         def values(t: Array) -> tuple[Array, Array]:
             o, rate = np.zeros(np.shape(t)), np.zeros(np.shape(t))

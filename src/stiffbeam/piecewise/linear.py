@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -120,7 +120,7 @@ def regime_of(
     undamped modes, of a perturbed copy where that is asked for; frame: that of a system with equal matrices."""
     closed = [(i, c, side) for i, (c, side) in enumerate(zip(system.contacts, chi, strict=True)) if side]
     # Seeded by the sides: a copy has the same regimes in whichever order its motion enters them.
-    rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *(side + 1 for side in chi)])
+    rng = None if perturbation is None else perturbation.random(*(side + 1 for side in chi))
     omega, shapes = basis.omega, basis.shapes
     force, offsets, records, moved = pushed.loads.copy(), pushed.offsets, pushed.records, pushed.moved
     for i, contact, side in closed:
@@ -483,6 +483,11 @@ class Perturbation(NamedTuple):
     state: float
     seed: int
 
+    def random(self, *place: int) -> np.random.Generator:
+        """The random numbers at a place of the calculation, which is named by whole numbers >= 0."""
+        # Of a list of integers NumPy takes three times as long to make the same generator.
+        return np.random.default_rng(np.array([self.seed, *place], np.uint32))
+
 
 def rounded_sum(a: Array, b: Array) -> Array:
     """sqrt(sum_k (a_ik b_kj)^2): what rounding takes from the product a b, in units of eps."""
@@ -501,13 +506,16 @@ class Correction(NamedTuple):
     lost_squares: Array
 
     def perturbed(self, size: float, rng: np.random.Generator) -> Modes:
-        """These modes, off by ``size`` and by size/eps times what the correction loses."""
+        """These modes, off by ``size`` and by size/eps times what the correction loses; what strains nothing does so in
+        every copy."""
         n = len(self.squares)
         noise = rng.uniform(-1.0, 1.0, (n + 1, n))
         # abs: the change of a square near zero may exceed it.
-        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + size * self.lost_squares * np.diag(noise)))
+        lost = size * self.lost_squares * noise.diagonal()
+        omega = np.sqrt(np.abs(self.squares * (1.0 + size * noise[n]) + lost))
+        omega[self.base.omega == 0.0] = 0.0
         shapes = self.base.shapes + self.base.shapes @ (self.E + size * self.lost_shapes * noise[:n])
-        return replace(self.base, omega=omega, shapes=shapes)
+        return Modes(omega, shapes, self.base.damping, self.base.mass)
 
 
 def correction(system: System, springs: Sequence[tuple[Array, float]], base: Modes) -> Correction:

@@ -108,13 +108,13 @@ def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArr
     Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
     other contacts have events belong together.
     """
-    ends = np.append(solution.times[1:], t_end)
+    ends = np.concatenate([solution.times[1:], [t_end]])
     real = ends > solution.times
     starts, ends, side = solution.times[real], ends[real], pressed(solution.sides[real, i])
     # Segments on one side belong to one span: only other contacts have events between them.
     new = np.concatenate([[True], side[1:] != side[:-1]])
     first = np.flatnonzero(new)
-    last = np.append(first[1:], len(side)) - 1
+    last = np.concatenate([first[1:], [len(side)]]) - 1
     closed = side[first] != 0
     return starts[first][closed], ends[last][closed], side[first][closed]
 
@@ -323,7 +323,7 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
     # States on both sides of every event.
     q0, v0 = (system.q0, system.v0) if start is None else start
     times, sides = solution.times, solution.sides
-    count, ends = len(times), np.append(times[1:], t_end)
+    count, ends = len(times), np.concatenate([times[1:], [t_end]])
     pieces, when = np.arange(count), np.concatenate([times, ends])
     q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
     finite = np.isfinite(q) & np.isfinite(v)
@@ -347,10 +347,14 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
     positive = np.maximum(energy, 0.0)
     rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
-    allowed, cancelled = (np.cumsum(np.append(x[after], 0.0) + np.append(0.0, x[count:])) for x in (rounding, terms))
+    sums = np.zeros((2, count + 1))
+    for total, x in zip(sums, (rounding, terms), strict=True):
+        total[:-1] += x[after]
+        total[1:] += x[count:]
+    allowed, cancelled = np.cumsum(sums, axis=1)
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
     largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
-    largest = np.append(largest, largest[-1])
+    largest = np.concatenate([largest, largest[-1:]])
     allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
     allowed += cancelled
     # The first time at which the balance is further open than rounding explains.

@@ -58,12 +58,11 @@ class Motion:
     def joined(cls, parts: Sequence[Motion]) -> Motion:
         """One motion from consecutive motions of the same tracer."""
         whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("times", "sides", "regime")}
-        K, ends = max(part.x.shape[1] for part in parts), np.cumsum([0, *(len(part.times) for part in parts)])
         # A later part may have more pairs: its table has grown.
+        K = max(part.x.shape[1] for part in parts)
         for name in ("x", "y"):
-            whole[name] = np.zeros((ends[-1], K))
-            for part, begin, end in zip(parts, ends[:-1], ends[1:], strict=True):
-                whole[name][begin:end, : part.x.shape[1]] = getattr(part, name)
+            pairs = ((getattr(part, name), K - part.x.shape[1]) for part in parts)
+            whole[name] = np.concatenate([np.pad(x, [(0, 0), (0, more)]) if more else x for x, more in pairs])
         return replace(parts[-1], **whole, evaluations=sum(part.evaluations for part in parts))
 
     @property
@@ -98,7 +97,7 @@ class Motion:
         """The regimes of this motion."""
         return [self._made[r] for r in np.unique(self.regime)]
 
-    @property
+    @cached_property
     def shortest_period(self) -> float:
         """Shortest period of the oscillating pairs of all regimes and of the drive."""
         fastest = [float(np.max(oscillating(pairs), initial=0.0)) for pairs in self._met]
@@ -136,8 +135,8 @@ class Motion:
 
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
-        t, table, piece = np.array(t, float), self.regimes.table, self.piece_at(np.array(t, float))
-        u, v = np.empty((2, len(t)))
+        t, table = np.array(t, float), self.regimes.table
+        piece, (u, v) = self.piece_at(t), np.empty((2, len(t)))
         assert self.regimes.free is not None
         modal = self.regimes.free.force(row)
         # The row in terms of the pairs and the drive of every regime.

@@ -8,9 +8,9 @@ its sums of exponentials, and the loop leaves it to ``Tracer``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..basics.arrays import Array, content, same
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
 from ..model.time_functions import Drive
-from .follow import PLACE_X, SPEED_Y, X_PLACE, Y_SPEED, Table
+from .follow import Table
 from .linear import Correction, Perturbation, Pushed, Regime, correction, regime_of, rounded_sum
 
 CLOSE = 0.125  # |Omega - omega|/(Omega + omega) below which the particular solution is not used
@@ -136,6 +136,15 @@ def same_modes(one: System, other: System) -> bool:
     return springs[0] == springs[1] and all(same(a, b) for a, b in pairs)
 
 
+class Pressing(NamedTuple):
+    """Stiffness of every contact, 0 where it is open; rows and stiffnesses of the closed ones; the loads (d, n) of the
+    drive with those of the stops."""
+
+    kappas: tuple[float, ...]
+    springs: tuple[tuple[Array, float], ...]
+    force: Array
+
+
 class Source:
     """Modes, loads and offsets from which the regimes of a system and of its perturbed copies are made.
 
@@ -148,21 +157,32 @@ class Source:
         self.system, self.drive, self.span = system, Drive.of(system), span
         self.known = _KNOWN.setdefault(system, {}) if known is None else known
         self.corrections: dict[tuple[float, ...], Correction] = {}
+        self._pressing: dict[tuple[int, ...], Pressing] = {}
         self.pushed = Pushed.of(system, self.drive)
         self.damped = system.damped or bool(self.drive.records)
         self.kappas = [float(c.stops.stiffness) for c in system.contacts]
         self.dampings = [float(c.stops.damping) for c in system.contacts]
         self.lags = np.array([c / kappa for c, kappa in zip(self.dampings, self.kappas, strict=True)])
+        self.lagging = bool(self.lags.any())
+        self.frequencies = np.array(self.drive.frequencies, float)
 
-    def modes(
-        self, sides: tuple[int, ...], perturbation: Perturbation | None, rng: np.random.Generator | None
-    ) -> Modes:
-        """The undamped modes with the contacts on these sides closed, or those of a copy."""
-        contacts = self.system.contacts
-        kappas = tuple(kappa if side else 0.0 for kappa, side in zip(self.kappas, sides, strict=True))
-        if kappas in self.known and perturbation is None:
-            return self.known[kappas]
-        springs = tuple((c.row, c.stops.spring(side)[0]) for c, side in zip(contacts, sides, strict=True) if side)
+    def pressing(self, sides: tuple[int, ...]) -> Pressing:
+        """The stops that press on these sides; made once for all copies."""
+        if sides not in self._pressing:
+            kappas, springs, force = [0.0] * len(sides), [], self.pushed.loads.copy()
+            for i, (contact, side) in enumerate(zip(self.system.contacts, sides, strict=True)):
+                if side:
+                    # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
+                    kappas[i], constant = contact.stops.spring(side)
+                    springs.append((contact.row, kappas[i]))
+                    force -= kappas[i] * np.outer(self.pushed.offsets[:, i], contact.row)
+                    force[0] += constant * contact.row
+            self._pressing[sides] = Pressing(tuple(kappas), tuple(springs), force)
+        return self._pressing[sides]
+
+    def modes(self, pressing: Pressing, perturbation: Perturbation | None, rng: np.random.Generator | None) -> Modes:
+        """The undamped modes with these stops, or those of a copy."""
+        kappas, springs, _ = pressing
         if kappas not in self.known:
             self.known[kappas] = undamped_modes(self.system, springs)
         base = self.known[kappas]
@@ -170,9 +190,7 @@ class Source:
             return base
         if kappas not in self.corrections:
             self.corrections[kappas] = correction(self.system, springs, base)
-        made = self.corrections[kappas].perturbed(perturbation.frequency, rng)
-        # What strains nothing does so in every copy.
-        return replace(made, omega=np.where(base.omega == 0.0, 0.0, made.omega))
+        return self.corrections[kappas].perturbed(perturbation.frequency, rng)
 
     def regime(
         self, sides: tuple[int, ...], perturbation: Perturbation | None, t_end: float, free: Modes | None
@@ -180,15 +198,16 @@ class Source:
         """The regime with the contacts on these sides, 0 where nothing presses, of motions to t_end, in amplitudes of
         the ``free`` modes, its own where there are none; and its undamped modes."""
         # Both stops have the same modes.
-        rng = None if perturbation is None else np.random.default_rng([perturbation.seed, *map(abs, sides)])
-        basis = self.modes(sides, perturbation, rng)
+        rng = None if perturbation is None else perturbation.random(*map(abs, sides))
+        pressing = self.pressing(sides)
+        basis = self.modes(pressing, perturbation, rng)
         free = free or basis
-        pressed = [(i, c, side) for i, (c, side) in enumerate(zip(self.system.contacts, sides, strict=True)) if side]
         # Damping couples modes, and the loop has no rate of close pairs for d + lag d': complex modes there.
-        close = NONE if self.damped else close_pairs(basis.omega, np.array(self.drive.frequencies), self.span)
-        if self.damped or any(self.lags[i] for i, _, _ in pressed) or (len(close) and np.any(self.lags)):
+        close = NONE if self.damped else close_pairs(basis.omega, self.frequencies, self.span)
+        pressed = [i for i, side in enumerate(sides) if side]
+        if self.damped or (self.lagging and (len(close) or self.lags[pressed].any())):
             span = self.span if self.span < math.inf else t_end
-            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i, _, _ in pressed))
+            key = (content(self.system.damping), span, *((i, self.kappas[i], self.dampings[i]) for i in pressed))
             frame, ways = (None, None) if perturbation else self.known.get(key, (None, None))
             regime = regime_of(self.system, self.drive, self.pushed, sides, span, perturbation, basis, frame)
             if ways is None or regime.chains:
@@ -196,23 +215,18 @@ class Source:
             if not (perturbation or regime.chains):
                 self.known[key] = regime.frame, ways
             return of_exponentials(regime, ways), basis
-        force = self.pushed.loads.copy()
-        for i, contact, side in pressed:
-            # sigma = kappa (gap - row q - offset): the first term is a load, the second in the matrix.
-            kappa, constant = contact.stops.spring(side)
-            force -= kappa * np.outer(self.pushed.offsets[:, i], contact.row)
-            force[0] += constant * contact.row
         # Modal forces, and the way from the free modes to those of this regime.
+        force = pressing.force
         modal, inward = basis.force(force), np.eye(len(basis.omega))
-        if any(sides):
+        if pressed:
             inward = free.shapes.T @ (self.system.mass @ basis.shapes)
         if perturbation is not None and rng is not None:
             # A perturbed copy: both change by their rounding. Forces differ by side: other random numbers.
             size = perturbation.state
-            if any(sides):
+            if pressed:
                 lost = rounded_sum(free.shapes.T, rounded_sum(self.system.mass, basis.shapes))
                 inward = inward + size * lost * rng.uniform(-1.0, 1.0, inward.shape)
-            own = np.random.default_rng([perturbation.seed, *(side + 2 for side in sides)])
+            own = perturbation.random(*(side + 2 for side in sides))
             modal = modal + size * rounded_sum(force, basis.shapes) * own.uniform(-1.0, 1.0, modal.shape)
         # The response P, but for close pairs: there it would be large, and they answer from rest.
         gain, pulls = basis.omega**2 - (self.drive.rates**2)[:, None], np.zeros((len(close), 2))
@@ -222,15 +236,14 @@ class Source:
             gain[sine, mode] = gain[sine + 1, mode] = np.inf
             pulls[:, 0], pulls[:, 1] = modal[sine, mode], modal[sine + 1, mode]
         P = modal / gain
-        ways = np.zeros((2, 4, *inward.shape))  # what x makes of q', and y of q, is nothing
-        ways[0, [PLACE_X, SPEED_Y]], ways[1, [X_PLACE, Y_SPEED]] = inward.T, inward
+        nothing = np.zeros_like(inward)  # what x makes of q', and y of q
         # P': (sin w t)' = w cos w t, (cos w t)' = -w sin w t
         rates = np.zeros_like(P)
         rates[1::2], rates[2::2] = -P[2::2] * self.drive.rates[2::2, None], P[1::2] * self.drive.rates[1::2, None]
         made = Pairs(
-            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]), ways[0], ways[1],
-            np.array([P, rates]),
-            close, pulls,
+            np.zeros(len(basis.omega)), basis.omega, np.ascontiguousarray(modal[0]),
+            np.array([inward.T, nothing, nothing, inward.T]), np.array([inward, nothing, nothing, inward]),
+            np.array([P, rates]), close, pulls,
         )  # fmt: skip
         return made, basis
 
@@ -248,7 +261,8 @@ class Regimes:
         self.source, self.perturbation = source, perturbation
         self.number: dict[tuple[int, ...], int] = {}
         self.made: list[Pairs] = []
-        self.table = self._empty(1, 0, 0)
+        self.table: Table  # from the first regime on
+        self.rows: list[Array]  # of the contacts, in the ``free`` modes
         self.free: Modes | None = None
         self.making = Lock()  # members of an ensemble share their regimes
 
@@ -268,6 +282,8 @@ class Regimes:
             if self.free is None:
                 open_ = (0,) * len(sides)
                 made, self.free = self.source.regime(open_, self.perturbation, t_end, None)
+                self.rows = [self.free.force(contact.row) for contact in self.source.system.contacts]
+                self.table = self._empty(3, len(made.sigma), len(made.close))
                 self.add(open_, made)
             if sides not in self.number:
                 self.add(sides, self.source.regime(sides, self.perturbation, t_end, self.free)[0])
@@ -281,8 +297,7 @@ class Regimes:
         # Twice the rows when the table is full, and wider arrays for a regime with more pairs: filled anew.
         R, K, p = len(table.sizes), table.sigma.shape[1], table.close.shape[1]
         if r >= R or len(made.sigma) > K or len(made.close) > p:
-            room = 2 * r if r >= R else R
-            table = self._empty(max(room, 3), max(K, len(made.sigma)), max(p, len(made.close)))
+            table = self._empty(2 * r if r >= R else R, max(K, len(made.sigma)), max(p, len(made.close)))
             for key, number in self.number.items():
                 self._fill(table, number, key, self.made[number])
             self.table = table
@@ -291,7 +306,7 @@ class Regimes:
 
     def _empty(self, R: int, K: int, p: int) -> Table:
         source = self.source
-        contacts, n, F = source.system.contacts, source.system.size, len(source.drive.frequencies)
+        contacts, n, F = source.system.contacts, source.system.size, len(source.frequencies)
         m, d = len(contacts), source.drive.size
         sigma, omega, level = np.zeros((3, R, K))
         g1, g2 = np.array([(c.stops.lower_bound, c.stops.upper_bound) for c in contacts], float).reshape(m, 2).T.copy()
@@ -299,18 +314,16 @@ class Regimes:
             np.zeros((R, m), np.int64), np.zeros(R, np.int64), np.zeros(R, np.int64), sigma, omega, level,
             np.zeros((R, K + F), np.int64), np.zeros((R, 2, K + F)), np.zeros((R, 4, K, n)), np.zeros((R, 4, n, K)),
             np.zeros((R, 2, d, n)), np.zeros((R, 2, m, K)), np.zeros((R, m, d)),
-            np.array(source.drive.frequencies, float), np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64),
-            np.zeros((R, p, 2)), g1, g2, source.lags,
+            source.frequencies, np.zeros((R, p, 2), np.int64), np.zeros(R, np.int64), np.zeros((R, p, 2)), g1, g2,
+            source.lags,
         )  # fmt: skip
 
     def _fill(self, table: Table, r: int, sides: tuple[int, ...], made: Pairs) -> None:
-        source, size, p = self.source, len(made.sigma), len(made.close)
-        assert self.free is not None
+        size, p, drives = len(made.sigma), len(made.close), self.source.frequencies
         table.sides[r] = sides
         table.undamped[r], table.closes[r] = made.exponentials is None, p
         table.sigma[r, :size], table.omega[r, :size], table.level[r, :size] = made.sigma, made.omega, made.level
-        drives = np.array(source.drive.frequencies)
-        sigma, omega = np.append(made.sigma, 0.0 * drives), np.append(made.omega, drives)
+        sigma, omega = np.concatenate([made.sigma, 0.0 * drives]), np.concatenate([made.omega, drives])
         # From slow to fast, as the search expects its terms.
         order = np.argsort(np.hypot(sigma, omega), kind="stable")
         table.order[r, : len(order)] = order
@@ -318,10 +331,9 @@ class Regimes:
         table.outward[r, :, :size], table.inward[r, :, :, :size] = made.outward, made.inward
         table.response[r, :, :, : made.response.shape[2]] = made.response
         # Every contact's view of the pairs and of the drive, its offset included.
-        for i, contact in enumerate(source.system.contacts):
-            row = self.free.force(contact.row)
+        for i, row in enumerate(self.rows):
             table.rows[r, :, i, :size] = made.outward[:2] @ row
-            table.waves[r, i] = made.steady @ row + source.pushed.offsets[:, i]
+            table.waves[r, i] = made.steady @ row + self.source.pushed.offsets[:, i]
         table.close[r, :p], table.pulls[r, :p] = made.close, made.pulls
         table.sizes[r] = size if made.followed else -size  # at last: now a loop may find it
 
@@ -346,7 +358,7 @@ class Regimes:
             driven = pushed / (slowest if len(slowest) else np.array([np.inf]))
         least = max(float(np.max(np.hypot(omega * eta, rate))), float(np.max(driven)))
         # A slow mode is changed by least/omega, though by no more than 1e8 times that of the fastest.
-        noise = np.random.default_rng([self.perturbation.seed, 99]).uniform(-1.0, 1.0, (2, eta.size))
+        noise = self.perturbation.random(99).uniform(-1.0, 1.0, (2, eta.size))
         scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * omega[-1]), slowest[0] if len(slowest) else np.inf)
         eta = eta + size * (least / scale + rounded_sum(q, turned)) * noise[0]
         return eta, rate + size * (least + rounded_sum(v, turned)) * noise[1]

@@ -4,6 +4,7 @@ follow."""
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,14 @@ class Tracer:
     def __init__(self, source: Source, perturbation: Perturbation | None = None) -> None:
         self.source, self.system, self.drive = source, source.system, source.drive
         self.perturbation, self.regimes = perturbation, Regimes(source, perturbation)
-        self.noise = np.random.default_rng(None if perturbation is None else [perturbation.seed, 98])
         self.size = 0.0 if perturbation is None else perturbation.state
         self.gaps: Gaps | None = None
+
+    @cached_property
+    def noise(self) -> np.random.Generator:
+        """The random numbers of a perturbed copy."""
+        assert self.perturbation is not None
+        return self.perturbation.random(98)
 
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None) -> Motion:
         """The motion on [0, t_end] from q, q' at the ``start``, None for the initial data of the system."""
@@ -96,7 +102,7 @@ class Tracer:
         noise = self.noise.uniform(-1.0, 1.0, (room, 3, K)) if self.size else QUIET
         why, count, used, t = follow(
             table, t, t_end, q, v, places, speeds, sides, switched, noise, self.size, times, regime, chi, x, y,
-            1 if np.any(table.lags > 0.0) else None,
+            1 if self.source.lagging else None,
         )  # fmt: skip
         return why, Motion(self.regimes, times[:count], chi[:count], regime[:count], x[:count], y[:count], used), t
 

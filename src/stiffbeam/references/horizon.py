@@ -15,7 +15,6 @@ from itertools import count, islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, silent
@@ -125,23 +124,20 @@ def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float, ch
     it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
     chatters: nor those without a partner that come at once after the last one with a partner.
     """
-    a, b = (_after(tolerance, x) for x in (a, b))
-    n = min(a.count, b.count)
-    bad = (a.stops[:n] != b.stops[:n]) | (np.abs(a.times[:n] - b.times[:n]) > tolerance)
+    late = a.times > tolerance, b.times > tolerance
+    (t1, stops1), (t2, stops2) = ((x.times[rows], x.stops[rows]) for x, rows in zip((a, b), late, strict=True))
+    n = min(len(t1), len(t2))
+    bad = (stops1[:n] != stops2[:n]) | (np.abs(t1[:n] - t2[:n]) > tolerance)
     # Both sequences agree up to the earlier of the first two impacts that do not match.
     if np.any(bad):
         k = int(np.argmax(bad))
-        return float(min(a.times[k], b.times[k]))
+        return float(min(t1[k], t2[k]))
     # Where one sequence is longer, its next impact is missing in the other.
-    unpaired = np.concatenate([a.times[n:], b.times[n:]])
+    unpaired = np.concatenate([t1[n:], t2[n:]])
     unpaired = unpaired[unpaired < end - tolerance]
     if chatters and n:
-        unpaired = unpaired[unpaired > a.times[n - 1] + tolerance]
+        unpaired = unpaired[unpaired > t1[n - 1] + tolerance]
     return float(np.min(unpaired)) if len(unpaired) else end
-
-
-def _after(t: float, impacts: Impacts) -> Impacts:
-    return impacts.take(impacts.times > t)
 
 
 def apart(count: int, end: float) -> float:
@@ -158,11 +154,10 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watched]:
-    """Perturbed copies of the exact solution, an endless sequence, each by ``size`` in its own way; t: as in
-    ``Watched``."""
-    # All copies share the unperturbed modes.
-    source = Source(system, span=t_end)
+def copies(source: Source, t_end: float, t: Array, size: float) -> Iterator[Watched]:
+    """Perturbed copies of the exact solution with this source, an endless sequence, each by ``size`` in its own way; t:
+    as in ``Watched``."""
+    system = source.system
     for seed in count():
         with within_float64("exact", t_end):
             solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
@@ -173,7 +168,7 @@ def copies(system: System, t_end: float, t: Array, size: float) -> Iterator[Watc
 
 
 def exact_horizon(
-    reference: Reference, system: System, t_end: float, show: Show = silent
+    reference: Reference, system: System, t_end: float, tolerance: float, show: Show = silent
 ) -> tuple[float, dict[str, Any]]:
     """Horizon of the exact float64 solution, and the evidence for it.
 
@@ -189,19 +184,19 @@ def exact_horizon(
     """
     eps = MARGIN * float(np.finfo(float).eps)
     # Errors that no copy shows end the horizon by estimates: of phases, free modes and slow modes.
-    tolerance, solution = time_tolerance(system, t_end), reference.solution
+    solution = reference.solution
     fastest = 2.0 * np.pi / solution.shortest_period
     unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
-    unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in np.unique(solution.sides, axis=0)))
+    unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in set(map(tuple, solution.sides.tolist()))))
     horizon, own, scales = unseen, watched(reference), scales_of(reference)
     # The first copy to diverge ends it.
-    others = copies(system, t_end, reference.t, eps)
+    others = copies(solution.regimes.source, t_end, reference.t, eps)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         horizon = min(horizon, agree_until(own, next(others), tolerance, scales, PART))
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
-        horizon = min(unseen, _soon(reference, system, t_end, eps))
+        horizon = min(unseen, _soon(reference, system, t_end, tolerance, eps))
     return horizon, {
         "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
         "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
@@ -218,7 +213,7 @@ def _of_free_modes(system: System) -> float:
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
 
 
-def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
+def _of_slow_modes(system: System, sides: tuple[int, ...]) -> float:
     """Horizon from slow modes while the contacts press on these sides, see ``known_until``."""
     closed = [
         (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
@@ -231,7 +226,7 @@ def _of_slow_modes(system: System, sides: NDArray[np.int64]) -> float:
     return known_until(basis.omega, basis.shapes.T @ C @ basis.shapes, 0.5 * DISPLACEMENT_TOLERANCE)
 
 
-def _soon(reference: Reference, system: System, t_end: float, eps: float) -> float:
+def _soon(reference: Reference, system: System, t_end: float, tolerance: float, eps: float) -> float:
     """The horizon by outputs at t_end 2^-k, if it ends before the first output of the reference.
 
     Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
@@ -239,12 +234,8 @@ def _soon(reference: Reference, system: System, t_end: float, eps: float) -> flo
     before all of these too: there rounding is as large as the outputs.
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-    own, tolerance, scales = (
-        watched(solve_exact(system, t_end, times)),
-        time_tolerance(system, t_end),
-        scales_of(reference),
-    )
-    others = islice(copies(system, t_end, times, eps), COPIES)
+    own, scales = watched(solve_exact(system, t_end, times)), scales_of(reference)
+    others = islice(copies(reference.solution.regimes.source, t_end, times, eps), COPIES)
     horizon = min(agree_until(own, copy, tolerance, scales, PART) for copy in others)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
@@ -273,7 +264,7 @@ def with_horizon(
     tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}
     if reference.provenance["method"] == "exact":
-        horizon, notes = exact_horizon(reference, system, t_end, show)
+        horizon, notes = exact_horizon(reference, system, t_end, tolerance, show)
         against = notes.pop("against")
     else:
         show(f"{reference.provenance['method']}: a second solution for its horizon", 1, 2)

@@ -32,7 +32,7 @@ def make(name: str, **parameters: Any) -> Scheme:
     names = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
         if parameter not in names:
-            remedy = near(parameter, names) if names else "it has none"
+            remedy = near(parameter, names) if names else "leave it out: it has none"
             raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
     return kind(**parameters)
 

@@ -161,7 +161,7 @@ def first_crossing(tip: Callable[[float], float], t: Array, u: Array, stops: Sto
     out = np.flatnonzero((u > g2) | (u < g1))
     if not len(out):
         rule = "be reached within two of the beam's first periods"
-        raise InputError("stops", (g1, g2), rule, "a case whose first impact is later is not this study's")
+        raise InputError("stops", (g1, g2), rule, "move the stops nearer, or drive the beam harder")
     k = int(out[0])
     stop = g2 if u[k] > g2 else g1
     at: Any = brentq(lambda s: tip(s) - stop, t[k - 1], t[k], xtol=1e-16)

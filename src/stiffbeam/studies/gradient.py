@@ -55,7 +55,8 @@ def points(
     system = common.system_of(case, form)
     if not takes("exact", system, case.t_end):
         rule = "have an exact solution: linear stops, and functions of time in closed form"
-        raise InputError("case", case.name, rule, "take stops with exponent 1")
+        remedy = "take stops without exponent and dissipation, and Harmonic, Constant or cubic Sampled functions"
+        raise InputError("case", case.name, rule, remedy)
     end = common.first_impacts(case, form, impacts)
     afford("starts", starts, "take fewer", seconds=6e-8 * starts * end / dt * 2.0**halvings * system.size)
     labels = common.scheme_labels(case, schemes)

@@ -102,9 +102,11 @@ class Impacts:
 
     def started(self, first: BoolArray) -> Impacts:
         """The impacts of these rows without the ``first`` (count,) ones, which are a contact that exists at t = 0."""
+        if not first.any():
+            return self
         held, others = self.take(first), self.take(~first)
         # A contact at t = 0 that never presses has no row.
-        if not held.count or np.all(held.impulses == 0.0):
+        if np.all(held.impulses == 0.0):
             return others
         # Several rows before the gap first opens are one contact.
         largest, total = np.array([np.max(held.peaks)]), np.array([np.sum(held.impulses)])

@@ -471,7 +471,7 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
-    contact_by_events: Callable[[float, float, int], ContactRecord] | None = field(default=None, repr=False)
+    contact_by_events: Callable[[float, float, int], ContactRecord | None] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
     derive: Callable[[Reference, Sequence[str], Array], Any] | None = field(
         default=None, repr=False

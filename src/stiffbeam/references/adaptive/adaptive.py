@@ -53,7 +53,7 @@ def reference_from(
     one_of("switches", switches, (RESTART, KEEP), f"be {RESTART!r} or {KEEP!r}")
     if jumps and switches == KEEP:
         rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
-        raise InputError("switches", switches, rule, "use the adaptive solver cvode")
+        raise InputError("switches", switches, rule, "leave switches out")
     # Smooth intervals of the loads, the equations, and the sizes from which the tolerances follow.
     t = output_times(t_eval, t_end)
     begun = clock()

@@ -293,7 +293,14 @@ def follow(
     still = 0
     for piece in pieces:
         now = piece.start
+        stored = rhs.stored(now, z)
         rhs.window = (piece.first, piece.last)
+        # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
+        if piece is not pieces[0]:
+            z = rhs.jumped(now, z, stored)
+            for k in _turned(rhs, now, z, [contacts.open(k) for k in range(len(sides))], rounding):
+                closed[k] = not closed[k]
+                contacts.switch(k, now, z)
         while now < piece.end:
             # Each contact keeps its side for the phase: its force is smooth past the event, an ordinary root.
             if fixed:
@@ -340,6 +347,8 @@ def follow(
                 closed[k] = not closed[k]
                 contacts.switch(k, now, z)
             contacts.pass_kink(now, z)
+    # A root at the end itself leaves the output there to a phase that does not come.
+    states += [z] * (len(t) - len(states))
     counters["restarts"] = counters.pop("starts") - 1
     return Path(np.array(states), contacts if events else None, counters, z)
 
@@ -358,6 +367,16 @@ def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
     stops = rhs.first_order.contacts[contact].contact.stops
     finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
     return float(scales.lengths[contact]) + max(finite)
+
+
+def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding: Array) -> list[int]:
+    """Sides that are not as ``closed`` says, beyond rounding."""
+    if not closed:
+        return []
+    values = np.empty(rhs.roots)
+    rhs.levels[:] = 0.0
+    rhs.event_functions(t, z, values)
+    return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
 
 
 def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:

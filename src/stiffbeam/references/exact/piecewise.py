@@ -8,12 +8,12 @@ system with a solution in closed form. The search for the next event uses steps 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
+from ...basics.units import KNOWN
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
 from ...model.modes import undamped_modes
@@ -65,10 +65,8 @@ def solve_exact(
         solution = tracer.solve(t_end)
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
-    frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-    notes = {"frequencies": frequencies}
-    with within_float64("exact", t_end):
-        return reference_of(system, solution, t_end, t_eval, begun, "exact", notes, since)
+        frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
+        return reference_of(system, solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
 
 
 def observations(
@@ -109,7 +107,7 @@ def reference_of(
         provenance={
             "method": method,
             "form": system.form,
-            "units": asdict(system.units),
+            "units": {name: getattr(system.units, name) for name in KNOWN},
             "t_end": float(t_end),
             **notes,
             **versions(),

@@ -53,7 +53,7 @@ class RigidMotion(Motion):
     stuck: list[tuple[float, int]]
     tie: float
 
-    @property
+    @cached_property
     def shortest_period(self) -> float:
         """Shortest period of any motion or drive."""
         return 2.0 * np.pi / max(self.fastest, 1e-300)
