@@ -1,4 +1,4 @@
-"""Who gets a gradient through contact right: engines of others and schemes on the test set's known derivatives.
+"""Errors of gradients through contact: other engines and schemes on the test set's known derivatives.
 
     python studies/gradients.py            the engines without a record in studies/gradients.json, ten minutes for all,
                                            and the tables of studies/guide/derivatives.md from the records

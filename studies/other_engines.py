@@ -1,4 +1,4 @@
-"""Engines of others on the test set: SciPy with events, and diffrax, with the options that suit them best.
+"""SciPy with events and diffrax on the test set, with the options that suit them best.
 
     python studies/other_engines.py            writes studies/other_engines.md, two minutes
 
@@ -150,7 +150,9 @@ def diffrax_through() -> ProblemSolver:
 
     def solve(problem: Problem, rtol: float, t_end: float) -> Made:
         if problem.rigid:
-            raise sb.InputError("stops.stiffness", np.inf, "be finite: events of diffrax end a solve", "take ours")
+            raise sb.InputError(
+                "stops.stiffness", np.inf, "be finite: events of diffrax end a solve", "use sb.reference"
+            )
         model = Model(problem)
         if any("times" in load for load in problem.data.get("loads", ())):
             table = problem.data["loads"][0]

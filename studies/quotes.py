@@ -47,6 +47,7 @@ DEFINED: dict[str, dict[str, str]] = {  # page: number: the file that holds it
     "studies/guide/records.md": {"130": "tests/cli/test_interrupts.py", "143": "tests/cli/test_interrupts.py"},
     "studies/guide/references.md": {"16": ENGINE + "references/adaptive/heyoka.py"},
     "studies/guide/runs.md": {"1e-12": ENGINE + "references/__init__.py"},
+    "studies/guide/solver.md": {"10⁴ times": ENGINE + "testset/measure.py"},
     "studies/guide/words.md": {"10⁻³": ENGINE + "references/horizon.py"},
     "studies/theory/exact.md": {
         "384 times": ENGINE + "piecewise/search.py",

@@ -1,7 +1,7 @@
 """stiffbeam: fixed-step schemes beside adaptive and exact solutions of vibro-impact systems.
 
     problem -> semidiscretise -> System -> integrate (scheme) or reference (solver) -> Trajectory -> compare
-    study: a registered question asked of a case, records out
+    study: one question about a case, answered by rows, a table and a picture
 
 Names are loaded on first use; SUNDIALS, jax and matplotlib only by the functions that need them.
 """

@@ -1,6 +1,6 @@
-"""Dumont (2002) remade: every table and figure, its claims and misprints judged, on one page.
+"""Dumont (2002) reproduced: every table and figure, its claims and misprints judged, on one page.
 
     reading -> table (runs beside their references) -> numbers, figures -> claims, misprints -> page
 
-One table is made by one process; its numbers stand in a journal, so that a second run takes them from there.
+One process computes one table and writes its numbers to a journal, from which a second run reads them.
 """

@@ -1,4 +1,4 @@
-"""The paper's statements that can be tested, read from claims.toml, and what became of each."""
+"""The paper's statements that can be tested, read from claims.toml, each with its verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ensembles of one table: what can be measured past the horizon, made twice, from seeds that share no member.
+"""The ensembles of one table: measures past the horizon, from two sets of seeds that share no member.
 
 Initial data differ by PERTURBATION of the motion's own scale. A number that differs between members is known to their
 spread only, and a statement about the motion is one about their distribution.

@@ -1,4 +1,4 @@
-"""Judges of statements about costs, orders, other parameters and chaos, which need runs of their own."""
+"""Judges of statements about costs, orders, other parameters and chaos, which make runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's misprints: where, what is printed, what is right, and the effect, measured where it has one."""
+"""The paper's misprints: place, printed and correct formula, and the measured effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of one made table: impacts, contact, spectrum and errors of every run and of the exact motion."""
+"""The numbers of one table: impacts, contact, spectrum and errors of every run and of the exact motion."""
 
 from __future__ import annotations
 

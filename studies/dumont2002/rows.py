@@ -1,4 +1,4 @@
-"""Rows of the page's tables, and what stands above a table's figure: its parameters and its legend."""
+"""Rows of the page's tables, and the parameters and legend above the figure of a table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One number for every member of an ensemble, and what may be said of it.
+"""One number for every member of an ensemble, and statistical tests on it.
 
 A statement about the mean holds, fails, or cannot be decided: True, False or None. It is decided where the
 difference is outside what the spread of the members explains in all but CHANCE of the cases (Student's t).

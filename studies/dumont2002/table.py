@@ -1,4 +1,4 @@
-"""One table of the paper made: its runs, and the exact solution of every form they use."""
+"""One table of the paper: its runs, and the exact solution of every form that they use."""
 
 from __future__ import annotations
 

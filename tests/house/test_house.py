@@ -88,6 +88,12 @@ def test_every_module_is_in_a_room():
     assert {name.split(".")[0] for name in MODULES} - ENTRANCES == set(ROOMS)
 
 
+def test_contributing_has_a_line_for_every_room_in_this_order():
+    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = text.partition("## The packages\n")[2].partition("\n## ")[0]
+    assert tuple(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == ROOMS
+
+
 @pytest.mark.slow
 def test_no_room_imports_from_one_to_its_right():
     back = [

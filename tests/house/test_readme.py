@@ -84,9 +84,20 @@ def test_the_guide_counts_what_the_study_finds(tmp_path, monkeypatch):
     ids=lambda p: p.name,
 )
 def test_every_link_leads_somewhere(page):
-    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text):
-        assert target.startswith("https://") or (page.parent / target).exists(), target
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", without_blocks(page)):
+        there = page.parent / target if target else page
+        assert target.startswith("https://") or there.exists(), target
+        assert not anchor or there.suffix != ".md" or anchor in headings(there), f"{target}#{anchor}"
+
+
+def without_blocks(page):
+    return re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def headings(page):
+    """The anchors that GitHub and the site give to the headings of a page."""
+    heads = re.findall(r"^#+ (.*)$", without_blocks(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
 def test_the_paper_has_one_identifier():

@@ -73,7 +73,7 @@ def test_no_orbit_is_an_answer():
     """Of Table 10 neighbours part within a period by more than float64 holds."""
     case = replace(sb.paper_case(10), cells=8)
     found = study("orbits", case, **find_study("orbits").smoke)
-    assert found.answer.verdict.startswith("No orbit was found: neighbouring motions part by")
+    assert found.answer.verdict.startswith("No orbit was found: neighbouring motions diverge by")
     assert not found.failures
 
 

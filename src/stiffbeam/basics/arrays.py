@@ -1,4 +1,4 @@
-"""The array type, arrays laid out for vector registers, recent results by their content."""
+"""The array type, arrays aligned for vector registers, and a store of recent results by the content of their input."""
 
 from __future__ import annotations
 

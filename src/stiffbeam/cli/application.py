@@ -242,7 +242,7 @@ Form = Annotated[str | None, option("displacement, velocity-curvature or hermite
 Jobs = Annotated[int | None, option("processes; default: one per core")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the records to FILE, - for stdout")]
 References = Annotated[
-    Path | None, option("folder of stored references; default: ./reference, or those of the package")
+    Path | None, option("folder of frozen references; default: ./reference, or those of the package")
 ]
 HIDDEN: dict[str, Any] = {"expose_value": False}
 Quiet = Annotated[
@@ -559,7 +559,7 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def options(
-    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version")] = False,
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")] = False,
 ) -> None:
     """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams."""
 

@@ -321,23 +321,25 @@ def advise(
     want: Annotated[
         str | None,
         option(
-            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work; default: tip=1e-3,..."
+            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work; "
+            "default: tip=1e-3,impacts=0.05,peak_force=0.05"
         ),
     ] = None,
     schemes: Annotated[str | None, option("comma-separated; default: all", "schemes")] = None,
     form: Form = None,
     t_end: TEnd = None,
-    most_steps: Annotated[int | None, option("most steps of a run; the search ends there")] = None,
+    most_steps: Annotated[int | None, option("largest number of steps of a run; the search ends there")] = None,
     members: Annotated[int, option("perturbed runs per mean, past the horizon")] = 48,
     out: Annotated[Path | None, option("folder for the journal; default: stiffbeam-output/CASE")] = None,
     json_file: Json = None,
 ) -> None:
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
-    For a case with a table case.uncertain it also ranks scheme, mesh and data as sources of uncertainty of the advised
-    run. The advice itself stands on stderr before that.
+    If the case has a table case.uncertain, the command also ranks the sources of uncertainty of the recommended run.
+    The recommendation then appears on stderr first.
 
-    After every refinement a line on stderr says the least errors so far; a search that was stopped goes on.
+    After every refinement a line on stderr states the smallest errors so far. An interrupted search continues when the
+    command runs again.
     """
     from ..files.cases import find_case
     from ..schemes.labels import parse_run, split_runs
@@ -382,16 +384,15 @@ def doubt(
     uncertain: Annotated[str | None, option("path=tolerance,..., relative; default: those of the case file")] = None,
     scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
     dt: Dt = None,
-    members: Annotated[int, option("number of random systems, each solved on two meshes, at least 8")] = 48,
+    members: Annotated[int, option("number of systems with random parameters, at least 8")] = 48,
     seed: Annotated[int, option("seed of the random systems")] = 1,
-    tolerance: Annotated[float, option("for the data horizon, relative to the largest |u|")] = 0.05,
+    tolerance: Annotated[float, option("tolerance of the data horizon, relative to the largest |u|")] = 0.05,
     json_file: Json = None,
 ) -> None:
-    """Contributions of rounding, scheme, mesh and data to the uncertainty of every quantity, and the largest of the
-    four.
+    """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
 
-    The tolerances are those of the case file, in its table case.uncertain. For matrices the table case.finer holds a
-    finer model.
+    The tolerances of the data are those of the case file, in its table case.uncertain. For matrices the table
+    case.finer holds a finer model. The result names the largest source of each quantity.
     """
     from ..files.cases import find_case
     from ..schemes.labels import parse_run

@@ -35,17 +35,19 @@ def reference_command(
     ] = None,
     form: Form = None,
     digits: Annotated[str, option("digits of multiprecision: a number, or auto")] = "auto",
-    rtol: Annotated[float | None, option("rtol of the adaptive solvers; default: 1e-10")] = None,
+    rtol: Annotated[float | None, option("relative tolerance of the adaptive solvers; default: 1e-10")] = None,
     t_end: TEnd = None,
-    budget: Annotated[float | None, option("seconds for --method all; default: 60, others are skipped")] = None,
+    budget: Annotated[
+        float | None, option("seconds for all solvers of --method all; those that take longer are skipped; default: 60")
+    ] = None,
     out: Annotated[Path | None, option("netCDF file to write")] = None,
-    check: Annotated[Path | None, option("verify a stored file, or a folder with a manifest")] = None,
-    remake: Annotated[Path | None, option("compute missing references of the paper here")] = None,
+    check: Annotated[Path | None, option("verify a frozen reference, or a folder with a manifest")] = None,
+    remake: Annotated[Path | None, option("compute the missing frozen references of the paper in this folder")] = None,
     cache: Annotated[bool, typer.Option("--cache", help="store the reference, and use a stored one")] = False,
     doubles: Annotated[bool, typer.Option("--doubles", help="read decimals as the nearest doubles")] = False,
     json_file: Json = None,
 ) -> None:
-    """Make, compare and check reference solutions."""
+    """Compute, compare and verify reference solutions."""
     if sum(x is not None for x in (case, check, remake)) != 1:
         remedy = "give exactly one of them"
         raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
@@ -192,9 +194,9 @@ def score(
     out: Annotated[Path | None, option("folder for the page index.html, pictures and records")] = None,
     json_file: Json = None,
 ) -> None:
-    """Errors of integrators on problems whose answers are known to 30 digits.
+    """Errors of integrators on problems with known answers.
 
-    Exit status 0: nothing is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
+    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
     """
     from ..schemes.labels import split_runs
     from ..testset.measure import read_trajectory

@@ -1,1 +1,1 @@
-"""Case files, trajectories on disk, and stored references."""
+"""Case files, saved trajectories, frozen references, and the cache of references."""

@@ -1,14 +1,14 @@
 """Time loops of the schemes on a system, in reading order:
 
     integrate, ensemble    what is called: one run, many members
-    choice                 which march pays, and how its nodes find their forces
+    choice                 choice of the fastest march, and of the rule for the contact forces of a node
     direct_march           any scheme on any system, step by step with factorised matrices
     block_march            the same in blocks of K steps
-    probe                  a scheme's own step in modes or all unknowns, taken once with unit inputs
-    propagator             that step raised to powers and arranged as the arrays of a block
-    kernels                the loops over them, compiled
-    replay                 what blocks pass over, when it is asked for: states and energies
+    probe                  the matrices of a scheme's step, in modes or for all unknowns, from unit inputs
+    propagator             powers of that step, arranged as the arrays of a block
+    kernels                the compiled loops over blocks
+    replay                 states and energies of every step of a block march, computed on demand
     rigid_march            any scheme against rigid stops
 
-A run is a function of its arguments: made again, it has the same bits.
+A run is a function of its arguments: run again, it has the same bits.
 """

@@ -336,7 +336,7 @@ def integrate(
     Parameters
     ----------
     system : System or FirstOrderSystem
-        What is integrated; rigid stops need a scheme with an impact law, such as ``MoreauJean``.
+        The system to integrate; rigid stops need a scheme with an impact law, such as ``MoreauJean``.
     scheme : Scheme
         For example ``HHT(alpha=-0.1)``, ``BDF2()``, ``SDIRK()``.
     dt : float

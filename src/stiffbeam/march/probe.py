@@ -1,4 +1,4 @@
-"""A scheme's own step in coordinates, taken with unit states and unit forces: all that is known of it."""
+"""Matrices of a scheme's step in modal or other coordinates, from calls with unit states and unit forces."""
 
 from __future__ import annotations
 

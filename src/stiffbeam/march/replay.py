@@ -1,7 +1,7 @@
-"""Quantities that a block march passes over: states and the energy ledger at every step.
+"""States and energy balance at every step of a block march, computed on demand.
 
-A second march keeps the state at the start of each block and the forces in it; from these the single
-steps are taken once more, linear now. A run that nobody asks pays nothing for this.
+A second march keeps the state at the start of each block and the forces in it. With known forces the single steps are
+linear, and are computed from these.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Measures of a run, each quantity defined once."""
+"""Measures of a run: errors, phase lag, matched impacts, rates, amplification. Each is defined once."""

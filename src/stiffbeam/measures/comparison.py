@@ -131,7 +131,7 @@ class Comparison:
     ----------
     label, reference : str
     units : Units
-        Of times, forces and impulses.
+        Units of times, forces and impulses.
     dt : float
         The median time step.
     steps, seconds, ns_per_step, engine
@@ -140,7 +140,7 @@ class Comparison:
         Treatment of events by an adaptive solver, "restart" or "through", else empty.
     window, t_end : float
     tip_error_rms, tip_error_max : float
-        Of u_run - u_ref at the run's steps, over max |u_ref|.
+        Errors u_run - u_ref at the run's steps, over max |u_ref|.
     tip_error_matched : float
         The rms up to ``matched_until``.
     matched_until : float
@@ -153,7 +153,7 @@ class Comparison:
     totals_energy_lost : float
         ``energy_lost`` to t_end.
     missing : sequence of str
-        What the run does not hold, with the reason; its numbers are NaN, and its counts of impacts -1.
+        Quantities that the run does not hold, with the reason; their numbers are NaN, and counts of impacts -1.
     remark : str
         States that nothing moves or that nothing touches a stop, else empty.
     error, times : array (k,)
@@ -248,7 +248,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     run : Trajectory or sequence of arrays
         A scheme's run with every step on output, another reference, one made by ``Trajectory.from_arrays``, or arrays
         (t, tip) or (t, tip, tip velocity), (k,) each. Times need not be equidistant: means are means over time.
-        What arrays do not hold is NaN, and ``missing`` says why.
+        Quantities that arrays do not hold are NaN, and ``missing`` gives the reason.
     reference : Reference
         With a horizon. Every measure is taken to the smaller of the horizon and the end of the run.
 

@@ -188,8 +188,8 @@ def contact_rates(
         Time after which the motion counts as stationary.
     tangents : sequence of (n,) arrays, optional
         For each contact the row of its sliding velocity, tangent . q', or None; of a hole its two rows, turned by a
-        right angle: (-y, x). For a rotation of the section the row
-        of the slope times the radius. Without it the sliding work is NaN.
+        right angle: (-y, x). For a rotation of the section the row of the slope times the radius. Without it the
+        sliding work is NaN.
 
     Returns
     -------

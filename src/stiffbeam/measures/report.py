@@ -1,4 +1,4 @@
-"""Tables on the terminal and in notebooks, with force_jupyter=False: there rich would display them at once."""
+"""Tables of comparisons as text and HTML. force_jupyter=False keeps rich from displaying them at once in a notebook."""
 
 from __future__ import annotations
 

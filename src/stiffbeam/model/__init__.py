@@ -1,1 +1,1 @@
-"""The problem, its discretisation and the law of contact."""
+"""Beams, matrices, contact laws and functions of time, and the semi-discrete System that they give."""

@@ -58,12 +58,12 @@ class Stops(Parameters):
     dissipation : float
         lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
     restitution : float, optional
-        Of rigid stops: Newton's e in [0, 1], u'+ = -e u'-. None where no impact law is needed, see
+        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None where no impact law is needed, see
         ``System.massless_contacts``.
     position : float, optional
-        Of a beam's stops: x; None is the tip. A contact of matrices has its row instead.
+        Beams only: the place x along the beam; None is the tip. A contact of matrices has its row instead.
     motion : time function, optional
-        Of a beam's stops: m(t), by which both move; d is then that of v = u(x, t) - m(t). None: stops at rest. A
+        Beams only: m(t), by which both stops move; d is then that of v = u(x, t) - m(t). None: stops at rest. A
         contact of matrices has its offset instead.
 
     Raises

@@ -56,7 +56,7 @@ class EnsembleMembers(Sequence[System]):
     ----------
     system : System
     parameter : str
-        What differs.
+        Name of the parameter that differs.
     values : array or sequence
         One value of the parameter per member.
     fields : mapping of str to sequence

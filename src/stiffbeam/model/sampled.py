@@ -261,7 +261,7 @@ def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sam
     band : (float, float)
         Lowest and highest angular frequency.
     seed : int
-        Of the uniform phases.
+        Seed of the uniform phases.
 
     Returns
     -------
@@ -310,7 +310,7 @@ def random_phases(record: Sampled, seed: int) -> Sampled:
     record : Sampled
         Equidistant.
     seed : int
-        Of the uniform phases.
+        Seed of the uniform phases.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Scales of a system's motion: its speed, and how fast each mode turns round."""
+"""Scales of a system's motion: its speed, and the rate of each mode."""
 
 from __future__ import annotations
 

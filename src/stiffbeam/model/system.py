@@ -364,11 +364,11 @@ class System:
     def massless_contacts(
         self, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None
     ) -> System:
-        """System with rigid stops on contact nodes without mass: an ordinary system with stops of the nodes' own
-        stiffness.
+        """System with rigid stops on contact nodes without mass: an ordinary system with compliant stops, each of the
+        static stiffness of its node.
 
         redistribute: "neighbour" or "renard", the new place of their mass. damping: "relaxed" for the damping of a
-        material, exact if the flights between contacts are long compared with C_bb/K_bb of the node, or "condensed",
+        material, exact if the times between contacts are long compared with C_bb/K_bb of the node, or "condensed",
         which leaves the node's damping out of the contact. nodes: the unknowns without mass; None for all unknowns that
         contacts read and that stiffness couples to others. For conditions and sources see ``model.massless``; raises
         InputError if they do not hold.

@@ -112,13 +112,12 @@ def uncertain_members(
     parameters : mapping of path to Uncertain or number
         Paths as in ``varied_members``: of a beam "stiffness", "mass_per_length", "viscosity", "stops[0].upper",
         "stops[0].position", "loads[0].time.scale", "loads[0].time.phase", of matrices "stiffness.scale". A number is a
-        tolerance. "stops.stiffness",
-        without an index, is one draw for all contacts: a common factor on the values of each.
+        tolerance. "stops.stiffness", without an index, is one draw for all contacts: a common factor on their values.
     members : int
     seed : int
         Members k are the first k of any larger ensemble.
     nominal : mapping of name to value, optional
-        Of the parameters of a function.
+        Nominal values of the parameters of a function.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Contacts and energy of the exact solution, to rounding. If the energy balance does not close, there is no solution.
+"""Contacts and energy of the exact solution, to rounding. An energy balance that does not close raises an error.
 
     E - E_0 = input - dissipation,   E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c
 

@@ -55,7 +55,7 @@ def reference(
 ) -> Reference:
     """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
 
-    Contact runs are chaotic: past ``horizon`` every float64 solution is one of many possible motions.
+    Motions with impacts are often chaotic: past ``horizon`` every float64 solution is one of many possible motions.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def reference(
         Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
         time: an exact one from its closed form, an adaptive one by solving once more where other times are asked.
     rtol, atol : float
-        Of adaptive solvers; atol by default rtol/100 of the scale of every unknown.
+        Tolerances of adaptive solvers; atol by default rtol/100 of the scale of every unknown.
     digits : int or "auto"
-        Of "multiprecision".
+        Number of digits of "multiprecision".
     breakpoints : (k,) array
         Times where a load or an offset is not smooth; an adaptive solver starts anew there, as at those that a function
         of time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is also

@@ -348,7 +348,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
         As for the exact solution; stops may be rigid.
     t_end : float
     seed : int
-        Of the random directions.
+        Seed of the random directions.
 
     Returns
     -------

@@ -30,7 +30,7 @@ class JaxFlow:
     t : (k,) array
         Times of the values.
     quantity : str
-        What is returned.
+        Name of the quantity.
     """
 
     def __init__(self, system: System, wrt: Sequence[str], t: Array, quantity: str) -> None:
@@ -108,8 +108,8 @@ class JaxFlow:
 def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> JaxFlow:
     """Return the exact solution at fixed times as a function of parameters, for ``jax.grad``, ``jit`` and ``vmap``.
 
-    Value and derivative are those of ``sb.reference`` and ``Reference.derivative``: no step, no tolerance. Optimisers
-    in JAX so work on the true motion. Second derivatives are not offered.
+    Value and derivative are those of ``sb.reference`` and ``Reference.derivative``, without time step or tolerance.
+    Limitation: no second derivatives.
 
     Parameters
     ----------

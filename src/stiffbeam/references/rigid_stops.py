@@ -1,4 +1,4 @@
-"""Systems with rigid stops: their refusals and their start, and blows whose order decides what follows."""
+"""Systems with rigid stops: checks, contacts at the start, and simultaneous impacts whose order matters."""
 
 from __future__ import annotations
 

@@ -31,7 +31,8 @@ class Scheme(ABC):
     input. The state at node i must not depend on a force at a later node; ``integrate`` checks this. The state z has
     shape (components, ..., n) and starts with y (see ``equations``).
 
-    A subclass inherits none of the FACTS below. By default its name is that of its class in small letters.
+    A subclass does not inherit ``name``, ``paper``, ``look`` and ``variants``. By default its name is that of its class
+    in small letters.
 
     Examples
     --------
@@ -190,7 +191,7 @@ AHEAD = 0.5  # of a step, where ``predict`` looks
 
 
 class RigidScheme(Scheme):
-    """A scheme for stops with stiffness=inf: a linear step, and a reaction at each node after its condition.
+    """A scheme for stops with stiffness=inf: a linear step, and at each node a reaction that satisfies a condition.
 
     At node i a step returns the pair (x_new, x_old) to which ``conditions[i]`` applies, in the place of (q, q').
     Reactions are forces: a constant force over one step is its impulse over dt, also where the literature writes the

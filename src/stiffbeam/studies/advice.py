@@ -228,7 +228,7 @@ class Advice:
         Admissible error per quantity.
     t_end, horizon : float
     members : int
-        Of the ensembles past the horizon, 0 where there is none.
+        Number of members of the ensembles past the horizon, 0 without an ensemble.
     recommendation : Probe, optional
         The cheapest run; None where there is none.
     unattainable : dict of str to str
@@ -265,7 +265,7 @@ class Advice:
     want_met: ClassVar = Renamed("attainable")
 
     def run(self, every: int = 1) -> Trajectory:
-        """The advised run. Raises InputError where nothing could be advised."""
+        """The recommended run. Raises InputError if there is no recommendation."""
         if self.recommendation is None:
             raise InputError("advice", "none", "name a run", "; ".join(self.unattainable.values()))
         run = self.recommendation
@@ -371,7 +371,7 @@ def advise(
     """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
     reaches.
 
-    An independent solver confirmed the tolerances of all advised runs on 20 random systems that were not used in the
+    An independent solver confirmed the errors of all recommended runs on 20 random systems that were not used in the
     development (``tests/studies/test_advice.py``).
 
     Parameters

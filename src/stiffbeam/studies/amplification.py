@@ -40,9 +40,9 @@ def points(
     case: Case,
     schemes: Schemes = None,
     damping: Annotated[float, "physical damping ratio of the oscillator"] = 0.0,
-    per_decade: Annotated[int, "values of dt/T a decade"] = 40,
+    per_decade: Annotated[int, "values of dt/T per decade"] = 40,
 ) -> list[Point]:
-    """One point a scheme, at dt/T from 1e-3 to 1e3 and at 0.1; by default every registered scheme and the families."""
+    """Every scheme at dt/T from 1e-3 to 1e3, and at 0.1; by default with several values of its parameters."""
     labels = families() + [str(s) for s in registered()] if schemes is None else scheme_labels(case, schemes)
     return [{"scheme": label, "damping": damping, "per_decade": per_decade} for label in dict.fromkeys(labels)]
 

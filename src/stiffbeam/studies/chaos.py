@@ -69,8 +69,8 @@ def points(
     ] = None,
     span: Annotated[float | None, "time span of a pair; default: half the horizon"] = None,
 ) -> list[Point]:
-    """The exact flow and every scheme at ``dt`` (the case's): ``starts`` pairs a distance ``size`` apart,
-    followed for ``span`` (half the case's horizon); and the exact motion's portraits."""
+    """Pairs of neighbouring motions, ``starts`` of them, by the exact solution and by every scheme at ``dt``. A pair is
+    ``size`` apart at the start and is followed for ``span``. Also portraits of the exact motion."""
     exact = solve_once(system_of(case, form), case.t_end)
     most = (case.t_end if span is None else positive("span", span)) / STEPS
     if not dt <= most:
@@ -264,7 +264,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
     known = {method: pair for method, pair in means.items() if pair is not None}
     if not known:
-        return Answer(f"{unseen}: most pairs do not part or approach threefold in the second half of the span.")
+        return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
     unit = units.of("rate") and f" {units.of('rate')}"
     notes = "Means over the starts, ± 95 % by their scatter."
     if "tangent flow" in known:

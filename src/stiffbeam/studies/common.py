@@ -39,12 +39,11 @@ Integrators = Annotated[
 ]
 Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
 Forms = Annotated[list[str] | None, "comma-separated; default: all that the case supports"]
-Dt = Annotated[float, "time step to start from, instead of the case's"]
+Dt = Annotated[float, "time step instead of the case's, the largest if there are several"]
 End = Annotated[float, "end time instead of the case's"]
 Halvings = Annotated[int, "number of time steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "number of impacts in the time window"]
 Members = Annotated[int, "perturbed runs of each method"]
-Numbers = Annotated[list[float] | None, "comma-separated"]
 Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
 Treatment = Annotated[str, "implicit, conserving, averaged, or extrapolated as in the paper"]
 

@@ -1,4 +1,4 @@
-"""The main job: the schemes of a case beside SUNDIALS and the exact solution."""
+"""Comparison of the schemes of a case with SUNDIALS and the exact solution: ``stiffbeam compare``."""
 
 from __future__ import annotations
 

@@ -41,9 +41,10 @@ def points(
     impacts: common.ImpactCount = 4,
     members: common.Members = 48,
 ) -> list[Point]:
-    """Contact by contact at ``dt`` (the case's), dt/2, ... until the first ``impacts`` impacts are over.
+    """Durations of the first ``impacts`` contacts at ``dt`` (the case's), dt/2, ..., compared one by one.
 
-    The distributions are at ``dt`` to ``t_end``, over ``members`` perturbed runs of schemes and exact solution."""
+    Distributions of durations to ``t_end`` at ``dt``, over ``members`` perturbed runs of each scheme and of the exact
+    solution."""
     shared = {"form": form, "t_end": t_end, "members": members}
     labels = common.scheme_labels(case, schemes)
     plan = [{"task": "ensemble", "method": label, "dt": dt} | shared for label in ["exact", *labels]]
@@ -139,8 +140,9 @@ def answer(rows: Rows, case: Case) -> Answer:
     if not table:
         return Answer("No contact came to an end.")
     rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
-    blow = "An exact blow on a rigid stop takes no time, that of a scheme a step or two." if rigid else ""
-    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, blow)
+    notes = "Half of the time from: half of the time in contact is spent in contacts of at least this duration."
+    blow = " An exact impact on a rigid stop takes no time, that of a scheme a step or two." if rigid else ""
+    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, notes + blow)
 
 
 def picture(records: Records) -> Picture:

@@ -42,9 +42,9 @@ def points(
     impacts: common.ImpactCount = 4,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
-    """Steps from ``dt`` (the case's) downwards, ``halvings`` times.
+    """Every scheme at ``dt`` (the case's), dt/2, ..., ``halvings`` steps in all.
 
-    smooth: the case without stops on its slow motion, over one period of the drive or of the lowest mode, whichever is
+    smooth: the slow motion of the case without stops, over one period of the drive or of the lowest mode, whichever is
     longer. contact: the case itself until the first ``impacts`` impacts are over.
     """
     system, chosen = common.system_of(case, form), common.integrators_of(case, schemes)

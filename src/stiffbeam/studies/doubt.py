@@ -104,7 +104,7 @@ class Doubt:
     budgets : sequence of Budget
         One per quantity.
     remarks : sequence of str
-        What the column of the mesh lacks.
+        Notes on the column of the mesh, if it is incomplete.
     """
 
     scheme: str

@@ -28,9 +28,9 @@ def points(
     t_end: common.End,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
-    """The exact flow and every scheme in every form that the case supports; two schemes also in first-order form.
+    """Every scheme and the exact solution, in every form that the case supports.
 
-    The exact flow is followed to its horizon, to which the float64 solution holds.
+    Two schemes also run on the first-order system. The exact solution ends at its horizon.
     """
     labels = common.scheme_labels(case, schemes)
     kinds = forms or list(case.forms)

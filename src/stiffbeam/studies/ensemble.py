@@ -61,13 +61,12 @@ def points(
     size: Annotated[
         float | None, "of the perturbation, relative to the motion; default: 1e-3, none where parameters are uncertain"
     ] = None,
-    seed: Annotated[int, "of the members"] = 1,
+    seed: Annotated[int, "seed of the perturbations"] = 1,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
-    """The exact solution and every scheme at ``dt`` (the case's), each with the same ``members`` initial
-    data, perturbed by ``size`` relative to the motion. Where the case states uncertain parameters the members
-    are drawn from these instead, and start alike. A solver runs to its default tolerance; recorded runs of one
-    name are members themselves, for the user to perturb (``perturbed_members``)."""
+    """The exact solution and every scheme at ``dt`` (the case's), from the same ``members`` initial data, which differ
+    by ``size`` relative to the motion. If the case has uncertain parameters, these differ instead. A solver runs at
+    its default tolerance. Recorded runs of one name count as the members: perturb them by ``perturbed_members``."""
     integer("members", members, 2)  # one has no spread
     if case.uncertain and size is not None:
         remedy = "its members differ by their parameters"

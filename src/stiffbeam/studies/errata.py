@@ -36,7 +36,7 @@ def points(
     halvings: common.Halvings = 10,
     impacts: common.ImpactCount = 4,
 ) -> list[Point]:
-    """Every misprint of the case's schemes, and the paper's extrapolated contact, at steps from ``dt`` downwards."""
+    """Every misprint of the case's schemes, and the paper's extrapolated contact, at ``dt`` (the case's), dt/2, ..."""
     window = common.first_impacts(case, form, impacts) if case.has_stops else 0.0
     smooth = smooth_end(common.system_of(case, form), case.t_end)
     plan: list[Point] = []
@@ -111,7 +111,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"At the finest dt a misprint or extrapolated contact multiplies the error by "
         f"{common.extremes(ratios, '{:.3g}'.format)}.",
         table,
-        "" if compared else "No first impacts were compared: the cost of a misprint in contact is not known.",
+        "Order: of the misprinted scheme for that of the corrected one."
+        + ("" if compared else " No first impacts were compared: the cost of a misprint in contact is not known."),
     )
 
 

@@ -53,10 +53,12 @@ LOOK = 1600  # times in two first periods, between which the tip crosses a stop 
 def points(
     case: Case,
     cells: Cells = None,
-    forms: Annotated[list[str] | None, "with commas between them; default: all three"] = None,
-    starts: Annotated[list[str] | None, "'at rest', 'with its base'; default: both"] = None,
+    forms: Annotated[list[str] | None, "comma-separated; default: all three"] = None,
+    starts: Annotated[
+        list[str] | None, "initial velocity of the beam: 'at rest', 'with its base'; default: both"
+    ] = None,
 ) -> list[Point]:
-    """Grids of 10 to 640 cells in all forms, the beam at rest and moving with its base at the start."""
+    """Grids of 10 to 640 cells in all forms. The beam starts at rest, or with the velocity of its base."""
     _plain(case)
     for start in starts or ():
         one_of("starts", start, (OWN, SMOOTH))
@@ -230,7 +232,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"With its base moving, the first impact has a peak force of {best['share']:.4f} V (A^2 kappa)^(1/3) on "
         f"{best['cells']} cells; theory gives {largest_penetration():.4f}.",
         table,
-        (f"Orders in h of this force where h < l: {rates}. " if rates else "") + at_rest,
+        (f"Orders in h of this force where h < l = (EI/kappa)^(1/3): {rates}. " if rates else "") + at_rest,
     )
 
 

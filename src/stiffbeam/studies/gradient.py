@@ -47,10 +47,11 @@ def points(
     dt: common.Dt,
     halvings: common.Halvings = 9,
     impacts: common.ImpactCount = 4,
-    starts: Annotated[int, "how many starts around the case's"] = 16,
+    starts: Annotated[int, "number of starts near that of the case"] = 16,
 ) -> list[Point]:
-    """Every scheme, with averaged and conserving contact too where it takes that, at ``dt`` (the case's), dt/2, ...,
-    until the first ``impacts`` impacts are over."""
+    """Every scheme at ``dt`` (the case's), dt/2, ..., until the first ``impacts`` impacts are over.
+
+    Schemes that accept averaged or conserving contact run with these too."""
     system = common.system_of(case, form)
     if not takes("exact", system, case.t_end):
         rule = "have an exact solution: linear stops, and functions of time in closed form"

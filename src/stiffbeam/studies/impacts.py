@@ -59,10 +59,10 @@ def points(
         str | None, "folder of frozen references; default: ./reference, else those of the package"
     ] = None,
 ) -> list[Point]:
-    """Every scheme at ``dt`` (the case's), dt/2, ...; with ``sensitivity`` also HHT over alpha, SDIRK-OS
-    over gamma and the extrapolated contact, at ``dt``. members: perturbed runs of each, eight times as many of
-    the exact solution. references: a folder of frozen multiprecision solutions, from which the exact
-    counts are taken; else they are float64's.
+    """Every scheme at ``dt`` (the case's), dt/2, ..., in ``members`` perturbed runs each, and the exact solution in
+    eight times as many. With ``sensitivity`` also HHT over alpha, SDIRK-OS over gamma and the extrapolated contact, at
+    ``dt``. The exact count of the single motion is that of a multiprecision solution in the folder ``references``, or
+    of float64 if there is none.
     """
     shared = {"form": form, "t_end": t_end, "references": references, "members": members}
     labels = common.scheme_labels(case, schemes)

@@ -25,12 +25,11 @@ def points(
     schemes: Schemes = None,
     form: Form,
     dt: Dt,
-    steps: Annotated[int, "length of the runs"] = 4000,
+    steps: Annotated[int, "number of time steps of a run"] = 4000,
 ) -> list[Point]:
-    """One point a scheme: ``steps`` steps of ``dt`` (the case's) from initial data that excite every mode.
+    """Every scheme runs ``steps`` time steps of ``dt`` (the case's) from initial data that excite every mode.
 
-    Modes of fewer than two steps a period are left out: a rotation by more than half a turn per step looks like one
-    backwards.
+    Modes with fewer than two steps per period are left out, because their samples are aliased.
     """
     return [{"scheme": label, "form": form, "dt": dt, "steps": steps} for label in scheme_labels(case, schemes)]
 

@@ -60,22 +60,22 @@ def points(
     values: Values = None,
     couple: Couple = None,
     length: Annotated[int, "periods of the drive after which the orbit repeats itself"] = 1,
-    method: Annotated[str, "of the diagram below the branch: exact, or a scheme"] = EXACT,
+    method: Annotated[str, "method of the diagram below the branch: exact, or a scheme"] = EXACT,
     form: Form,
     contact: Treatment = "implicit",
-    dt: Annotated[float, "of a scheme; the nearest step that divides the period is taken; default: the case's"],
-    periods: Annotated[int, "of the drive, that the diagram shows"] = 16,
-    transient: Annotated[int, "periods of the drive before them"] = 32,
-    count: Annotated[int, "drive frequencies where no values are given"] = 40,
-    orbits: Annotated[int, "most orbits of a branch, each way from its start"] = 200,
-    starts: Annotated[int, "states of a long run from which an orbit is looked for, at each of 3 values"] = 3,
+    dt: Annotated[float, "time step of a scheme, rounded to one that divides the period; default: the case's"],
+    periods: Annotated[int, "periods of the drive in the diagram"] = 16,
+    transient: Annotated[int, "periods of the drive before those of the diagram"] = 32,
+    count: Annotated[int, "number of drive frequencies if no values are given"] = 40,
+    orbits: Annotated[int, "largest number of orbits of a branch, in each direction from its start"] = 200,
+    starts: Annotated[int, "states of a long run from which the search for an orbit starts, at each of 3 values"] = 3,
     grazings: Annotated[bool, "locate where a stop is touched for the first or last time"] = False,
 ) -> list[Point]:
-    """The branch of periodic orbits over the range of ``values``, and batches of values of the diagram below it.
+    """The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
 
-    values: of ``parameter``, in the case's own units; by default ``count`` drive frequencies from 0.7 to 1.3 of the
-    case's. Orbits are those of the exact solution, so stops are linear and loads repeat. couple: arithmetic of x, the
-    value of ``parameter``, for each parameter that follows it.
+    The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
+    0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic. By
+    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``.
     """
     for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
         integer(option, given, least)

@@ -33,29 +33,29 @@ def points(
     case: Case,
     *,
     schemes: common.Integrators = None,
-    methods: Annotated[list[str] | None, "reference solvers, with commas between them"] = None,
+    methods: Annotated[list[str] | None, "reference solvers, comma-separated"] = None,
     form: common.Form,
     dt: common.Dt,
     halvings: common.Halvings = 10,
-    tolerances: common.Numbers = None,
+    tolerances: Annotated[list[float] | None, "relative tolerances of solvers, comma-separated"] = None,
     impacts: common.ImpactCount = 4,
 ) -> list[Point]:
-    """Schemes and functions at ``dt`` (the case's), dt/2, ...; solvers at ``tolerances``, by default rtol 1e-4 .. 1e-10
-    (the dense ones at two), and those only that stand among ``schemes`` or ``methods``; recorded runs at their steps.
+    """Schemes and functions run at ``dt`` (the case's), dt/2, ...; recorded runs at their steps. Solvers run at
+    ``tolerances``, by default rtol 1e-4 .. 1e-10, the slow ones at the first two. ``schemes`` and ``methods`` select
+    schemes and solvers.
 
-    The error is taken until the first ``impacts`` impacts are over (half the horizon without contact),
-    where it is not yet amplified by chaos; the time tracked on the whole horizon. Left out are functions with so many
-    steps, and solvers that are not named, that a run would take more than 10 seconds by an estimate.
+    The error is measured until the first ``impacts`` impacts are over (without contact to half the horizon), before
+    chaos amplifies it. Impacts are followed to the horizon. A run that would take more than 10 seconds by an estimate
+    is left out, unless it is of a scheme or of a solver that you name.
 
-    work: linear solves of a scheme; of a solver evaluations of the right-hand side, for an implicit one as many linear
-    solves; of diffrax's solvers stages, at least (it does not count what Newton's method needs in each), in a run
-    without outputs, since they step to each; of a function what its Trajectory counts, else its steps; of the exact
-    solution evaluations in the event search.
+    Work of a scheme: linear solves. Of a solver: evaluations of the right-hand side, for an implicit one also as many
+    linear solves. Of diffrax's solvers: stages, a lower bound, in a run without outputs. Of a function: what its
+    Trajectory counts, else its steps. Of the exact solution: evaluations in the event search.
 
-    seconds: of stepping, without setup, which is a column of its own. Impacts are not recorded, except by
-    solvers that restart at each; a scheme's steps include the search for them. python: the part of the
-    seconds that a solver spends in Python's calls of the compiled right-hand side, at least: none where SUNDIALS calls
-    it itself. All columns but seconds, setup, python and tracked_seconds are the same in every run.
+    Seconds are those of stepping, without set-up, which has its own column. They include the recording of impacts for
+    schemes and for solvers that restart at each impact. The column python is the least part of the seconds that a
+    solver spends in Python's calls of the compiled right-hand side. All columns but seconds, setup, python and
+    tracked_seconds are the same in every run.
     """
     system = common.system_of(case, form)
     chosen = common.integrators_of(case, schemes)

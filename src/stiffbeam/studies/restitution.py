@@ -47,10 +47,10 @@ EXPONENT = 1.5  # of the ball's stop; what is delivered does not depend on it
 
 def points(
     case: Case,
-    wanted: Annotated[list[float] | None, "restitutions in (0, 1), with commas between them"] = None,
-    formulas: Annotated[list[str] | None, "names, with commas between them; default: all"] = None,
+    wanted: Annotated[list[float] | None, "restitutions in (0, 1), comma-separated"] = None,
+    formulas: Annotated[list[str] | None, "names, comma-separated; default: all"] = None,
 ) -> list[Point]:
-    """Every formula at every restitution; the case does not matter."""
+    """Every formula at every wanted restitution. The result does not depend on the case."""
     names = [*FORMULAS, KELVIN_VOIGT]
     for name in formulas or ():
         if name not in names:

@@ -28,10 +28,10 @@ def points(
     case: Case,
     *,
     form: Form,
-    factors: Annotated[list[float] | None, "of the stops' stiffness, with commas between them"] = None,
+    factors: Annotated[list[float] | None, "factors on the stiffness of the stops, comma-separated"] = None,
     impacts: ImpactCount = 3,
 ) -> list[Point]:
-    """The case's kappa times 4^0 .. 4^9, until the first ``impacts`` impacts of the rigid solution are over."""
+    """Stops of the case's stiffness times 4^0 .. 4^9, until the first ``impacts`` impacts on rigid stops are over."""
     system = system_of(case, form)
     if len(system.contacts) != 1:
         count = f"{len(system.contacts)} contacts"

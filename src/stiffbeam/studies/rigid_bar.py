@@ -53,14 +53,14 @@ EDGE = 0.05  # of the first contact at either end, where the front of the wave i
 
 def points(
     case: Case,
-    schemes: Annotated[list[str] | None, "with commas between them; default: the table of the study"] = None,
+    schemes: Annotated[list[str] | None, "comma-separated; default: all in the table"] = None,
     cells: Cells = None,
-    courant: Annotated[float, "c dt/dx"] = 1.0,
+    courant: Annotated[float, "Courant number c dt/dx"] = 1.0,
     starts: Annotated[int, "number of runs, each started a fraction of a step later"] = 32,
 ) -> list[Point]:
-    """Every entry of the table on every mesh, by default of 25, 50 and 100 elements, at one Courant number.
+    """Every scheme on every mesh, by default of 25, 50 and 100 elements, at one Courant number.
 
-    The rows do not depend on the case. ``schemes``: only the entries of these.
+    The result does not depend on the case.
     """
     wanted = None if schemes is None else {label_of(scheme) for scheme in schemes}
     meshes = [25, 50, 100] if cells is None else cells
@@ -216,7 +216,8 @@ def answer(rows: Rows, case: Case) -> Answer:
             }
             for name, group in entries.items()
         ],
-        "Medians over the starts; penetration and foot as shares of the fall.",
+        "Medians over the starts. Penetration, and foot, the mean error of the height of the lower end, as shares of "
+        "the fall. Order of the foot.",
     )
 
 

@@ -23,7 +23,7 @@ from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
 from ..trajectory.trajectory import Trajectory
-from .common import Cells, Dt, Numbers, extremes, label_of, scheme_of, tip_stops
+from .common import Cells, Dt, extremes, label_of, scheme_of, tip_stops
 from .first_impact import flight
 from .interface import Answer, Point, Records, Row, Rows, declared
 
@@ -46,14 +46,14 @@ RANGED = ("impulse", "impacts", "lost")
 def points(
     case: Case,
     *,
-    kappas: Numbers = None,
+    kappas: Annotated[list[float] | None, "stiffnesses of the stops, comma-separated"] = None,
     cells: Cells = None,
     dt: Dt,
-    divide: Annotated[list[int] | None, "the step is dt and dt over these; default: 1,10"] = None,
+    divide: Annotated[list[int] | None, "divisors of dt, comma-separated; default: 1,10"] = None,
 ) -> list[Point]:
-    """Every method at every stiffness of the stops, ``kappas``, and at inf, to the same time, which every step divides.
+    """Every method at every stiffness of the stops, ``kappas``, and on rigid stops, all to the same time.
 
-    cells: by default the case's and twice as many.
+    By default on the cells of the case and on twice as many.
     """
     tip_stops(case)
     values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]

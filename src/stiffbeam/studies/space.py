@@ -25,14 +25,14 @@ def points(
     case: Case,
     cells: Cells = None,
     forms: Forms = None,
-    finest: Annotated[int, "the grid that contact is compared with"] = 160,
+    finest: Annotated[int, "cells of the grid that contact is compared with"] = 160,
     impacts: ImpactCount = 1,
-    modes: Annotated[int, "natural frequencies that are compared"] = 3,
+    modes: Annotated[int, "number of natural frequencies to compare"] = 3,
 ) -> list[Point]:
-    """Grids of 10 to 80 cells (at least three), against closed forms and against ``finest`` in contact.
+    """Grids of 10 to 80 cells, at least three. Without contact they are compared with closed forms.
 
-    The contact is compared until the first ``impacts`` impacts of the finest grid are over, and never
-    past the horizon of either.
+    In contact they are compared with the grid of ``finest`` cells until its first ``impacts`` impacts are over, and
+    not past the horizon of either grid.
     """
     grids = cells or [10, 14, 20, 28, 40, 56, 80]
     kinds = forms or list(case.forms)

@@ -97,15 +97,14 @@ def points(
         str, 'first state at each value: "case", or "last", that of the value before, through the values and back'
     ] = "case",
 ) -> list[Point]:
-    """Batches of values, each a line of the journal; with ``second`` a grid, without sections.
+    """One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram.
 
-    values: of ``parameter``, in the case's own units; by default ``count`` drive
-    frequencies from 0.7 to 1.3 of the case's. method: a scheme's label or "exact", by default the case's
-    first scheme. transient: periods of the drive before the ``periods`` that are looked at; by default 60 after 100, or
-    as many as take about 20 s of processor time, at least 10 after 10. Where several
-    frequencies drive the system, the period is that of the drive whose parameter is varied.
-    couple: arithmetic of x, the value of ``parameter``, for each parameter that follows it. start: "last" goes through
-    the values in their order and back in one process.
+    The ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
+    case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
+    after 100, or as many as take about 20 s of processor time, at least 10 after 10. If several frequencies drive the
+    system, the period is that of the drive whose parameter is varied. By ``couple`` other parameters follow the first:
+    each is a formula in x, the value of ``parameter``. With ``start`` "last" one process goes through the values in
+    their order and back, each from the last state of the one before.
     """
     one_of("start", start, STARTS)
     if method is None:

@@ -63,7 +63,7 @@ class Problem:
     number : int
     name, title, source : str
     catches : str
-        Which mistakes of an integrator it finds.
+        Mistakes of an integrator that the problem finds.
     t_end : float
     samples : int
         ``tip`` and ``tip_velocity`` are known at the times k t_end/samples, k = 1, 2, ...
@@ -355,7 +355,7 @@ class FrozenOrbit:
         q, v : array_like (k, n)
             Displacements, and velocities where they are known.
         multipliers : array_like, optional
-            Of these the largest is compared.
+            Floquet multipliers, of which the largest is compared.
 
         Returns
         -------

@@ -1,1 +1,1 @@
-"""Runs of schemes, solvers and other programs: states, impacts, energy balance."""
+"""Results of schemes, solvers and other programs: states, contacts, impacts, energy balance, and their files."""

@@ -45,7 +45,7 @@ class Impacts:
     Parameters
     ----------
     times, ends : array (count,)
-        Of entry and of exit.
+        Times of entry and of exit.
     stops : array (count,)
         +1 upper, -1 lower.
     peaks, impulses : array (count,)

@@ -120,7 +120,7 @@ class Branch:
     ----------
     parameter : str
     values : array (k,)
-        Of the parameter.
+        Values of the parameter.
     q, v : array (k, n)
         States at the start of the period.
     multipliers : array (k, 2n)
@@ -546,14 +546,14 @@ def continuation(
     parameter : str
         Its name, for tables and messages.
     values : sequence of float
-        The branch starts at the first of these, which has an orbit near the guess, towards the last. It ends where it
+        The branch starts at the first value, with the orbit near the guess, and goes towards the last. It ends where it
         leaves their range. The first step is the range over their number.
     period : float or callable
-        Of the orbits; of a driven system a function of the parameter, ``lambda w: 2 * np.pi / w``.
+        Period of the orbits; for a driven system a function of the parameter, ``lambda w: 2 * np.pi / w``.
     guess : as for ``periodic_orbit``
     grazings : bool
-        Locate where a compliant stop is touched for the first or last time; of damped ones where the stability changes
-        by it in any case. Two touches of one contact of which one is born and one dies between two points cancel.
+        Locate where a compliant stop is touched for the first or last time, also if the stability does not change.
+        Limitation: if one touch of a contact begins and another ends between two points, neither is located.
     most : int
         Number of orbits after which the branch ends; by default 20 for each of the values.
     progress : as for ``reference``
@@ -569,7 +569,7 @@ def continuation(
     InputError
         For values that are not two or more different numbers.
     SolverFailure
-        Where no orbit is near the guess. A branch that cannot be followed on says why in ``.end``.
+        If no orbit is near the guess. If a branch cannot be continued, ``.end`` states the reason.
 
     Examples
     --------

@@ -47,7 +47,7 @@ class Derivative:
     exists_until : float
         The first time from which no derivative exists; values from it on are NaN. Infinite where there is none.
     reason : str
-        Why it exists no longer, empty where it does.
+        Reason why no derivative exists from then on; empty if it exists throughout.
     """
 
     reference: Reference = field(repr=False)

@@ -74,7 +74,7 @@ class Orbit:
     multipliers : array (2n,)
         Floquet multipliers, the largest first; those below 1e-14 of the largest are rounding.
     monodromy : array (2n, 2n)
-        Of (q, q').
+        Derivative of (q, q') after a period with respect to (q, q') at its start.
     event_times : array (k,)
         In [0, period).
     event_contacts, event_sides : array (k,)
@@ -370,7 +370,7 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
             break
         # A rounding that grows so much is 2e-3 of the motion: too few digits for Newton's method.
         if (growth := float(np.linalg.norm(D * scale / scale[:, None]))) > APART:
-            reason = f"neighbouring motions part by {growth:.0e} in a period, more than float64 has digits"
+            reason = f"neighbouring motions diverge by {growth:.0e} in a period, more than float64 has digits"
             raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or drive it faster")
         # Unknowns in units of the motion, since positions and velocities differ in size.
         step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale

@@ -1,7 +1,7 @@
 """The exact solution in many digits. In reading order:
 
-multiprecision          what is called: how many digits, two runs that have to agree, motion between compliant stops
+multiprecision          number of digits, two solutions that have to agree, motion between compliant stops
 rational                the system from its exact parameters
-linear_flow             all that drives it as z' = G z: blocks that float64 knows, power series, certain zeros of them
-rigid, impacting        rigid stops, from impact to impact by series alone: no code is shared with float64's
+linear_flow             system and loads as z' = G z: blocks from float64, power series, their proved first zeros
+rigid, impacting        rigid stops, from impact to impact by series; no code is shared with the float64 solution
 """
