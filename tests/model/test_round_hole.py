@@ -139,7 +139,7 @@ def test_a_motion_along_one_row_is_that_of_two_stops(scheme, contact):
         assert np.all(one.contacts[0].impacts.stops == 1)
 
 
-@pytest.mark.fast(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("law", ["linear", "Hertz", "Hunt-Crossley"])
 def test_schemes_converge_to_the_reference(scheme, law):
@@ -209,7 +209,7 @@ def test_jacobians_are_derivatives_of_the_right_hand_side(law, form):
         np.testing.assert_allclose(ode.rhs(0.0, centre)[[0, 2]], [1.0, 2.0])
 
 
-@pytest.mark.fast(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["linear", "Kelvin-Voigt"])
 def test_energy_is_balanced(law):
     """Without loads and dampers: elastic impacts keep the energy, and what a damped hole takes is what is missing."""
