@@ -163,3 +163,33 @@ def test_peak_and_impulse_know_the_force_at_the_start_and_not_twice_that_at_the_
         errors.append(abs(run.contacts[0].impulse - impulse))
     assert errors[0] < 100.0 * 2e-3**2
     assert errors[1] < errors[0] / 4.0 + 1e-12  # conserving forces are means, and turn all of the momentum
+
+
+def chain(n: int, load: sb.Harmonic | sb.Constant) -> sb.System:
+    """n equal masses at rest, the first on its stop, the last under the load."""
+    first, last = np.eye(n)[0], np.eye(n)[-1]
+    stops = sb.Stops(upper=0.0, stiffness=100.0)
+    springs = 10.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    return sb.System.from_matrices(np.eye(n), springs, loads=[(last, load)], contacts=[sb.Contact(first, stops)])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("load", [sb.Constant, lambda size: sb.Harmonic(size, 2.0)], ids=["constant", "sine"])
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("method", [method for method in METHODS if method not in ("exact", "rigid")])
+@pytest.mark.fast(9)
+def test_a_body_that_a_later_push_moves_has_its_contact_from_the_start(method, n, load, sign):
+    """Acceleration and jerk of the body may vanish: the gap goes like t^2 to t^7."""
+    system = chain(n, load(sign))
+    exact, run = sb.reference(system, 0.5), sb.reference(system, 0.5, method)  # before any comes back
+    assert run.impacts.count == exact.impacts.count
+    assert (run.impacts.at_start is not None) == (exact.impacts.at_start is not None) == (sign > 0.0)
+
+
+@pytest.mark.parametrize("method", ["dop853", "radau", "kvaerno5"])
+@pytest.mark.fast(1)
+def test_an_event_that_rounding_blurs_moves_no_clock(method):
+    """The gap goes like t^8, so that no step places its first root; the state was once that of another time."""
+    t = np.linspace(0.0, 3.0, 31)
+    exact, run = (sb.reference(chain(4, sb.Constant(1.0)), 3.0, x, t).tip for x in ("exact", method))
+    np.testing.assert_allclose(run, exact, rtol=0.0, atol=1e-7 * np.max(np.abs(exact)))

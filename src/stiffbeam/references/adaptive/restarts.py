@@ -282,7 +282,7 @@ def follow(
     rounding = 16.0 * np.finfo(float).eps * np.array(extents)
     z = rhs.z0.copy()
     rhs.window = (pieces[0].first, pieces[0].last)
-    closed = _closed_at_start(rhs, z) if events else []
+    closed = _closed_at_start(rhs, z, pieces[0], rounding) if events else []
     contacts = Contacts(rhs, len(sides))
     for k in np.flatnonzero(closed):
         contacts.switch(int(k), 0.0, z)
@@ -379,18 +379,38 @@ def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding
     return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
 
 
-def _closed_at_start(rhs: RightHandSide, z: Array) -> list[bool]:
-    """True inside the stop, or exactly on it and moving or pushed in."""
+def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> list[bool]:
+    """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
     values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
     rhs.event_functions(0.0, z, values)
-    gaps, rates = values[: len(rhs.sides)], values[len(rhs.sides) : 2 * len(rhs.sides)]
-    z_rate = rhs.rate(0.0, z)
-    closed = []
-    for (i, side), gap, rate in zip(rhs.sides, gaps, rates, strict=True):
+    count = len(rhs.sides)
+    z_rate, orders = rhs.rate(0.0, z), []
+    for k, (i, side) in enumerate(rhs.sides):
         contact = rhs.first_order.contacts[i]
         row = along(contact, z[: rhs.states], rhs.first_order.velocity_row(contact))
+        # On the stop the first derivative that is not zero decides: gap, rate, acceleration, and those after it.
         push = side * float(row @ z_rate[: rhs.states])
-        # On the stop the first derivative that is not zero decides: gap, rate, acceleration.
-        closed.append(bool(gap > 0.0 or (gap == 0.0 and (rate > 0.0 or (rate == 0.0 and push > 0.0)))))
-    return closed
+        orders.append(next((x for x in (values[k], values[count + k], push) if x != 0.0), 0.0))
+    if 0.0 in orders:
+        orders = [x or later for x, later in zip(orders, _leaving(rhs, z, piece, rounding).tolist(), strict=True)]
+    return [x > 0.0 for x in orders]
+
+
+ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
+
+
+def _leaving(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> Array:
+    """The rate of every gap just after the start, 0.0 where it is below rounding.
+
+    A load that grows from zero, or a neighbour, moves a body at rest by a high power of time. A step of Euler's method
+    is a polynomial with positive coefficients, so that ``ORDERS`` short ones have the sign of the first power.
+    """
+    fastest = np.max(np.abs(np.linalg.eigvals(rhs.jacobian(0.0, z)[: rhs.states, : rhs.states])))
+    h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, piece.max_step, piece.end)
+    for k in range(ORDERS):
+        z = z + h * rhs.rate(k * h, z)
+    values, count = np.empty(rhs.roots), len(rhs.sides)
+    rhs.event_functions(ORDERS * h, z, values)
+    rates = values[count : 2 * count]
+    return np.where(np.abs(rates) > rounding[count : 2 * count], rates, 0.0)

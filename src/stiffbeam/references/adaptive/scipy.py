@@ -162,15 +162,15 @@ def _polished(
     start: Any, stepper: Any, left: Array, watch: Any, root: Root, counters: dict[str, int]
 ) -> tuple[float, Array]:
     """The time and state of a gap's root by steps of the solver from ``left``, where the step it lies in starts."""
-    t, z = root.time, root.z
+    t, found = root.time, (root.time, root.z)
     for _ in range(POLISH):
         # The root lies at the start of the step, whose state is known.
         if not t > stepper.t_old:
             return stepper.t_old, left
-        new_z = _stepped(start, stepper, left, t, counters)
-        if new_z is None:
+        z = _stepped(start, stepper, left, t, counters)
+        if z is None:
             break
-        z = new_z
+        found = t, z
         gap = float(watch.values(t, z)[root.which])
         rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
         new = t - gap / rate if rate else t
@@ -178,7 +178,8 @@ def _polished(
         if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
             break
         t = new
-    return t, z
+    # Time and state of one step, also where Newton's method has not converged: a gap of rounding size has no rate.
+    return found
 
 
 def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str, int]) -> Array | None:
