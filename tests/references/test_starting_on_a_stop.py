@@ -193,3 +193,14 @@ def test_an_event_that_rounding_blurs_moves_no_clock(method):
     t = np.linspace(0.0, 3.0, 31)
     exact, run = (sb.reference(chain(4, sb.Constant(1.0)), 3.0, x, t).tip for x in ("exact", method))
     np.testing.assert_allclose(run, exact, rtol=0.0, atol=1e-7 * np.max(np.abs(exact)))
+
+
+def test_rounding_before_the_motion_ends_no_horizon():
+    """The base moves the tip, which rests on its stop, by a high power of time. When that shows is rounding."""
+    problem = sb.BeamProblem(stiffness=1.0, stops=sb.Stops(upper=0.0, stiffness=1e3), base=sb.Harmonic(-0.2, 10.0))
+    system = sb.semidiscretise(problem, cells=10)
+    exact, run = sb.reference(system, 1.0), sb.reference(system, 1.0, "cvode")
+    assert exact.horizon == run.horizon == 1.0
+    late = [x.impacts.times[x.impacts.times > 0.01] for x in (exact, run)]
+    np.testing.assert_allclose(*late, rtol=0.0, atol=1e-6)
+    assert len(late[0]) == 3

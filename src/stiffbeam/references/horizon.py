@@ -110,21 +110,31 @@ def agree_until(
         if not np.all(close):
             # The last output before the first difference.
             horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
-    for c, d in zip(a.impacts, b.impacts, strict=True):
+    for k, (c, d) in enumerate(zip(a.impacts, b.impacts, strict=True), 1):
         least = min(tolerance, apart(max(c.count, d.count), end))
-        horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters))
+        begun = max(_at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))
+        horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters, begun))
     return horizon
 
 
-def impacts_match_until(a: Impacts, b: Impacts, tolerance: float, end: float, chatters: bool = False) -> float:
+def _at_rest_until(t: Array, u: Array, scale: float) -> float:
+    """The last output time before a contact has moved from its start."""
+    moved = np.abs(u - u[0]) > STILL * scale
+    return float(t[max(0, int(np.argmax(moved)) - 1)] if np.any(moved) else t[-1])
+
+
+def impacts_match_until(
+    a: Impacts, b: Impacts, tolerance: float, end: float, chatters: bool = False, begun: float = 0.0
+) -> float:
     """The time of the first impact that does not match, else ``end``.
 
     The i-th impacts of a and b match where they are on the same stop with times that differ by ``tolerance``
     at most. Impacts within the tolerance of the start do not count: a motion that starts on a stop may enter
-    it or be in it already. Nor do those within the tolerance of ``end``, whose partner may come just after.
+    it or be in it already. Nor do those before ``begun``, when the contact has not moved: a stop on which it rests it
+    enters where rounding shows it. Nor do those within the tolerance of ``end``, whose partner may come just after.
     chatters: nor those without a partner that come at once after the last one with a partner.
     """
-    late = a.times > tolerance, b.times > tolerance
+    late = a.times > max(tolerance, begun), b.times > max(tolerance, begun)
     (t1, stops1), (t2, stops2) = ((x.times[rows], x.stops[rows]) for x, rows in zip((a, b), late, strict=True))
     n = min(len(t1), len(t2))
     bad = (stops1[:n] != stops2[:n]) | (np.abs(t1[:n] - t2[:n]) > tolerance)
