@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.resources import Show, silent
-from ..basics.resources import progress as shown
+from ..basics.resources import Show, displayed
 from ..basics.validation import InputError, numbers, positive
 from .registry import (
     ADAPTIVE,
@@ -116,15 +115,6 @@ def reference(
     from ..model.time_functions import times_of
     from .horizon import with_horizon
 
-    if not isinstance(progress, bool) and not callable(progress):
-        raise InputError("progress", progress, "be True, False or a function", "leave it out")
-    if progress is True:
-        with shown() as show:
-            return reference(
-                system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress=show
-            )
-    show = progress or silent
-
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step, switches)
     require_system(system)
@@ -132,11 +122,12 @@ def reference(
     t_end = positive("t_end", t_end)
     if not progress:
         warn_of_minutes(system, t_end, method, rtol, atol, steps)
-    show(f"{method}: solving", 0, 0)
-    solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
-    if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
-        return solution  # confirmed by more digits, or by its own copies
-    return with_horizon(solution, system, t_end, steps, solve, show)
+    with displayed(progress) as show:
+        show(f"{method}: solving", 0, 0)
+        solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+        if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
+            return solution  # confirmed by more digits, or by its own copies
+        return with_horizon(solution, system, t_end, steps, solve, show)
 
 
 def best_reference(

@@ -35,8 +35,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
-from ..basics.resources import progress as shown
+from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
 from ..basics.validation import InputError, Renamed, integer, near, one_of, positive
 from ..files.cases import Case
@@ -392,7 +391,8 @@ def advise(
     members : int
         Perturbed runs behind each mean past the horizon; the most systems that are drawn to rank uncertainties.
     progress : as for ``reference``
-    tell : callable, with one line of text after every refinement
+    tell : callable
+        Called with one line of text after every refinement.
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
     uncertain, finer
@@ -417,7 +417,7 @@ def advise(
     True
     """
     if progress is True:
-        with shown() as show:
+        with displayed(progress) as show:
             shared = (schemes, contacts, most_steps, members, show, tell, journal, uncertain, finer)
             return advise(system, want, t_end, *shared)
     show = progress or silent

@@ -48,8 +48,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, cores, over_slices, silent
-from ..basics.resources import progress as shown
+from ..basics.resources import Show, cores, displayed, over_slices, silent
 from ..basics.text import html_table, plain, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
@@ -255,12 +254,10 @@ def doubt(
     >>> print(sb.doubt(case, sb.HHT(-0.1), members=8)["impacts"].quantity)
     impacts
     """
-    if progress is True:
-        with shown() as show:
-            return doubt(case, scheme, dt, members, seed, tolerance, show, contact, t_end, uncertain, finer)
     case = uncertain_case(case, dt, t_end, uncertain, finer)
     schemes = [case.runs[0][0] if scheme is None else scheme]
-    return doubts(case, schemes, dt, members, seed, tolerance, progress or silent, contact)[0]
+    with displayed(progress) as show:
+        return doubts(case, schemes, dt, members, seed, tolerance, show, contact)[0]
 
 
 def uncertain_case(

@@ -22,7 +22,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..basics.resources import Show, cores, displayed, silent
+from ..basics.resources import Show, cores, displayed
 from ..basics.storage import source_hash
 from ..basics.validation import InputError, integer
 from ..files.cases import Case, case_of, find_case
@@ -63,10 +63,9 @@ def run_study(
     a row with ``refused``, each with the reason. Raises InputError, also for a case that cannot be sent to processes,
     and Unfinished if those keep dying.
     """
-    if progress is True:
+    if not callable(progress):
         with displayed(progress) as show:
             return run_study(study, case, folder, jobs, executor, show, **options)
-    show = progress or silent
     known = [name for name in inspect.signature(study.points).parameters if name != "case"]
     if isinstance(case, System):
         dt, t_end = (options.get(x) if x in known else options.pop(x, None) for x in ("dt", "t_end"))
@@ -79,7 +78,7 @@ def run_study(
     options = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in options.items()}
     cores()  # what is wrong with STIFFBEAM_THREADS is wrong at every point
     begun = time.perf_counter()
-    show(f"{study.command}: planning", 0, 0)
+    progress(f"{study.command}: planning", 0, 0)
     points = study.plan(case, **options)
     journal = Journal(None if folder is None else Path(folder), study.name, case)
     missing = [point for point in points if journal.part(point) is None]
@@ -89,14 +88,14 @@ def run_study(
             system = case.system(case.forms[0])
             if not any(contact.stops.rigid for contact in system.contacts):  # which another kernel marches
                 if not compiled():
-                    show(f"{study.command}: {COMPILING}", 0, 0)
+                    progress(f"{study.command}: {COMPILING}", 0, 0)
                 warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
-        show(study.command, finished, len(points))
+        progress(study.command, finished, len(points))
         with closing(_evaluate_all(study, case, missing, jobs, executor)) as results:  # ends the processes too
             for point, rows in results:
                 journal.keep(point, rows)
                 finished += 1
-                show(study.command, finished, len(points))
+                progress(study.command, finished, len(points))
     table = Table(journal.part(point) or [] for point in points)
     rows = table if len(table) > LISTED else list(table)
     options = {name: _as_text(value, name == "schemes") for name, value in options.items()}

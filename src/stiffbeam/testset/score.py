@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.resources import Show, silent
-from ..basics.resources import progress as shown
+from ..basics.resources import Show, displayed
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .integrators import DEFAULT, RECORDED, Integrator, Made
@@ -80,24 +79,21 @@ def score(
     >>> len(card.entries)
     1
     """
-    if progress is True:
-        with shown() as show:
-            return score(integrators, problems, order, statistics, show)
-    show = progress or silent
     chosen = _problems(problems)
     given = DEFAULT if integrators is None else integrators
     runners = integrators_of(given if isinstance(given, (list, tuple)) else [given], order)
     entries = []
-    for i, runner in enumerate(runners):
-        smooth = runner.order
-        for k, each in enumerate(chosen):
-            show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
-            entry = _entry(runner, each, smooth, statistics)
-            if each.name == SMOOTH and entry.order.points >= 3:
-                # What is seen here is expected with contact too, whatever less a scheme states.
-                smooth = float(np.nanmax([smooth, entry.order.slope]))
-                entry = verdict(entry, smooth)
-            entries.append(entry)
+    with displayed(progress) as show:
+        for i, runner in enumerate(runners):
+            smooth = runner.order
+            for k, each in enumerate(chosen):
+                show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
+                entry = _entry(runner, each, smooth, statistics)
+                if each.name == SMOOTH and entry.order.points >= 3:
+                    # What is seen here is expected with contact too, whatever less a scheme states.
+                    smooth = float(np.nanmax([smooth, entry.order.slope]))
+                    entry = verdict(entry, smooth)
+                entries.append(entry)
     return Scorecard(tuple(entries))
 
 
