@@ -82,6 +82,10 @@ def test_columns_are_known_by_their_names(tmp_path):
         file.write_text("\n".join([header, *["1,2,3"] * 5]), encoding="utf-8")
         with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
             read_trajectory(file)
+    for separator in ";\t ":  # not t = 1, u = 0, v = 5
+        file.write_text("\n".join(f"{k}{separator}0,5" for k in range(5)), encoding="utf-8")
+        with pytest.raises(sb.InputError, match="decimals have a point"):
+            read_trajectory(file)
     file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
     with pytest.raises(sb.InputError, match="name every column"):
         read_trajectory(file)

@@ -13,6 +13,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.text import plain
 from ..basics.validation import InputError, unmasked
+from ..files.reader import split_line
 from ..measures.errors import Order, observed_order
 from ..model.contact import channel_motion, channel_position
 from ..trajectory.recorder import distinct_times, one_position, rebounds, sampled_impacts
@@ -322,7 +323,8 @@ COLUMNS = (["t", "u"], ["t", "u", "v"])
 
 
 def read_trajectory(file: Path) -> tuple[Array, ...]:
-    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them.
+    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them, and decimals
+    with a point.
 
     A first line may name them, t, u and v (or time, tip or displacement, velocity or tip_velocity) in any order; other
     names are refused, and without names that is the order. Empty lines and those that begin with # are passed over,
@@ -337,11 +339,11 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     rows: list[list[float]] = []
     names: list[str] = []
     for number, line in enumerate(lines, start=1):
-        cells = line.replace(",", " ").replace(";", " ").split()
+        cells = [cell for cell in split_line(line) if cell]
         if not cells:
             continue
         if line.startswith("#"):
-            behind = [_known(cell) for cell in line.lstrip("#").replace(",", " ").replace(";", " ").split()]
+            behind = [_known(cell) for cell in split_line(line.lstrip("#").strip())]
             if not rows and sorted(behind) in COLUMNS:
                 names = behind
             continue
@@ -351,7 +353,7 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
             if not rows and not names:
                 names = _columns(cells, f"{file}, line {number}")
                 continue
-            remedy = "for example 0.1, 0.02, 1.5"
+            remedy = "for example 0.1, 0.02, 1.5, decimals with a point"
             raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers", remedy) from None
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             rule = "hold t, u and perhaps v, the same in every line"
@@ -380,7 +382,10 @@ def _columns(cells: list[str], where: str) -> list[str]:
     columns = [_known(cell) for cell in cells]
     if sorted(columns) not in COLUMNS:
         raise InputError(
-            "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
+            "--trajectory",
+            f"{where}: {' '.join(cells)!r}",
+            "name t, u and perhaps v, each once",
+            "such as t,u,v; decimals have a point",
         )
     return columns
 
