@@ -160,6 +160,20 @@ def test_the_stated_quadrature_holds(damping):
     assert float(result.sources[0].rpartition(" ")[2]) < 1e-7
 
 
+def test_a_contact_that_the_start_of_the_rates_cuts():
+    """A mass that never leaves its stop: integrals from a time within the contact, against the trapezoidal rule."""
+    loads = [([1.0], sb.Constant(30.0)), ([1.0], sb.Harmonic(3.0, 2.7))]
+    stop = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=100.0))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], [[0.1]], loads, [stop], initial_displacement=[0.2])
+    exact = sb.reference(system, 12.0)
+    rates, t = sb.contact_rates(exact, since=5.3).rates[0], np.linspace(5.3, 12.0, 200_001)
+    u, v = exact.at(t, contact=0)
+    force = np.abs(exact.contacts[0].stops.force(u, v))
+    wanted = [np.trapezoid(x, t) / 6.7 for x in (force, force * np.abs(v))]
+    assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=1e-8)
+    assert rates["contact"].value == pytest.approx(1.0, rel=1e-12)
+
+
 def test_what_is_not_known_is_said(tmp_path):
     system = pressed()
     run = sb.integrate(system, sb.Trapezoidal(), 1e-3, 6.0, every=10)

@@ -222,7 +222,7 @@ def contact_rates(
     for i, contact in enumerate(run.contacts):
         source = "impacts"
         if not contact.stops.rigid:
-            source, nodes = _nodes(run, i, rows[i])
+            source, nodes = _nodes(run, i, rows[i], edges)
             if nodes is None:
                 marched.append(i)
             else:
@@ -316,14 +316,14 @@ def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
     return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Nodes | None]:
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes | None]:
     """Source of the forces of contact i, and the nodes of an integral over time; None for those of ``_steps``."""
     contact, every = run.contacts[i], int(run.provenance.get("every", 1))
     # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
             try:
-                return _between_events(run, i, tangent)
+                return _between_events(run, i, tangent, edges)
             except InputError:  # a saved reference that answers at its outputs only
                 pass
     elif every > 1 and run.pieces is not None and run.system is not None:
@@ -359,7 +359,7 @@ def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None)
     return polar(q @ run.system.contacts[i].row.T, v @ tangent.T)[1]
 
 
-def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Nodes]:
+def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
     """Gauss nodes in every contact, on panels that are halved as long as that changes a work."""
     listed, _ = run.contacts[i].impacts.listed()
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
@@ -388,7 +388,10 @@ def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str,
             before = sign * read(middle)[row] > 0.0
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         turns.append(low)
-    left = np.sort(np.concatenate([starts, *turns, (starts[:, None] + lengths * GRADED).ravel()]))
+    # Panels also end at the edges of the parts of the run.
+    holds = np.searchsorted(starts, edges, "right") - 1
+    inside = edges[(holds >= 0) & (edges < ends[holds])]
+    left = np.sort(np.concatenate([starts, *turns, inside, (starts[:, None] + lengths * GRADED).ravel()]))
     width = np.diff(left, append=0.0)
     # The last panel of a contact ends with it.
     last = np.searchsorted(left, ends, "left") - 1
