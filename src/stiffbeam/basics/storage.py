@@ -45,8 +45,7 @@ def directory() -> Path:
     try:
         # For this user alone, since compiled code lies here.
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for folder in (path, path / "numba"):
-            _require_private(folder)
+        _require_private(path)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
             return path
@@ -66,11 +65,11 @@ class _Shared(OSError):
 
 
 def _require_private(folder: Path) -> None:
-    """Raise an error if another user owns the folder or a kernel file in it, or may write there."""
-    if not hasattr(os, "getuid") or not folder.exists():
+    """Raise an error if another user owns the folder or code in it, or may write there."""
+    if not hasattr(os, "getuid"):
         return
-    kernels = folder.glob("*/*") if folder.name == "numba" else ()
-    for path in (folder, *kernels):
+    numba, jax = folder / "numba", folder / "jax"
+    for path in (folder, *filter(Path.exists, (numba, jax)), *numba.glob("*/*"), *jax.glob("*.xla")):
         status = path.stat()
         # Root can write everywhere: a folder of root's is as safe as one of this user.
         if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -85,6 +84,17 @@ def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
     for file in sorted({*folder.rglob("*.py"), *folder.rglob("*.toml")}):
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def forget(folder: Path, pattern: str, most: int) -> None:
+    """Remove the files that match and were not used for longest, down to ``most`` bytes."""
+    used = {path: path.stat() for path in folder.glob(pattern)}
+    size = 0
+    # The latest first, as long as they fit.
+    for path, status in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
+        size += status.st_size
+        if size > most:
+            path.unlink(missing_ok=True)
 
 
 PARTIAL = re.compile(r"\.(.+)\.([^.]*)-(\d+)-[0-9a-f]{8}\.partial")  # name, host and process of the one that writes
