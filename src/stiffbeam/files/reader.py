@@ -40,8 +40,10 @@ def read_matrix(file: Path) -> Any:
 
 def _market(file: Path) -> Any:
     from scipy.io import mmread
+    from scipy.sparse import coo_array, issparse
 
-    return mmread(file, spmatrix=False)  # an array, as in SciPy's newer versions by default
+    found = mmread(file)  # a matrix in SciPy's older versions, an array in newer ones
+    return coo_array(found) if issparse(found) else found
 
 
 def _npz(file: Path) -> Any:
