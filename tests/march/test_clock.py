@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from stiffbeam.basics import resources
 from stiffbeam.basics.resources import clock, stopped_clock, wall_clock
 
 FIRST = """
@@ -50,3 +51,16 @@ def test_the_first_run_of_all_says_what_a_step_takes(tmp_path, monkeypatch):
     seconds, first, second = map(float, done.stdout.split())
     assert seconds < 1.0
     assert first < 100.0 * second
+
+
+def test_a_display_tells_of_kernels_that_are_compiled(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # to rich, standard error is a terminal
+    monkeypatch.setattr(resources, "LONG", 0.0)
+    with resources.progress() as show:
+        show("exact", 0, 0)
+        time.sleep(0.3)
+        assert "exact" in (before := capsys.readouterr().err)
+        assert "compiling" not in before
+        with stopped_clock():
+            time.sleep(0.3)
+    assert "compiling once" in capsys.readouterr().err

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 from systems import bouncing_chain
 
 import stiffbeam as sb
+from stiffbeam.basics import storage
 from stiffbeam.references import solve
 from stiffbeam.references.adaptive import diffrax
 from stiffbeam.references.horizon import agreement, impacts_match_until, time_tolerance
@@ -215,6 +217,35 @@ def test_a_solution_that_is_not_a_number_agrees_with_nothing(table10):
     ref = solve(sb.semidiscretise(table10, 8), 0.05, "exact", None, 0.0, None)
     broken = dataclasses.replace(ref, tip=np.where(ref.t > 0.02, np.nan, ref.tip))
     assert agreement(ref, broken, 1e-4) < 0.0201
+
+
+@pytest.mark.slow
+def test_a_later_process_reads_the_programs_of_jax_from_disk(table10, monkeypatch, tmp_path):
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
+    system, compiled = sb.semidiscretise(table10, 4), []
+    compile_of = jax.stages.Lowered.compile
+
+    def counting(lowered):
+        compiled.append(lowered)
+        return compile_of(lowered)
+
+    monkeypatch.setattr(jax.stages.Lowered, "compile", counting)
+
+    def solution():
+        monkeypatch.setattr(diffrax, "_PROGRAMS", {})  # as in a process that begins
+        return solve(system, 0.02, "kvaerno3", np.linspace(0.0, 0.02, 21), 1e-5, None)
+
+    first = solution()
+    files = list((tmp_path / "jax").iterdir())
+    assert len(compiled) == len(files) >= 2
+    second = solution()
+    assert len(compiled) == len(files)
+    assert np.array_equal(first.tip, second.tip)
+    # A file that is cut is compiled anew, and written.
+    files[0].write_bytes(files[0].read_bytes()[:1000])
+    assert np.array_equal(first.tip, solution().tip)
+    assert len(compiled) == len(files) + 1
+    assert files[0].stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from .validation import InputError
 
 MEMORY = 4.0  # GiB
 SECONDS = 86400.0  # a day
+LONG = 1.0  # s of compiling, from which on a display tells of it
 
 
 def afford(field: str, value: Any, remedy: str, *, floats: float = 0.0, seconds: float = 0.0) -> None:
@@ -57,6 +58,10 @@ class Clock:
             self._since = self._now()
         # Calls nest: a kernel that is compiled may have others compiled.
         self._stopping += 1
+
+    def stands(self) -> float:
+        """Return the seconds since the clock stopped, 0.0 while it runs."""
+        return self._now() - self._since if self._stopping else 0.0
 
     def go(self) -> None:
         """Start the clock again, see ``stop``."""
@@ -278,10 +283,12 @@ def progress() -> Generator[Show, None, None]:
     from rich.text import Text
 
     class Clock(ProgressColumn):
-        """Elapsed seconds of the phase, and the estimated rest if the length of the phase is known."""
+        """Elapsed seconds of the phase, and the estimated rest if the length of the phase is known, or that kernels are
+        being compiled."""
 
         def render(self, task: Task) -> Text:
             left = "" if task.time_remaining is None else f", about {task.time_remaining:.0f} s left"
+            left = ", compiling once for this version" if wall_clock.stands() > LONG else left
             return Text(f"{task.elapsed or 0.0:.0f} s{left}")
 
     console = Console(stderr=True)

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+CODE = {"numba": "*/*", "jax": "*.xla"}  # folders of compiled code in the cache directory, and what lies in them
+
+
 @cache
 def directory() -> Path:
     """STIFFBEAM_CACHE_DIR, else the platform's cache directory, else a temporary one with a warning.
@@ -43,10 +46,10 @@ def directory() -> Path:
     wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
     path = Path(wanted)
     try:
-        # For this user alone, since compiled code lies here.
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for folder in (path, path / "numba"):
-            _require_private(folder)
+        # For this user alone, whatever the umask: compiled code lies here.
+        for folder in (path, *(path / name for name in CODE)):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _require_private(path)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
             return path
@@ -66,15 +69,21 @@ class _Shared(OSError):
 
 
 def _require_private(folder: Path) -> None:
-    """Raise an error if another user owns the folder or a kernel file in it, or may write there."""
-    if not hasattr(os, "getuid") or not folder.exists():
-        return
-    kernels = folder.glob("*/*") if folder.name == "numba" else ()
-    for path in (folder, *kernels):
-        status = path.stat()
-        # Root can write everywhere: a folder of root's is as safe as one of this user.
-        if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise _Shared(f"others can write to {path}, from which compiled code is run")
+    """Raise an error if another user can replace compiled code in the cache directory."""
+    if hasattr(os, "getuid") and _others_enter(folder):
+        for path, pattern in [(folder / name, pattern) for name, pattern in CODE.items()]:
+            if _others_enter(path):
+                for each in path.glob(pattern):
+                    _others_enter(each)
+
+
+def _others_enter(path: Path) -> bool:
+    """Return True if another user can enter or read this place; raise an error if one owns it or can write to it."""
+    status = path.stat()
+    # Root can write everywhere: a folder of root's is as safe as one of this user.
+    if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise _Shared(f"others can write to {path}, from which compiled code is run")
+    return bool(status.st_mode & (stat.S_IRWXG | stat.S_IRWXO))
 
 
 @cache
@@ -85,6 +94,17 @@ def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
     for file in sorted({*folder.rglob("*.py"), *folder.rglob("*.toml")}):
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def forget(folder: Path, pattern: str, most: int) -> None:
+    """Remove the files that match and were not used for longest, down to ``most`` bytes."""
+    used = {path: path.stat() for path in folder.glob(pattern)}
+    size = 0
+    # The latest first, as long as they fit.
+    for path, status in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
+        size += status.st_size
+        if size > most:
+            path.unlink(missing_ok=True)
 
 
 PARTIAL = re.compile(r"\.(.+)\.([^.]*)-(\d+)-[0-9a-f]{8}\.partial")  # name, host and process of the one that writes

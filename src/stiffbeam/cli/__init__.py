@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import signal
 import sys
@@ -45,6 +47,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored
         signal.signal(signal.SIGINT, end)
+    atexit.register(gc.freeze)  # at the end nothing is left to collect: some 0.3 s of search through all modules
     try:
         app()
     except InputError as error:

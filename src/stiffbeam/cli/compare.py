@@ -121,20 +121,20 @@ def compare(
     with progress() as show:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
         result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
-        show("drawing", 0, 0)
-        written += _draw(result, folder)
         budgets = _doubts(result, runs, contact, show) if doubt else []
         measured = _rates(result) if rates else []
+    # The answer comes first: to load matplotlib and to draw takes as long again.
+    if str(json_file) != "-":
+        _print_result(result, measured, budgets, case)
+    with progress() as show:
+        show("drawing", 0, 0)
+        written += _draw(result, folder)
         written += _rate_tables(measured, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}
         records |= {"doubts": [each.to_dict() for each in budgets]} if doubt else {}
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
-        _print_result(result, written, earlier, case)
-        for label, each in measured:
-            say(f"\n{label}, rates with 95 % intervals\n{each}")
-        for each in budgets:
-            say(f"\n{each}")
+        _print_files(written, earlier)
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     if failed_runs or not result.references:
         raise typer.Exit(1)
@@ -260,7 +260,10 @@ def _tables(result: CaseComparison, verbose: bool) -> RenderableType:
     return comparison_tables(*parts, verbose=verbose)
 
 
-def _print_result(result: CaseComparison, written: list[Path], earlier: list[str], case: str) -> None:
+def _print_result(
+    result: CaseComparison, measured: Sequence[tuple[str, ContactRates]], budgets: Sequence[Doubt], case: str
+) -> None:
+    """Print the tables, and rates and budgets of uncertainty that were asked for."""
     from rich.text import Text
 
     from ..measures.report import WIDTH
@@ -271,6 +274,15 @@ def _print_result(result: CaseComparison, written: list[Path], earlier: list[str
     terminal.print(_tables(result, TALK.verbose))
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
         say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")
+    for label, each in measured:
+        say(f"\n{label}, rates with 95 % intervals\n{each}")
+    for budget in budgets:
+        say(f"\n{budget}")
+    sys.stdout.flush()
+
+
+def _print_files(written: list[Path], earlier: list[str]) -> None:
+    """Print the names of the pictures, and how many files were written and removed."""
     replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
     say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))

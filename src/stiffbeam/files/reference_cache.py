@@ -96,7 +96,7 @@ def cached_reference(
             store.freeze(result, "", file)
         else:
             result.save(file)
-        _forget(file.parent)
+        storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:
         if error.field != "file":
             raise
@@ -111,17 +111,6 @@ def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | Non
         return method != "exact" and _file(system, t_end, method, times, RTOL, None, "auto", [[], None, None]).is_file()
     except InputError:
         return False  # a bare callable
-
-
-def _forget(folder: Path) -> None:
-    """Remove the files that were not used for longest, down to MOST bytes."""
-    used = {path: path.stat() for path in folder.glob("*.nc")}
-    size = 0
-    # The latest first, as long as they fit.
-    for path, stat in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
-        size += stat.st_size
-        if size > MOST:
-            path.unlink(missing_ok=True)
 
 
 def _file(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -61,11 +62,11 @@ def warm_up(by_law: bool = False) -> None:
     _warm.add(by_law)
 
 
-def compile_beside(rehearsal: str, by_law: bool = False) -> None:
+def compile_beside(rehearsal: str, by_law: bool = False, given: bytes = b"") -> None:
     """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
 
     rehearsal: a line of Python that runs once what will be asked, on a small scale; what it leaves of the march is
-    compiled after it.
+    compiled after it. given: what it can read from its standard input.
 
     Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that the
     exact solver and SUNDIALS, which have functions of their own to compile, would wait.
@@ -78,7 +79,9 @@ def compile_beside(rehearsal: str, by_law: bool = False) -> None:
     paths = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
     silent = subprocess.DEVNULL
-    with suppress(OSError):  # where there is no process to be had, the first run compiles
+    with suppress(OSError), tempfile.TemporaryFile() as whole:  # where there is no process, the first run compiles
+        whole.write(given)
+        whole.seek(0)
         _beside = subprocess.Popen(
-            [sys.executable, "-c", code], env=environment, stdin=silent, stdout=silent, stderr=silent
+            [sys.executable, "-c", code], env=environment, stdin=whole, stdout=silent, stderr=silent
         )

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import pickle
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
+import llvmlite.binding
 import numpy as np
 import scipy.linalg
 
+from ...basics import storage
 from ...basics.arrays import Array
 from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
@@ -27,6 +33,7 @@ from .scipy import Cubic, stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
+MOST = 1 << 28  # bytes of compiled programs that are kept on disk, some 4e5 each
 WORST = 1e-8  # error of the inverse in eigenvectors, relative, with which it is used
 LEAST_STEP = 1e-14  # of the time reached: with shorter ones a solver has failed
 _PROGRAMS: dict[tuple[Any, ...], Any] = {}
@@ -39,7 +46,8 @@ def solve(request: Request) -> Reference:
     a phase, a step of the full order leads to it, and another to every output time, since dense output is of third
     order only. The solver starts anew at every event. Newton's method takes the dense Jacobian by automatic
     differentiation, and the eigenvectors of the Jacobian where it is constant, see ``Modal``. A program is compiled
-    once a process for each shape of the system (its time is ``provenance["compile_seconds"]``). Takes time functions
+    once for each shape of the system, and read from disk by later processes (``provenance["compile_seconds"]`` is the
+    time of either). Takes time functions
     made of Harmonic, Constant and Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth
     of a time unit.
     """
@@ -101,6 +109,7 @@ class Programs:
         self._linear = implicit and linear(rhs.first_order.system.contacts)
         self._numbers: Any = None
         self._modal: dict[bytes, Modal | None] = {}
+        self._iterations = 0
         self._ready: dict[tuple[Any, tuple[int, int] | None], Any] = {}
 
     def arguments(self, rtol: float) -> Arguments:
@@ -113,6 +122,10 @@ class Programs:
         if regime not in self._modal:
             fixed = self._linear and bool(np.all(rhs.regime != THROUGH))
             modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if fixed else None
+            if modal is not None:
+                # A regime that needs fewer iterations takes the program of one before: to compile another takes longer.
+                self._iterations = max(self._iterations, len(modal.iterations))
+                modal = modal._replace(iterations=(None,) * self._iterations)
             self._modal[regime] = jax.device_put(modal)
         numbers = self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window))
         return Arguments(numbers, self._modal[regime])
@@ -135,9 +148,30 @@ class Programs:
             # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
             begun = time.process_time()
             with stopped_clock():
-                _PROGRAMS[key] = jax.jit(partial(function, self.name, self._kind)).lower(*shapes).compile()
+                _PROGRAMS[key] = _compiled(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
             self.rhs.compile_seconds += time.process_time() - begun
         return _PROGRAMS[key]
+
+
+def _compiled(lowered: Any) -> Any:
+    """The compiled program, read from the cache directory where an earlier process compiled it: XLA takes seconds.
+
+    The name of the file tells the program's text and what else decides the machine code.
+    """
+    from jax.experimental.serialize_executable import deserialize_and_load, serialize
+
+    processor = llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features().flatten())
+    made_of = version("jax"), version("jaxlib"), os.environ.get("XLA_FLAGS", ""), *processor, lowered.as_text()
+    file = storage.directory() / "jax" / f"{hashlib.sha256(repr(made_of).encode()).hexdigest()}.xla"
+    with suppress(Exception):  # no such file, or whatever unpickling makes of a damaged one
+        program = deserialize_and_load(*pickle.loads(file.read_bytes()))
+        file.touch()  # used last
+        return program
+    program = lowered.compile()
+    with suppress(Exception):  # a full disk, or a program that this version of JAX cannot write
+        storage.write_whole(file, pickle.dumps(serialize(program)))
+        storage.forget(file.parent, "*.xla", MOST)
+    return program
 
 
 class Stepper:
