@@ -150,7 +150,7 @@ def points(
     for name in (*axes, *follow):
         if name not in known and not is_path(name):
             remedy = f"{near(name, known)}, or a path such as stops[0].upper"
-            raise InputError("parameter", name, "be one of the case or of the scheme", remedy)
+            raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
     for name, along in axes.items():
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
