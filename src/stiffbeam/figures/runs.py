@@ -73,8 +73,8 @@ def four_panels(
     displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
     _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
     errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
-    marked = "; vertical: horizon of a solver" if any(x.horizon < window for x in references[1:]) else ""
-    errors.set_title(f"(b) error; dot: impacts differ from here{marked}", loc="left")
+    marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
+    errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
     *letters, last = ascii_lowercase[2 : 3 + zooms]
     for axis, contact, letter in zip(
         axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], letters, strict=True
