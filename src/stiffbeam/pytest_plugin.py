@@ -54,28 +54,35 @@ def reference_solution() -> Callable[..., Reference]:
 def assert_within_reference() -> Callable[..., None]:
     """``assert_within_reference(run, reference, tolerance, until=None)``: |u_run - u_ref| <= tolerance max |u_ref|.
 
-    run: a Trajectory, or a pair of arrays (t, u). Comparing past the reference's horizon is refused.
+    run: a Trajectory, or arrays (t, u) or (t, q, v). Comparing past the reference's horizon is refused.
     """
     return within_reference
 
 
-def within_reference(run: Trajectory, reference: Reference, tolerance: float, until: float | None = None) -> None:
+def within_reference(
+    run: Trajectory | tuple[Any, ...], reference: Reference, tolerance: float, until: float | None = None
+) -> None:
     """Assert |u_run - u_ref| <= tolerance max |u_ref| at the run's times up to ``until`` (default: its end).
 
-    run: a Trajectory, or a pair of arrays (t, u), t increasing. Raises InputError for what would prove
-    nothing: a time past the horizon of the reference, where no solution is known to compare with, a
-    reference without a horizon, a run of another system, no time up to ``until``, numbers that are
+    run: a Trajectory, or arrays (t, u) or (t, u, v) of the tip or (t, q, v) of all unknowns, t increasing. Raises
+    InputError for what would prove nothing: a time past the horizon of the reference, where no solution is known to
+    compare with, a reference without a horizon, a run of another system, no time up to ``until``, numbers that are
     complex or not finite.
     """
     import numpy as np
 
     from .basics.validation import InputError, positive, unmasked
     from .measures.errors import require_same_system
+    from .trajectory.trajectory import Trajectory
 
     tolerance = positive("tolerance", tolerance)
+    if isinstance(run, tuple) and len(run) not in (2, 3):
+        raise InputError("run", f"{len(run)} arrays", "be a run, or (t, u), (t, u, v) or (t, q, v)", "leave others out")
+    if isinstance(run, tuple) and len(run) == 3 and np.ndim(run[1]) == 2:
+        run = Trajectory.from_arrays(run[0], states=(run[1], run[2]), system=reference.system)
     if not isinstance(run, tuple):
         require_same_system(run, reference)
-    given = run if isinstance(run, tuple) else (run.t, run.tip)
+    given = run[:2] if isinstance(run, tuple) else (run.t, run.tip)
     unmasked("run", *given)
     if any(np.iscomplexobj(x) for x in given):
         raise InputError("run", "complex numbers", "be real", "take the real part")

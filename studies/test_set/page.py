@@ -28,7 +28,7 @@ def page_text(made: list[Problem]) -> str:
         size = len(p.data["initial_displacement"])
         lines.append(f"| [{p.name}](#{p.name}) | {size} | {p.title}{', rigid stop' if p.rigid else ''} |")
     for p in made:
-        lines += ["", f"## {p.name}", "", f"{p.title}. {p.catches}", ""]
+        lines += ["", f"## {p.name}", "", f"{p.title}. **Tests:** {p.catches}", ""]
         lines += [f"![The motion of {p.name}]({p.name}.png)", ""]
         lines += [f"Source: {p.source}. Data and all answers: [{p.name}.toml]({p.name}.toml).", ""]
         lines += ["| answer | value | how |", "|---|---|---|"]
@@ -157,7 +157,7 @@ If a file has too few digits to decide, the score card states this.
 | `--out DIR` | a page with pictures |
 | `--json FILE` | records |
 | `--latex --problem NAME` | a table for a paper |
-| a test that uses `known_problem`, of the package's pytest plugin | runs once for every problem |
+| a [test](../../studies/guide/references.md#in-a-test-suite) with `known_problem` | runs once for every problem |
 
 """
 

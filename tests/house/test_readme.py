@@ -161,7 +161,7 @@ def test_the_downstream_test_passes(tmp_path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
-    assert "1 passed" in done.stdout
+    assert "18 passed, 7 skipped" in done.stdout  # skipped: problems with rigid stops
 
 
 def test_the_case_file_runs(tmp_path):

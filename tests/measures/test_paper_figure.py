@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.figures.chart import log_scale, new_figure
 
 CASE = replace(sb.paper_case(10), t_end=1.5)
 TITLES = (
@@ -68,3 +70,26 @@ def test_panels_by_name_for_systems_without_drive_or_stops():
         sb.paper_figure(run, span=(0.0, 4.0))
     with pytest.raises(sb.InputError, match="system"):
         sb.paper_figure(sb.Trajectory.from_arrays([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]))
+
+
+def test_a_close_up_names_what_its_axis_shows():
+    """The tip where the contact is the tip's, else the position at the contact."""
+    stops = [sb.Stops(upper=0.05, stiffness=1e5, position=0.5), sb.Stops(upper=0.1, stiffness=1e5)]
+    beam = sb.BeamProblem(stiffness=300.0, stops=stops, base=sb.Harmonic(amplitude=0.2, frequency=10.0))
+    run = sb.integrate(sb.semidiscretise(beam, 8), sb.HHT(), dt=1e-4, t_end=0.1)
+    labels = [axis.get_ylabel() for axis in sb.paper_figure(run, ["contact"]).axes]
+    assert labels == ["position at contact 1", "tip displacement $u(1, t)$"]
+
+
+@pytest.mark.parametrize(("ends", "shown"), [((1.2e-6, 2e-5), 2), ((2.0, 9.0), 2), ((1e-6, 1e-2), 4)])
+def test_numbers_of_a_logarithmic_axis_stand_apart(ends, shown):
+    """Between one and two decades too, where all nine lines of a decade would be numbered."""
+    figure = new_figure(4.0)
+    axis = figure.subplots(1, 2)[1]
+    axis.plot(ends, (1.0, 2.0))
+    log_scale(axis, y=False)
+    figure.draw_without_rendering()
+    boxes = [x.get_window_extent() for x in axis.get_xticklabels(which="both") if x.get_text()]
+    inside = sorted((box.x0, box.x1) for box in boxes if axis.bbox.x0 <= 0.5 * (box.x0 + box.x1) <= axis.bbox.x1)
+    assert len(inside) >= shown
+    assert all(right < left for (_, right), (left, _) in pairwise(inside))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.model import modes as graded
 from stiffbeam.model.modes import congruence, modes, product
 
 mpmath = pytest.importorskip("mpmath")
@@ -85,3 +86,11 @@ def test_a_product_has_twice_the_digits():
                 assert abs(mpmath.mpf(high[i, j]) + mpmath.mpf(low[i, j]) - true[i, j]) < 1e-28
     huge = np.diag([1e300, 1e290])
     assert np.array_equal(congruence(huge, np.eye(2)), huge)
+
+
+def test_modes_that_take_minutes_announce_it(monkeypatch):
+    """Before they are refined, with a way that takes seconds."""
+    monkeypatch.setattr(graded, "MINUTE", 20)
+    mass, stiffness = chain(np.random.default_rng(0), 30, 8.0)
+    with pytest.warns(UserWarning, match=r"modes of 30 unknowns will take about 2\d\d s: reduce_model"):
+        modes(system_of(mass, stiffness))

@@ -23,6 +23,41 @@ def turn(frequency: Any) -> Any:
     return 2.0 * np.pi / frequency
 
 
+def two_sided(frequency: float) -> sb.System:
+    if frequency <= 0.0:
+        raise sb.InputError("frequency", frequency, "be > 0", "for example 1.0")
+    stop = sb.Contact(np.array([1.0]), sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0))
+    load = ([1.0], sb.Harmonic(1.0, frequency))
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+
+
+def test_a_corrector_may_leave_the_values_at_which_the_system_exists():
+    """The free orbit grazes and folds at 1.72; the first long step beyond it tries a negative frequency."""
+    tried = []
+
+    def recorded(frequency: float) -> sb.System:
+        tried.append(frequency)
+        return two_sided(frequency)
+
+    branch = sb.continuation(recorded, "frequency", [3.0, *np.linspace(4.5, 1.5, 50)], turn)
+    assert min(tried) <= 0.0
+    assert branch.folds == pytest.approx([1.723389518], abs=1e-8)
+    assert branch.end == "at the end of the values"
+
+
+def test_a_branch_ends_where_the_system_does():
+    def cut(frequency: float) -> sb.System:
+        if frequency < 2.2:
+            raise sb.InputError("frequency", frequency, "be 2.2 or more", "for example 2.5")
+        return two_sided(frequency)
+
+    branch = sb.continuation(cut, "frequency", np.linspace(3.0, 2.2, 8), turn)
+    assert branch.end.startswith("at 2.2 frequency must be 2.2 or more")
+    assert branch.values[-1] == pytest.approx(2.2, abs=1e-9)
+    with pytest.raises(sb.InputError):
+        sb.continuation(cut, "frequency", [2.1, 3.0], turn)
+
+
 @pytest.mark.slow
 def test_two_orbits_meet_at_a_fold():
     """Their distance is that of a square root: four times as far from the fold it doubles."""

@@ -216,3 +216,20 @@ def test_random_records_against_kelvin_voigt_stops(systems):
         law = {"stiffness": kappa, "damping": float(10.0 ** rng.uniform(-1.0, 1.0) * 0.05 * np.sqrt(kappa))}
         contacts = tuple(replace(c, stops=sb.Stops(c.stops.lower, c.stops.upper, **law)) for c in system.contacts)
         certified_record(replace(system, contacts=contacts), t_end)
+
+
+def test_outputs_that_begin_late_lengthen_no_horizon():
+    """Of a Poincare section without its transient: the motion was lost long before the first output."""
+    stop = sb.Contact([1.0], sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0))
+    load = ([1.0], sb.Harmonic(1.0, 0.55))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.05]], loads=[load], contacts=[stop])
+    period = 2.0 * np.pi / 0.55
+    whole = sb.reference(system, 40 * period).horizon
+    assert 20 * period < whole < 25 * period
+    for first in (1, 30, 39):
+        late = sb.reference(system, 40 * period, t_eval=np.arange(first, 41) * period)
+        assert 0.8 * whole < late.horizon < 1.05 * whole
+        assert late.t[0] == first * period
+    times = np.arange(41) * period
+    adaptive = sb.reference(system, 40 * period, "cvode", t_eval=times)
+    assert sb.reference(system, 40 * period, "cvode", t_eval=times[30:]).horizon <= adaptive.horizon < 30 * period

@@ -231,8 +231,13 @@ def test_my_integrator(reference_solution, assert_within_reference):
     reference = reference_solution(PROBLEM, cells=8, t_end=0.5)
     run = sb.integrate(reference.system, sb.SDIRK(), dt=1e-6, t_end=0.06)
     assert_within_reference(run, reference, tolerance=1e-3)
-    with pytest.raises(AssertionError, match="off by"):
-        assert_within_reference((run.t, 1.01 * run.tip), reference, tolerance=1e-3)
+    assert_within_reference((run.t, *run.states), reference, tolerance=1e-3)  # as a solver of one's own returns them
+    assert_within_reference((run.t, run.tip, run.tip_velocity), reference, tolerance=1e-3)
+    for wrong in ((run.t, 1.01 * run.tip), (run.t, 1.01 * run.states[0], run.states[1])):
+        with pytest.raises(AssertionError, match="off by"):
+            assert_within_reference(wrong, reference, tolerance=1e-3)
+    with pytest.raises(sb.InputError, match="4 arrays"):
+        assert_within_reference((run.t, run.tip, run.tip, run.tip), reference, tolerance=1e-3)
 
 def test_it_refuses_what_nobody_knows(reference_solution, assert_within_reference):
     reference = reference_solution(PROBLEM, cells=8, t_end=0.05)

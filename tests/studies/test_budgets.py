@@ -53,6 +53,11 @@ def test_a_solver_over_the_budget_is_left_out_unless_it_is_named(monkeypatch):
     assert all("allow the 12 s" in row["refused"] and "name " in row["refused"] for row in records.refusals)
     named = study("precision", SMALL, methods=["cvode-adams"], **options)
     assert not named.refusals
+    printed = str(replace(records, rows=[*records.rows, records.refusals[0]])).splitlines()
+    reasons = [line for line in printed if line.startswith("left out: budget must allow the 12 s")]
+    assert len(reasons) == len(records.refusals)
+    assert reasons[0].endswith(" (and 1 more)")
+    assert "left out" not in str(named)
     assert "cvode-adams" in {row["method"] for row in named.numbers}
 
 

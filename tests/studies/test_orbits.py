@@ -52,6 +52,14 @@ def test_its_answer_names_the_flip(records):
     assert len(portraits.get_lines()) == 3
 
 
+def test_bifurcations_at_one_value_are_one_line(records):
+    """As on the mirrored branches of a symmetric system."""
+    twice = [*records.rows, *(row | {"branch": 9} for row in records.rows if row["kind"] == "bifurcation")]
+    answer = records.study.answer(twice, records.case)
+    assert answer.verdict.endswith("flip at 2.59107: stable below, unstable above, on 2 branches.")
+    assert len(answer.table) == len(records.answer.table)
+
+
 def test_couplings_and_paths_reach_the_branch():
     """A load that grows with the square of the frequency, of a linear system: its response in closed form."""
     load = ([1.0], sb.Harmonic(1.0, 2.0))

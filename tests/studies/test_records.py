@@ -82,7 +82,7 @@ def test_a_sweep_counts_over_the_record_what_single_runs_count(folder, name):
         assert row["fraction"] == pytest.approx(run.contacts[0].fraction, rel=1e-9)
     most = max(row["count"] for row in said["rows"]) / case.t_end
     unit = "s" if name == "tube" else "unit of time"
-    assert f"impacts per {unit} {most:g} at" in said["answer"]
+    assert f"impacts per {unit}: {most:g} at" in said["answer"]
 
 
 def scaled(name: str, factor: float) -> sb.System:

@@ -184,8 +184,11 @@ def test_a_value_that_overflows_is_a_row_and_the_others_stand():
 
 BAD = {
     "alhpa": ({"parameter": "alhpa", "values": [0.0]}, "did you mean alpha"),
-    "other scheme": ({"parameter": "gamma", "values": [0.3], "method": "bdf2"}, "one that BDF2 has"),
-    "dt of exact": ({"parameter": "dt", "values": [1e-4], "method": "exact"}, "one that exact has"),
+    "other scheme": ({"parameter": "gamma", "values": [0.3], "method": "bdf2"}, "one of the case or of BDF2"),
+    "dt of exact": (
+        {"parameter": "dt", "values": [1e-4], "method": "exact"},
+        "one of the case or of exact, .* or a path such as stops",
+    ),
     "no values": ({"parameter": "amplitude"}, "be given for amplitude"),
     "none": ({"values": []}, "be given for frequency"),
     "negative": ({"values": [9.0, -1.0]}, "frequency must be > 0"),

@@ -528,16 +528,8 @@ def print_records(records: Records, written: list[Path]) -> None:
         terminal.print(table_of(answer.table))
     if answer.notes:
         terminal.print(answer.notes)
-    for word, style, messages in (
-        ("failed", "bold red", [row["failed"] for row in records.failures]),
-        ("not asked", "bold", [row["refused"] for row in records.refusals]),
-    ):
-        alike: dict[str, list[str]] = {}  # those that differ in their numbers only are one line
-        for message in messages:
-            alike.setdefault(re.sub(r"[\d.]+(e[+-]?\d+)?", "", message), []).append(message)
-        for same in alike.values():
-            more = f" (and {len(same) - 1} points more)" if len(same) > 1 else ""
-            terminal.print(Text.assemble((word, style), f"  {same[0]}{more}"))
+    for word, reason in records.missing:
+        terminal.print(Text.assemble((word, "bold red" if word == "failed" else "bold"), f"  {reason}"))
     files = ", ".join(str(path) for path in written) or "nothing"
     say(f"{records.seconds:.1f} s. Written: {files}\n")
 
@@ -587,7 +579,7 @@ def studies(
             with progress() as show:
                 records, written = run_one(study, chosen, out, jobs, named, smoke, show)
         except InputError as error:  # a study that this case cannot be asked, which is no failure
-            print(f"{study.command}: not asked, {error}", file=sys.stderr)
+            print(f"{study.command}: left out, {error}", file=sys.stderr)
             continue
         asked.append(records.to_dict())
         if str(json_file) != "-":

@@ -145,14 +145,14 @@ def log_scale(axis: Axes, x: bool = True, y: bool = True) -> None:
 
 
 def _few_ticks(axis: XAxis | YAxis, low: float, high: float, most: float) -> None:
-    """Over less than ``most``, ticks at 1, 2 and 5 only: all nine would be written over each other. Numbers that need
-    no power of ten have none."""
+    """Over less than ``most``, ticks at 1, 2 and 5 only, over less than a hundred at 1 and 3: all nine would be written
+    over each other. Numbers that need no power of ten have none."""
     from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter
 
-    if 1.0 < high / low < most:
+    if 1.0 < high / low < 100.0:
         powers = LogFormatterSciNotation(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf))
         plain = FuncFormatter(lambda x, _: f"{x:g}")
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < most else (1.0, 3.0)))
         axis.set_major_formatter(plain if low >= 1e-3 and high <= 1e4 else powers)
         axis.set_minor_formatter(NullFormatter())
 

@@ -23,7 +23,7 @@ from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
 from .chart import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
-from .runs import draw_stops, drive_axis, first_contact, line_of, zoom_on_stop
+from .runs import draw_stops, drive_axis, first_contact, line_of, position_label, tip_label, zoom_on_stop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -222,11 +222,6 @@ def _tip_stops(axis: Axes, system: System, horizontal: bool) -> None:
             draw_stops(axis, contact.stops, horizontal)
 
 
-def _tip_label(system: System) -> str:
-    name = f"{tip_name(system.problem)} displacement {tip_symbol(system.problem)}"
-    return system.units.label(name, "length")
-
-
 def displacement(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
     """The tip over time, between its stops."""
     for trace in traces:
@@ -234,7 +229,7 @@ def displacement(axis: Axes, traces: Sequence[Trace], system: System, start: flo
         trace.draw(axis, t, t, u)
     _tip_stops(axis, system, horizontal=True)
     mark_horizon(axis, traces, end)
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=_tip_label(system), xlim=(start, end))
+    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(start, end))
 
 
 def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
@@ -245,7 +240,7 @@ def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, 
     _tip_stops(axis, system, horizontal=False)
     axis.locator_params(axis="x", nbins=6)
     velocity = f"{tip_name(system.problem)} velocity {tip_symbol(system.problem).replace('u(', 'u_t(')}"
-    axis.set(xlabel=_tip_label(system), ylabel=system.units.label(velocity, "velocity"))
+    axis.set(xlabel=tip_label(system), ylabel=system.units.label(velocity, "velocity"))
 
 
 def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact: int, end: float) -> None:
@@ -257,8 +252,8 @@ def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact:
         trace.draw(axis, t, t, u)
     draw_stops(axis, system.contacts[contact].stops, horizontal=True)
     zoom_on_stop(axis, main, begin, until, contact)
-    length = system.units.label("displacement relative to the stops", "length")
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=length, xlim=(begin, until))
+    label = position_label(system, contact)
+    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=label, xlim=(begin, until))
     mark_horizon(axis, traces, until)
 
 
@@ -295,7 +290,7 @@ def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, e
     for horizontal in (False, True):
         _tip_stops(axis, system, horizontal)
     later_label = system.units.label(tip_symbol(system.problem).replace("t)", "t + T)"), "length")
-    axis.set(xlabel=_tip_label(system), ylabel=later_label)
+    axis.set(xlabel=tip_label(system), ylabel=later_label)
 
 
 def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) -> None:
@@ -318,4 +313,4 @@ def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) 
     log_scale(axis, x=False)
     if top:
         axis.set_ylim(1e-4 * top, 2.0 * top)
-    axis.set_ylabel(f"amplitude of {_tip_label(system)}")
+    axis.set_ylabel(f"amplitude of {tip_label(system)}")

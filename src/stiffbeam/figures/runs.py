@@ -54,7 +54,6 @@ def four_panels(
     system = main.system
     assert system is not None
     units, symbol = system.units, tip_symbol(system.problem)
-    displacement_label = units.label(f"{tip_name(system.problem)} displacement {symbol}", "length")
     window = min(main.horizon, float(main.t[-1]))
     zooms = max(1, len(system.contacts))
     lines = (4 + zooms) // 2
@@ -69,21 +68,19 @@ def four_panels(
         _draw(displacement, t, u, index, run)
     for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
         draw_stops(displacement, contact, horizontal=True)
-    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=displacement_label, xlim=(0.0, window))
+    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(0.0, window))
     to = units.measure(window, "time", ".3g")
     displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
     _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
     errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
-    errors.set_title("(b) error; dots: from there on impacts differ", loc="left")
+    marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
+    errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
     *letters, last = ascii_lowercase[2 : 3 + zooms]
     for axis, contact, letter in zip(
         axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], letters, strict=True
     ):
         _zoom(axis, main, runs, window, contact)
-        label = displacement_label
-        if contact is not None and not system.reads_tip(contact):
-            moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
-            label = units.label(f"displacement relative to the {'moving stop' if moving else 'stops'}", "length")
+        label = tip_label(system) if contact is None else position_label(system, contact)
         axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
         number = f" at contact {contact + 1}" if contact is not None and zooms > 1 else ""
         some = f"first impact{number}" if number else "first contact"
@@ -92,6 +89,20 @@ def four_panels(
     handles, labels = displacement.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def tip_label(system: System) -> str:
+    """Label of the displacement of the tip, with its unit."""
+    return system.units.label(f"{tip_name(system.problem)} displacement {tip_symbol(system.problem)}", "length")
+
+
+def position_label(system: System, contact: int) -> str:
+    """Label of the position at a contact, with its unit."""
+    if system.reads_tip(contact):
+        return tip_label(system)
+    moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
+    name = "displacement relative to the moving stop" if moving else f"position at contact {contact + 1}"
+    return system.units.label(name, "length")
 
 
 def _curves(

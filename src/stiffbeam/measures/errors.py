@@ -28,7 +28,11 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
         rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
-        raise InputError(asked, got, rule, "reference() makes one")
+        several = isinstance(run, (tuple, list)) and any(isinstance(each, Trajectory) for each in run)
+        remedy = "reference() makes one"
+        if several:
+            remedy = "compare the runs one by one, and pandas.concat joins their to_dataframe()"
+        raise InputError(asked, got, rule, remedy)
     require_same_system(run, reference)
     if not np.isfinite(reference.horizon):
         raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")

@@ -8,6 +8,7 @@ by eps lambda_j in each eigenvalue of such a matrix (Demmel and Veselic, SIAM J.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,7 +30,8 @@ PASSES = 5
 GRADED = 0.1  # of sqrt(S_ii S_jj): from there on the Jacobi method has its digits
 SWEEPS = 30  # a graded matrix takes three or four
 SPLIT = 2.0**27 + 1.0  # cuts 53 bits into 26 and 26
-SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200 and a minute at 800
+SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200
+MINUTE = 800  # unknowns of which refining all pairs takes a minute
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
 
@@ -293,6 +295,10 @@ def graded_eigenpairs(
         slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
         if not slow:
             return squares, X
+    seconds = 60.0 * (len(X) / MINUTE) ** 2 * (slow / MINUTE)
+    if seconds > 60.0:
+        advice = "reduce_model(mass, stiffness, ..., modes=40).system keeps those that matter"
+        warnings.warn(f"the modes of {len(X)} unknowns will take about {seconds:.0f} s: {advice}", stacklevel=2)
     few, Y = _refined(mass, stiffness, springs, X[:, :slow])
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 

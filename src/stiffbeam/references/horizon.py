@@ -38,7 +38,7 @@ from .exact.derivative import path_of_solution
 from .exact.impacting import Tracer as ImpactTracer
 from .exact.piecewise import afford_search, refuse, solve_exact
 from .exact.rigid_motion import RigidMotion
-from .registry import KEEP, Steps
+from .registry import KEEP, OUTPUTS, Steps
 from .rigid_stops import require_rigid
 
 COPIES = 4  # of the exact solution, each perturbed in its own way
@@ -107,8 +107,9 @@ def agree_until(
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
         close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
         if not np.all(close):
-            # The last output before the first difference.
-            horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
+            # The last output before the first difference, or the start.
+            first = int(np.argmin(close))
+            horizon = min(horizon, float(a.t[first - 1]) if first else 0.0)
     for k, (c, d) in enumerate(zip(a.impacts, b.impacts, strict=True), 1):
         least = min(tolerance, apart(max(c.count, d.count), end))
         begun = max(at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))
@@ -191,7 +192,12 @@ def exact_horizon(
     fastest = 2.0 * np.pi / solution.shortest_period
     unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
     unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in set(map(tuple, solution.sides.tolist()))))
-    horizon, own, scales = unseen, watched(reference), scales_of(reference)
+    horizon, scales = unseen, scales_of(reference)
+    # Outputs that begin late show nothing of the time before.
+    if reference.t[0] > 0.0:
+        early = np.linspace(0.0, reference.t[0], OUTPUTS, endpoint=False)
+        reference = solve_exact(system, t_end, np.append(early, reference.t))
+    own = watched(reference)
     # The first copy to diverge ends it.
     others = copies(solution.regimes.source, t_end, reference.t, eps)
     for seed in range(COPIES):

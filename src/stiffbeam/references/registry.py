@@ -70,6 +70,7 @@ LIBRARIES: dict[str, tuple[str, dict[str, str], tuple[str, ...]]] = {
                                                "Kvaerno4", "Kvaerno5", "Midpoint", "Ralston", "Tsit5")),
     "scipy": ("adaptive.scipy", _SCIPY, ("BDF", "DOP853", "LSODA", "RK23", "RK45", "Radau")),
 }  # fmt: skip
+LOW_ORDER = ("Bosh3", "Heun", "ImplicitEuler", "Midpoint", "RK23", "Ralston")  # minutes at small tolerances
 NAMED = 100  # look of the first solver that has no line
 
 
@@ -87,9 +88,10 @@ class _References(dict[str, Method]):
 _BY_LIBRARY = {
     method.name: method
     for k, method in enumerate(
-        Method(f"{library}:{solver}", module, f"{library}:{solver}", 0, 1.0, libraries=needs, solver=solver)
+        Method(f"{library}:{solver}", module, f"{library}:{solver}", 0, seconds, libraries=needs, solver=solver)
         for library, (module, needs, solvers) in LIBRARIES.items()
         for solver in solvers
+        for seconds in (1e3 if solver in LOW_ORDER else 1.0,)
     )
     for method in (replace(method, look=NAMED + k),)
 }

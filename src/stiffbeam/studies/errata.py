@@ -23,6 +23,7 @@ from .converge import ROUNDING, smooth_end
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 1000
+PHASES = {"smooth": "without impacts", "contact": "first impacts"}  # of each kind of points, in words
 EXTRAPOLATED = "extrapolated contact"
 COARSER = 16  # times dt to start from without contact, where smaller steps soon reach rounding
 
@@ -98,10 +99,10 @@ def answer(rows: Rows, case: Case) -> Answer:
             f"{row['error_printed'] / row['error']:.3g} (dt = {case.units.measure(row['dt'], 'time', '.2g')})"
             for row in (group[0], group[-1])
         )
-        ratios[f"{short(scheme)} {reading}, {kind}"] = group[-1]["error_printed"] / group[-1]["error"]
+        ratios[f"{short(scheme)} {reading}, {PHASES[kind]}"] = group[-1]["error_printed"] / group[-1]["error"]
         orders = kind == "smooth" and np.isfinite(printed.slope)
         table.append({
-            "error, times the right scheme's": f"{short(scheme)} {reading}, {kind}",
+            "error, times the right scheme's": f"{short(scheme)} {reading}, {PHASES[kind]}",
             "at the coarsest dt": coarse,
             "at the finest": fine,
             "order": f"{printed.slope:.2f} for {right.slope:.2f}" if orders else DASH,

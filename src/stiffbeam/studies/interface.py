@@ -208,7 +208,8 @@ class Records:
         return f"<Records {self.study.name} of {self.case.name}: {len(self.rows)} rows, {len(self.failures)} failed>"
 
     def __str__(self) -> str:
-        return f"{self.study.question}\n{self.answer.text()}"
+        missing = [f"{word}: {reason}" for word, reason in self.missing if self.found]
+        return "\n".join([self.study.question, self.answer.text(), *missing])
 
     def _repr_html_(self) -> str:
         answer = self.answer
@@ -254,6 +255,18 @@ class Records:
     def refusals(self) -> list[Row]:
         """The rows of impossible points, such as a misprint that is unstable at that step."""
         return [row for row in self.rows if "refused" in row]
+
+    @property
+    def missing(self) -> list[tuple[str, str]]:
+        """("failed" or "left out", reason) of the points without a result; a reason that differs in numbers only
+        appears once."""
+        reasons = [("failed", row["failed"]) for row in self.failures]
+        reasons += [("left out", row["refused"]) for row in self.refusals]
+        alike: dict[tuple[str, str], list[str]] = {}
+        for word, reason in reasons:
+            alike.setdefault((word, re.sub(r"[\d.]+(e[+-]?\d+)?", "", reason)), []).append(reason)
+        more = {key: f" (and {len(same) - 1} more)" if len(same) > 1 else "" for key, same in alike.items()}
+        return [(key[0], same[0] + more[key]) for key, same in alike.items()]
 
     @property
     def numbers(self) -> Rows:

@@ -288,10 +288,11 @@ def _periods(length: float) -> str:
 
 def _said(row: Row) -> str:
     """The orbits on both sides of a bifurcation, in words."""
-    below, above = row["below"], row["above"]
+    below, above, branches = row["below"], row["above"], row.get("branches", "")
     if row["what"] == "fold":
-        return "two unstable orbits meet" if below == above == "unstable" else f"{below} and {above} orbits meet"
-    return f"{below} on both sides" if below == above else f"{below} below, {above} above"
+        both = "two unstable" if below == above == "unstable" else f"{below} and {above}"
+        return f"{both} orbits meet{branches}"
+    return (f"{below} on both sides" if below == above else f"{below} below, {above} above") + branches
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -303,7 +304,13 @@ def answer(rows: Rows, case: Case) -> Answer:
         return Answer(f"No orbit was found{''.join(f': {reason}' for reason in reasons)}.")
     name = orbits[0]["parameter"]
     units, quantity = case.units, quantity_of(case, name)
-    at = sorted(kinds.get("bifurcation", []), key=lambda row: (row["length"], row["what"] == "grazing", row[name]))
+    at: list[Row] = sorted(
+        kinds.get("bifurcation", []), key=lambda row: (row["length"], row["what"] == "grazing", row[name])
+    )
+    # Mirrored branches of a symmetric system have their bifurcations at the same values.
+    alike = groups([row | {"orbits": _said(row), "near": f"{row[name]:.9g}"} for row in at],
+                   "length", "what", "near", "orbits").values()  # fmt: skip
+    at = [same[0] | ({"branches": f", on {len(same)} branches"} if len(same) > 1 else {}) for same in alike]
 
     def value(row: Row, form: str) -> str:
         return units.measure(f"{row[name]:{form}}", quantity)

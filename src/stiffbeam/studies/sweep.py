@@ -149,7 +149,8 @@ def points(
     known = parameters_of(method)
     for name in (*axes, *follow):
         if name not in known and not is_path(name):
-            raise InputError("parameter", name, f"be one that {method} has", near(name, known))
+            remedy = f"{near(name, known)}, or a path such as stops[0].upper"
+            raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
     for name, along in axes.items():
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
@@ -337,7 +338,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
     elif not system.damped and not any(lossy):
         notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
-    most = [f"most {x['over all values']} {x['most']}" for x in table if "impacts" in x["over all values"]]
+    most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
     ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
     verdict = "; ".join(_periodicity(rows) or most) or "no contact"
     return Answer(f"{first['method']} over {' and '.join(ranges)}: {verdict}.", table, notes)
@@ -360,7 +361,7 @@ def _periodicity(rows: Rows) -> list[str]:
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
         f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values, every 2 to "
-        f"{LONGEST} periods at {several}, not at {repeats.count(0)} (to {SAME:g})"
+        f"{LONGEST} periods at {several}, and not at all at {repeats.count(0)} (to {SAME:g})"
     ]
     if short:
         words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")

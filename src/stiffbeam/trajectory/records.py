@@ -31,7 +31,10 @@ STILL = 1e-9  # of the motion: that of a point which stands still is rounding
 
 
 def at_rest_until(t: Array, u: Array, scale: float) -> float:
-    """The last output time before a contact has moved from its start, by STILL of the ``scale``."""
+    """The last output time before a contact has moved from its start, by STILL of the ``scale``; 0.0 if the outputs
+    begin later."""
+    if t[0] > 0.0:
+        return 0.0
     moved = np.abs(u - u[0]) > STILL * scale
     return float(t[max(0, int(np.argmax(moved)) - 1)] if np.any(moved) else t[-1])
 

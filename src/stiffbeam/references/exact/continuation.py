@@ -59,7 +59,7 @@ NEARLY = 1e-4  # of the range: the distance of a grazing that ends a branch from
 BESIDE = 0.02  # of a step: as near comes the search to a point where another branch crosses
 SPLIT = 12  # halvings of a step between two grazings
 AWAY = (1e-2, 3e-3, 1e-3, 1e-4, 3e-2, 1e-5, 1e-1)  # distances from a flip at which twice the period is looked for
-LOST_AT = (SolverFailure, np.linalg.LinAlgError, FloatingPointError)  # errors at which no point is reached
+LOST_AT = (SolverFailure, InputError, np.linalg.LinAlgError, FloatingPointError)  # no point there, or no system
 TESTS: dict[str, Callable[[NDArray[np.complex128]], float]] = {
     "fold": lambda m: float(np.prod(m - 1.0).real),
     "flip": lambda m: float(np.prod(m + 1.0).real),
@@ -342,11 +342,11 @@ class _Follower:
             self.show(f"continuation: {self.parameter} = {point.value:.5g}", len(points), self.most)
             if abrupt(point.tangent.generators.system) and len(near) < len(points):
                 near.append(distances(point.tangent))
-            reason = "the branch turns sharply"
+            reason, lost = "the branch turns sharply", "the corrector does not converge"
             try:
                 new, count = self.ahead(point, step, before, straight)
             except LOST_AT as error:
-                reason = error.reason if isinstance(error, SolverFailure) else "the corrector does not converge"
+                reason = str(error) if isinstance(error, InputError) else getattr(error, "reason", lost)
                 new, count = None, CORRECTIONS
             # Lost, or turning sharply: a shorter step, along the tangent alone.
             if new is None or new.direction @ point.direction < TURN:

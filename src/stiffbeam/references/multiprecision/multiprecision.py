@@ -212,7 +212,7 @@ def _agreement(a: Reference, b: Reference) -> float:
     # First output up to there at which the displacements differ.
     scale = float(np.max(np.abs(b.tip)))
     wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end))
-    return min(end, float(b.t[max(0, wrong[0] - 1)])) if len(wrong) else end
+    return min([end, *(float(b.t[i - 1]) if i else 0.0 for i in wrong[:1])])
 
 
 # ---------------------------------------------------------------- from event to event

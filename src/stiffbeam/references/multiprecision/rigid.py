@@ -247,4 +247,4 @@ def _outputs(a: Reference, b: Reference) -> float:
     """The time to which the outputs of two solutions agree."""
     scale = float(np.max(np.abs(b.tip)))
     wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale))
-    return float(b.t[max(0, wrong[0] - 1)]) if len(wrong) else float(b.provenance["t_end"])
+    return min([float(b.provenance["t_end"]), *(float(b.t[i - 1]) if i else 0.0 for i in wrong[:1])])
