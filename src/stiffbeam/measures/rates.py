@@ -103,7 +103,8 @@ class ContactRates:
         For each contact normal and sliding work of every impact, in the order of ``Impacts.to_dataframe``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times.
+        a reference, or the output times. "impacts" of rigid stops: their table, each impact spread evenly over its
+        contact.
     """
 
     since: float
@@ -220,7 +221,7 @@ def contact_rates(
     for i, contact in enumerate(run.contacts):
         source = "impacts"
         if not contact.stops.rigid:
-            source, nodes = _nodes(run, i, rows[i])
+            source, nodes = _nodes(run, i, rows[i], edges)
             if nodes is None:
                 marched.append(i)
             else:
@@ -230,17 +231,19 @@ def contact_rates(
     if marched:
         for i, nodes in _steps(run, marched, rows):
             sums[i].add(*nodes)
-    rates, works = [], []
+    rates, works, reactions = [], [], _reactions(run) if run.contacts else None
     for i, (contact, (window, impact)) in enumerate(zip(run.contacts, (x.totals for x in sums), strict=True)):
         if contact.stops.rigid:
-            # Rigid stops have impulses, no forces: works are NaN, the rest follows from the table of impacts.
+            # Rigid stops have impulses, no forces: works are NaN.
             window[2:], impact[:] = np.nan, np.nan
-            window[:2] = _of_impacts(run, i, edges)
+            sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
             window[3], impact[1] = np.nan, np.nan
         counts = np.histogram(contact.impacts.times, edges)[0]
         series = dict(zip(RATES, (counts, *window), strict=True))
-        rates.append({name: _rate(x / width) for name, x in series.items()})
+        means = {name: _rate(x / width) for name, x in series.items()}
+        share = means["contact"]  # of the time: at most all of it
+        rates.append(means | {"contact": replace(share, high=float(np.minimum(1.0, share.high)))})
         works.append(impact)
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
 
@@ -301,27 +304,50 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
-    """Impulse and time in contact (2, n) from the table of impacts, each at its beginning."""
-    contact = run.contacts[i]
-    listed, _ = contact.impacts.listed()
-    ends = np.where(np.isnan(listed.ends), edges[-1], listed.ends)
-    impulses = listed.impulses.copy()
-    still_open = np.isnan(impulses)
-    # A single open impact has what the others leave of the whole impulse.
-    if np.sum(still_open) == 1:
-        impulses[still_open] = contact.impulse - np.nansum(impulses)
-    return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
+def _reactions(run: Trajectory) -> Array | None:
+    """Mean reactions of rigid stops over every step of a scheme (steps, m); None of other runs."""
+    if isinstance(run, Reference) or run.pieces is None or run.system is None or not run.stops[0].rigid:
+        return None
+    return np.concatenate([forces[1:] for *_, forces in run.pieces()])
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None) -> tuple[str, Nodes | None]:
+def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array) -> tuple[str, Array]:
+    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part."""
+    contact, end = run.contacts[i], float(edges[-1])
+    source, blows = "impacts", []
+    if isinstance(run, Reference) and hasattr(run.solution, "presses"):
+        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), end)
+    elif reactions is not None:
+        source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])
+        spans = np.stack([pressed * dt, (pressed + 1) * dt, np.abs(reactions[pressed, i]) * dt], axis=1)
+    else:
+        # The table of impacts: each presses evenly from its time to its end.
+        listed, _ = contact.impacts.listed()
+        ends, impulses = np.where(np.isnan(listed.ends), end, listed.ends), listed.impulses.copy()
+        still_open = np.isnan(impulses)
+        # A single open impact has what the others leave of the whole impulse.
+        if np.sum(still_open) == 1:
+            impulses[still_open] = contact.impulse - np.nansum(impulses)
+        spans = np.stack([listed.times, ends, impulses], axis=1)
+        at_once = listed.times == ends
+        spans, blows = spans[~at_once], spans[at_once][:, [0, 2]]
+    begins, ends, impulses = np.reshape(spans, (-1, 3)).T
+    times, at_once = np.reshape(blows, (-1, 2)).T
+    # Both grow evenly within a span and stay between two.
+    corners = np.append(np.stack([begins, ends], axis=1).ravel(), np.inf)
+    grown = [np.append(0.0, np.repeat(np.cumsum(x), 2)) for x in (impulses, ends - begins)]
+    impulse, lasting = (np.diff(np.interp(edges, corners, x)) for x in grown)
+    return source, np.array([impulse + np.histogram(times, edges, weights=at_once)[0], lasting])
+
+
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes | None]:
     """Source of the forces of contact i, and the nodes of an integral over time; None for those of ``_steps``."""
     contact, every = run.contacts[i], int(run.provenance.get("every", 1))
     # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
             try:
-                return _between_events(run, i, tangent)
+                return _between_events(run, i, tangent, edges)
             except InputError:  # a saved reference that answers at its outputs only
                 pass
     elif every > 1 and run.pieces is not None and run.system is not None:
@@ -357,7 +383,7 @@ def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None)
     return polar(q @ run.system.contacts[i].row.T, v @ tangent.T)[1]
 
 
-def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str, Nodes]:
+def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
     """Gauss nodes in every contact, refined until the normal work no longer changes."""
     listed, _ = run.contacts[i].impacts.listed()
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
@@ -366,6 +392,10 @@ def _between_events(run: Reference, i: int, tangent: Array | None) -> tuple[str,
         return "events", (none, none, none, none, none)
     # Panels start at twice the median contact and are halved until the work no longer changes.
     longest, before, change = 2.0 * float(np.median(ends - starts)), np.nan, np.inf
+    # None reaches across an edge between parts, so that each part has its integral.
+    within = np.maximum(np.searchsorted(starts, edges, "right") - 1, 0)
+    inner = edges[(edges > starts[within]) & (edges < ends[within])]
+    starts, ends = np.sort(np.append(starts, inner)), np.sort(np.append(ends, inner))
     while True:
         _, left, width = panels(longest, starts, ends)
         t = (left[:, None] + width[:, None] * (NODES + 1.0) / 2.0).ravel()
