@@ -371,3 +371,18 @@ def test_the_version_is_said(command):
     stated = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["version"]
     assert (code, out.split()) == (0, ["stiffbeam", stated])
     assert sb.__version__ == stated
+
+
+@pytest.mark.slow
+def test_a_reader_that_leaves_and_a_full_disk_end_no_work(tmp_path):
+    """Behind ``| head`` the pictures are drawn and the status is 0; a full disk is one line."""
+    words = [sys.executable, "-m", "stiffbeam", "compare", "table10", "--t-end", "0.05", "--references", "exact"]
+    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline().startswith("table10")
+        child.stdout.close()
+        said = child.stderr.read()
+    assert (child.returncode, said) == (0, "")
+    assert_shows_curves(tmp_path / "stiffbeam-output" / "table10" / "comparison.png")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*words[:3], "cases"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "stiffbeam: [Errno 28] No space left on device\n")

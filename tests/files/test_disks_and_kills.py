@@ -175,6 +175,27 @@ def test_a_cache_in_which_others_can_write_is_not_used(what, tmp_path, monkeypat
     private.rmdir()
 
 
+def test_a_cache_made_where_groups_may_write_is_used_again(tmp_path, monkeypatch):
+    """With the umask 002, usual for users with a group of their own, every process compiled all kernels anew."""
+    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path / "new"))
+    before = os.umask(0o002)
+    try:
+        folder = storage.directory.__wrapped__()
+        kernels = folder / "numba" / "0123" / "model"
+        kernels.mkdir(parents=True)
+        (kernels / "law.nbi").write_bytes(b"")
+        (folder / "jax" / "0123.xla").write_bytes(b"")
+    finally:
+        os.umask(before)
+    assert kernels.stat().st_mode & 0o777 == 0o775
+    assert storage.directory.__wrapped__() == folder
+    folder.chmod(0o755)  # the folders of code are closed too
+    assert storage.directory.__wrapped__() == folder
+    (folder / "jax").chmod(0o755)
+    with pytest.warns(UserWarning, match=r"others can write to .*0123\.xla"):
+        storage.directory.__wrapped__().rmdir()
+
+
 @pytest.mark.slow
 def test_no_flipped_bit_of_a_journal_is_taken_for_a_result(tmp_path):
     study = find_study("amplification")

@@ -13,7 +13,7 @@ from rich.console import Console
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.measures.comparison import phase_lag
-from stiffbeam.measures.errors import match
+from stiffbeam.measures.errors import after_rest, match, matched_until
 from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.measures.report import comparison_tables
 from stiffbeam.trajectory.records import Impacts
@@ -88,6 +88,34 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     nothing = match(impacts([], []), impacts([], []), 2.0)
     assert (nothing.matched, nothing.matched_until) == (0, 2.0)
     assert np.isnan(nothing.first_error)
+
+
+@pytest.mark.parametrize("bound", ["lower", "upper"])
+def test_a_contact_crosses_the_stop_it_rests_on_by_rounding_until_the_motion_arrives(bound):
+    """The tip of a beam on a stop without gap is moved through all cells. Its first crossings, of depth 1e-18 or of
+    1e-11 of the motion, parted run and reference at t = 0.0046: the table compared nothing."""
+    stops = sb.Stops(**{bound: 0.0}, stiffness=1e4)
+    system = sb.semidiscretise(sb.BeamProblem(stiffness=1.0, stops=stops, base=sb.Harmonic(0.2, 10.0)), 25)
+    run, exact = sb.integrate(system, sb.HHT(-0.1), 1e-4, 1.0), sb.reference(system, 1.0)
+    # The crossings are there in both.
+    resting = np.abs(run.tip) < 1e-9 * np.max(np.abs(run.tip))
+    assert run.t[np.argmin(resting)] > 0.003
+    result = sb.compare(run, exact)
+    contact = result.contacts[0]
+    assert result.matched_until == matched_until(run, exact, 1.0) == 1.0
+    assert contact.run.impacts == contact.reference.impacts == contact.matching.matched >= 5
+    assert abs(result.phase.lag) < 1e-3
+
+
+def test_impacts_count_from_where_the_contact_has_moved():
+    t = np.linspace(0.0, 1.0, 1001)
+    path = 1e-10 * (t > 0.2) + 1e-8 * (t > 0.4) + 1.0 * (t > 0.6)
+    later = np.where(t < 0.5, 0.0, path)
+    one, two = impacts([0.1, 0.3, 0.45, 0.7], [1, 1, 1, 1]), impacts([0.45, 0.7], [1, 1])
+    assert list(after_rest((one, one), (t, path), (t, path))[0].times) == [0.45, 0.7]
+    # Of both: a solution that still rests has crossings by rounding.
+    pair = after_rest((one, two), (t, later), (t, path))
+    assert [list(x.times) for x in pair] == [[0.7], [0.7]]
 
 
 def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():

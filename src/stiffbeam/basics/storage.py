@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+CODE = {"numba": "*/*", "jax": "*.xla"}  # folders of compiled code in the cache directory, and what lies in them
+
+
 @cache
 def directory() -> Path:
     """STIFFBEAM_CACHE_DIR, else the platform's cache directory, else a temporary one with a warning.
@@ -43,8 +46,9 @@ def directory() -> Path:
     wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
     path = Path(wanted)
     try:
-        # For this user alone, since compiled code lies here.
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # For this user alone, whatever the umask: compiled code lies here.
+        for folder in (path, *(path / name for name in CODE)):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         _require_private(path)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
@@ -65,15 +69,21 @@ class _Shared(OSError):
 
 
 def _require_private(folder: Path) -> None:
-    """Raise an error if another user owns the folder or code in it, or may write there."""
-    if not hasattr(os, "getuid"):
-        return
-    numba, jax = folder / "numba", folder / "jax"
-    for path in (folder, *filter(Path.exists, (numba, jax)), *numba.glob("*/*"), *jax.glob("*.xla")):
-        status = path.stat()
-        # Root can write everywhere: a folder of root's is as safe as one of this user.
-        if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise _Shared(f"others can write to {path}, from which compiled code is run")
+    """Raise an error if another user can replace compiled code in the cache directory."""
+    if hasattr(os, "getuid") and _others_enter(folder):
+        for path, pattern in [(folder / name, pattern) for name, pattern in CODE.items()]:
+            if _others_enter(path):
+                for each in path.glob(pattern):
+                    _others_enter(each)
+
+
+def _others_enter(path: Path) -> bool:
+    """Return True if another user can enter or read this place; raise an error if one owns it or can write to it."""
+    status = path.stat()
+    # Root can write everywhere: a folder of root's is as safe as one of this user.
+    if status.st_uid not in (os.getuid(), 0) or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise _Shared(f"others can write to {path}, from which compiled code is run")
+    return bool(status.st_mode & (stat.S_IRWXG | stat.S_IRWXO))
 
 
 @cache

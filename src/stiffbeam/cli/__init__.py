@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import atexit
 import gc
+import io
 import os
 import signal
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from . import compare, reference, tools
 from .application import app
@@ -17,8 +18,25 @@ INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 AGAIN = 0.2  # s, until it is looked whether an interruption was heard
 
 
+class _Output(io.FileIO):
+    """Standard output. Once its reader has gone, as behind ``| head``, or its disk is full, the rest goes nowhere."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data) or 0
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            if not isinstance(error, BrokenPipeError):
+                raise
+            return len(data)  # the work goes on, and writes its files
+
+
 def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, SIGINT with 130, SIGTERM with 143, each with one line."""
+    out = sys.stdout
+    if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper) and not out.isatty():
+        writer = io.BufferedWriter(_Output(out.fileno(), "w", closefd=False))
+        sys.stdout = io.TextIOWrapper(writer, out.encoding, out.errors, None, out.line_buffering, out.write_through)
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
@@ -52,6 +70,8 @@ def main() -> None:
         app()
     except InputError as error:
         _fail(error, 2)
+    except OSError as error:
+        _fail(error, 1)
     except RuntimeError as error:
         # Imported here: they load SciPy and numba, which help and completion do without.
         from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished

@@ -22,7 +22,7 @@ from ..model.time_functions import stays_at_rest
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import ContactMeasures, Matching, longest_delay, match, relative_error, rms, run_of
+from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
 from .frequencies import drive_frequency
 
 if TYPE_CHECKING:
@@ -383,6 +383,8 @@ def _contact(
         sampled = "dt" in run.provenance
         impacts = record.impacts if sampled else sampled_impacts(run.t, record.position, record.velocity, record.stops)
         true = sampled_impacts(t, u, v, stops)
+        if record.impacts.kind != "unknown":
+            impacts, true = after_rest((impacts, true), (run.t, record.position), (t, u))
         of_run = partial(_sampled, run, i, impacts, record.force, t)
         of_reference = partial(_sampled, reference, i, true, stops.force(u, v), t)
     t_end = min(float(run.t[-1]), known_to)

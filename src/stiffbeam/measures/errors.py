@@ -13,7 +13,7 @@ from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, positive
 from ..model.scales import scales
 from ..model.system import System
-from ..trajectory.records import Impacts
+from ..trajectory.records import Impacts, at_rest_until
 from ..trajectory.trajectory import Reference, Trajectory
 
 
@@ -167,7 +167,7 @@ class ContactMeasures:
 
 @dataclass(frozen=True)
 class Matching:
-    """The i-th impact of a run paired with the i-th of the reference, both sampled, up to ``window``.
+    """The i-th impact of a run paired with the i-th of the reference, both sampled ``after_rest``, up to ``window``.
 
     A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
     neighbouring reference impacts, and no more than ``longest_delay``. matched_until: the reference time of
@@ -219,13 +219,29 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
     )
 
 
+def after_rest(
+    impacts: tuple[Impacts, Impacts], path: tuple[Array, Array], true_path: tuple[Array, Array]
+) -> tuple[Impacts, Impacts]:
+    """The impacts of run and reference after their contact has moved from its start; times and positions of both.
+
+    A contact that begins at rest on its stop crosses it by rounding until a motion from elsewhere arrives.
+    """
+    scale = float(np.max(np.abs(true_path[1] - true_path[1][0])))
+    begun = max(at_rest_until(*path, scale), at_rest_until(*true_path, scale))
+    run, true = (each.take(each.times > begun) for each in impacts)
+    return run, true
+
+
 def matched_until(run: Trajectory, reference: Trajectory, window: float) -> float:
     """The time to which the impacts at every contact match, see Matching; ``window`` without contacts."""
-    pairs = zip(run.contacts, reference.contacts, strict=True)
     longest = (
         np.inf if reference.system is None else longest_delay(reference.system, float(reference.provenance["t_end"]))
     )
-    return min((match(a.impacts, b.impacts, window, longest).matched_until for a, b in pairs), default=window)
+    until = window
+    for a, b in zip(run.contacts, reference.contacts, strict=True):
+        pair = after_rest((a.impacts, b.impacts), (run.t, a.position), (reference.t, b.position))
+        until = min(until, match(*pair, window, longest).matched_until)
+    return until
 
 
 def impact_times(run: Trajectory) -> Array:

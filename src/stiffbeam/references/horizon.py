@@ -32,7 +32,7 @@ from ..piecewise.regimes import Source
 from ..piecewise.spectrum import known_until
 from ..piecewise.tangent import Tangent
 from ..piecewise.tracer import Tracer, tracer_of
-from ..trajectory.records import Impacts
+from ..trajectory.records import STILL, Impacts, at_rest_until
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.derivative import path_of_solution
 from .exact.impacting import Tracer as ImpactTracer
@@ -47,7 +47,6 @@ PART = 0.5  # of the tolerances, to which two solutions must agree: each may be 
 FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with
 MARGIN = 4.0  # times the rounding, for the perturbed copies
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
-STILL = 1e-9  # of the motion: that of a point which stands still is rounding
 LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 
@@ -112,15 +111,9 @@ def agree_until(
             horizon = min(horizon, float(a.t[max(0, int(np.argmin(close)) - 1)]))
     for k, (c, d) in enumerate(zip(a.impacts, b.impacts, strict=True), 1):
         least = min(tolerance, apart(max(c.count, d.count), end))
-        begun = max(_at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))
+        begun = max(at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))
         horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters, begun))
     return horizon
-
-
-def _at_rest_until(t: Array, u: Array, scale: float) -> float:
-    """The last output time before a contact has moved from its start."""
-    moved = np.abs(u - u[0]) > STILL * scale
-    return float(t[max(0, int(np.argmax(moved)) - 1)] if np.any(moved) else t[-1])
 
 
 def impacts_match_until(

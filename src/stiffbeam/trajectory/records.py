@@ -27,6 +27,15 @@ SHOWN = 20  # rows in a notebook
 COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, peaks, impulses
 
 
+STILL = 1e-9  # of the motion: that of a point which stands still is rounding
+
+
+def at_rest_until(t: Array, u: Array, scale: float) -> float:
+    """The last output time before a contact has moved from its start, by STILL of the ``scale``."""
+    moved = np.abs(u - u[0]) > STILL * scale
+    return float(t[max(0, int(np.argmax(moved)) - 1)] if np.any(moved) else t[-1])
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Impacts:
     """Entries into a stop, in order of time; one array (count,) for each column.
@@ -40,7 +49,8 @@ class Impacts:
     or exactly on one without leaving it, and for the impact of a rigid stop at t = 0. That contact ends when the gap
     first opens, and later entries count. Its force and impulse belong to the contact, and ``at_start`` holds them in a
     row of its own, which tables and files list first and mark as open at the start. Touching without penetration does
-    not count either. Limitation: for a start at rest on a stop whose force is exactly zero, rounding decides.
+    not count either. Limitation: rounding decides for a start at rest on a stop without force, and until a motion from
+    elsewhere arrives. Horizons and ``compare`` count impacts from where the contact has moved by 1e-9 of its motion.
 
     Parameters
     ----------
