@@ -321,4 +321,15 @@ DEFINITIONS = [
         "semi-discretisation of rigid contact. Here it has an exact solution.",
         0.3, nonsmooth_beam(), rigid, base=8, ladder=COARSE, order_limit=0.0,
     ),
+    Definition(
+        "damped-chain", "Two masses with dashpots under a drive, the second between stops", LAWS,
+        "A damping matrix with a wrong sign, without its coupling or left out, and a load at the wrong time of the "
+        "step. The dashpots couple the modes.",
+        12.0, {"mass": [[1.0, 0.0], [0.0, 0.5]], "damping": [[0.375, -0.125], [-0.125, 0.125]],
+               "stiffness": [[3.0, -1.0], [-1.0, 1.0]],
+               "initial_displacement": [0.0, 0.5], "initial_velocity": [1.0, 0.0],
+               "loads": [{"vector": [1.0, 0.0], "amplitude": 2.0, "frequency": 1.5, "phase": 0.5}],
+               "contacts": [{"row": [0.0, 1.0], "lower": -0.75, "upper": 1.0, "stiffness": 50.0}]},
+        linear, base=2,
+    ),
 ]  # fmt: skip

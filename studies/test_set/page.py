@@ -147,7 +147,7 @@ An integrator is flagged in three cases:
 
 * its error does not fall with the step;
 * its error falls more slowly than its order on `free-oscillator` and the kink or jump of the law allow;
-* its velocity is not the rate of its tip.
+* its velocity is not the rate of its tip at that time.
 
 If a file has too few digits to decide, the score card states this.
 

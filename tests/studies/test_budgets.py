@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam import references
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.errors import first_impacts_end
+from stiffbeam.references.registry import Steps
 from stiffbeam.studies import comparison, precision, study
 
 SMALL = replace(paper_case(10), cells=6, t_end=0.1, dt=1e-4)
@@ -72,3 +75,15 @@ def test_a_window_holds_the_only_impact_of_a_motion():
     none = sb.reference(system, 1.0)
     assert none.impacts.count == 0
     assert first_impacts_end(none, 4) == 0.5
+
+
+def test_pilots_that_the_start_dominates_are_longer(monkeypatch):
+    """IDA from rest takes as long for one pilot as for two; the whole span costs 64 times that."""
+    system = SMALL.system("displacement")
+
+    def solve(system, t_end, *_):
+        return SimpleNamespace(work=SimpleNamespace(march_seconds=max(0.2, 6.4 * t_end / SMALL.t_end)))
+
+    monkeypatch.setattr(references, "solve", solve)
+    expected = references.expected_seconds(system, SMALL.t_end, "ida", 1e-9, None, Steps(), worth=0.01)
+    assert expected == pytest.approx(6.4, rel=0.1)

@@ -1,6 +1,6 @@
 """The answers of the piecewise-linear problems to all their digits, by a third way: Taylor series in whole numbers.
 
-    q'' = -M^-1 K q + sum M^-1 p f(t) - sum kappa M^-1 row (row q + o(t) - g),  c_k = q^(k) h^k / k!
+    q'' = -M^-1 (K q + C q') + sum M^-1 p f(t) - sum kappa M^-1 row (row q + o(t) - g),  c_k = q^(k) h^k / k!
 
 c_{k+2} (k+1)(k+2) = h^2 times the right-hand side of c_k, in numbers that are multiples of 2^-BITS; from switch to
 switch. Nothing here comes from the package, nor from the other witnesses.
@@ -134,6 +134,8 @@ class Motion:
         ]  # fmt: skip
         self.observed = sparse(mp.matrix(data["observe"])) if "observe" in data else self.contacts[0].row
         self.free = [[(j, whole(h * h * self.A[i, j])) for j in range(self.n) if self.A[i, j]] for i in range(self.n)]
+        C = inverse * matrix(data["damping"]) if "damping" in data else mp.matrix(self.n)
+        self.drag = [[(j, whole(h * C[i, j])) for j in range(self.n) if C[i, j]] for i in range(self.n)]
         self.kinks = sorted({mp.mpf(t) for _, load in self.loads for t in load.get("times", ())})
         self.end = mp.mpf(self.file["t_end"])
         q, v = ([mp.mpf(x) for x in data[name]] for name in ("initial_displacement", "initial_velocity"))
@@ -162,8 +164,11 @@ class Motion:
                 u = sum(x * here[j] for j, x in c.row) >> BITS
                 for i, x in c.push:
                     force[i] -= x * u
+            for i in range(self.n):
+                force[i] -= sum(x * here[j] for j, x in self.free[i])
+                force[i] -= (k + 1) * sum(x * series[k + 1][j] for j, x in self.drag[i])
             below = (k + 1) * (k + 2) << BITS
-            series.append([(force[i] - sum(x * here[j] for j, x in self.free[i])) // below for i in range(self.n)])
+            series.append([x // below for x in force])
         return series, [self._seen(series, c.row, o) for c, o in zip(self.contacts, offsets, strict=True)]
 
     @staticmethod

@@ -11,7 +11,7 @@ from test_score import moreau_jean, newmark
 from test_score_exact_motions import ball
 
 import stiffbeam as sb
-from stiffbeam.testset.measure import CONVERGES, FAILED, NOT_FALLING, ONE_RUN, TOO_ALIKE, read_trajectory
+from stiffbeam.testset.measure import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, ONE_RUN, TOO_ALIKE, read_trajectory
 from stiffbeam.testset.problem import folder
 from stiffbeam.testset.score import score_trajectories
 from stiffbeam.testset.scorecard import Scorecard, reasons
@@ -82,6 +82,10 @@ def test_columns_are_known_by_their_names(tmp_path):
         file.write_text("\n".join([header, *["1,2,3"] * 5]), encoding="utf-8")
         with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
             read_trajectory(file)
+    for separator in ";\t ":  # not t = 1, u = 0, v = 5
+        file.write_text("\n".join(f"{k}{separator}0,5" for k in range(5)), encoding="utf-8")
+        with pytest.raises(sb.InputError, match="decimals have a point"):
+            read_trajectory(file)
     file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
     with pytest.raises(sb.InputError, match="name every column"):
         read_trajectory(file)
@@ -97,6 +101,8 @@ def spoilt(kind):
             u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
         if kind == "velocity 5 % too large":
             v *= 1.05
+        if kind.endswith("before"):  # by a step, or by half of one
+            v[1:] = v[:-1] if "half" not in kind else 0.5 * (v[1:] + v[:-1])
         if kind == "ends in NaN where steps are short" and len(t) > 1000:
             u[-1] = np.nan
         return (t, u, v) if kind != "in reverse" else (t[::-1], u[::-1], v[::-1])
@@ -108,6 +114,8 @@ def spoilt(kind):
     ("kind", "outcome", "says"),
     [("", CONVERGES, ""), ("late by a thousandth", NOT_FALLING, "does not fall"),
      ("velocity 5 % too large", NOT_FALLING, "not velocity"),
+     ("velocity of the step before", LOW_ORDER, "the velocity is that of 1.00 steps before its time"),
+     ("velocity of half a step before", LOW_ORDER, "the velocity is that of 0.50 steps before its time"),
      ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
      ("in reverse", FAILED, "sort the rows by time")],
 )  # fmt: skip
@@ -115,6 +123,36 @@ def test_an_error_that_stays_is_found_however_small_beside_those_of_coarse_steps
     card = sb.score(spoilt(kind), "two-mass-chain")
     assert card.entries[0].outcome == outcome
     assert says in str(card)
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome"),
+    [("", CONVERGES), ("damping left out", NOT_FALLING),
+     ("dashpots apart", NOT_FALLING), ("load of the step before", LOW_ORDER)],
+)  # fmt: skip
+def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
+    """By the one problem with a damping matrix and a smooth drive."""
+
+    def solve(system, dt, t_end):
+        C, loads = system.damping, system.loads
+        wrong = {"damping left out": 0.0 * C, "dashpots apart": np.diag(np.diag(C))}
+        if kind.startswith("load"):
+            loads = tuple((vector, replace(f, phase=f.phase - f.frequency * dt)) for vector, f in loads)
+        return sb.integrate(replace(system, damping=wrong.get(kind, C), loads=loads), sb.Trapezoidal(), dt, t_end)
+
+    assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
+
+
+def test_a_run_that_grows_beyond_its_square_is_left_out():
+    """Its errors overflow, without a warning; the finer ones are judged."""
+
+    def solve(system, dt, t_end):
+        t, u, v = (x.copy() for x in planted("", *newmark(system, dt, t_end)))
+        return (t, u * (1e200 if len(t) < 100 else 1.0), v)
+
+    card = sb.score(solve, "bilinear-gap")
+    assert card.entries[0].outcome == CONVERGES
+    assert "in 60 steps it overflowed at t = " in str(card)
 
 
 def test_runs_with_like_steps_are_not_judged():

@@ -40,8 +40,10 @@ def read_matrix(file: Path) -> Any:
 
 def _market(file: Path) -> Any:
     from scipy.io import mmread
+    from scipy.sparse import coo_array, issparse
 
-    return mmread(file, spmatrix=False)  # an array, as in SciPy's newer versions by default
+    found = mmread(file)  # a matrix in SciPy's older versions, an array in newer ones
+    return coo_array(found) if issparse(found) else found
 
 
 def _npz(file: Path) -> Any:
@@ -69,7 +71,7 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("sampled", str(file), "be a readable file beside the case", f"give another: {error}") from None
-    rows = [(i + 1, _cells(line)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    rows = [(i + 1, split_line(line)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
     if not rows:
         remedy = "a line holds a time and a value, as in 0.0, 1.5"
         raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
@@ -102,7 +104,8 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
     return [t for t, _ in samples], [value for _, value in samples]
 
 
-def _cells(line: str) -> list[str]:
+def split_line(line: str) -> list[str]:
+    """Cells of a line between semicolons, tabs, commas or blanks, the first of these that it has."""
     # In this order: beside semicolons or tabs a comma belongs to a number.
     for separator in (";", "\t", ","):
         if separator in line:

@@ -30,7 +30,7 @@ from ..basics.text import table
 from ..basics.validation import InputError, number, numbers
 from ..model.contact import channel_motion, polar
 from ..model.scales import scales
-from ..piecewise.measures import NODES, WEIGHTS, panels
+from ..piecewise.measures import NODES, WEIGHTS
 from ..trajectory.ensemble import record_from
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
-CLOSE, MOST_NODES = 1e-6, 2_000_000  # change of the work between two quadratures, and where the refinement ends
+CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the work where panels are halved, and where the refinement ends
+GRADED = 8.0 ** -np.arange(1, 5)  # panels begin there in a contact, for forces that die out fast after its beginning
+SAMPLES, BISECTIONS = np.linspace(0.0, 1.0, 65), 30  # of the search for v = 0 in a contact
 RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
 NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction"}  # of the columns
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
@@ -384,31 +386,71 @@ def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None)
 
 
 def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
-    """Gauss nodes in every contact, refined until the normal work no longer changes."""
+    """Gauss nodes in every contact, on panels that are halved as long as that changes a work."""
     listed, _ = run.contacts[i].impacts.listed()
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
+    starts, ends = starts[ends > starts], ends[ends > starts]
     if not len(starts):
         none = np.zeros(0)
         return "events", (none, none, none, none, none)
-    # Panels start at twice the median contact and are halved until the work no longer changes.
-    longest, before, change = 2.0 * float(np.median(ends - starts)), np.nan, np.inf
-    # None reaches across an edge between parts, so that each part has its integral.
-    within = np.maximum(np.searchsorted(starts, edges, "right") - 1, 0)
-    inner = edges[(edges > starts[within]) & (edges < ends[within])]
-    starts, ends = np.sort(np.append(starts, inner)), np.sort(np.append(ends, inner))
-    while True:
-        _, left, width = panels(longest, starts, ends)
-        t = (left[:, None] + width[:, None] * (NODES + 1.0) / 2.0).ravel()
-        weights = (width[:, None] * WEIGHTS / 2.0).ravel()
-        u, v = run.at(t, contact=i)
-        force = run.contacts[i].stops.force(u, v)
-        work = float(np.sum(weights * np.abs(force * v)))
-        change = abs(work - before) / work if work else 0.0
-        if change < CLOSE or 2 * len(t) > MOST_NODES:
-            break
-        before, longest = work, 0.5 * longest
-    sliding = np.full(len(t), np.nan)
-    if tangent is not None:
-        assert run.state_at is not None
-        sliding = _sliding(run, i, *run.state_at(t), tangent)
-    return f"events, quadrature to {max(change, 1e-15):.0e}", (t, weights, force, v, sliding)
+    law, lengths = run.contacts[i].stops, (ends - starts)[:, None]
+
+    def read(t: Array) -> Array:
+        """Force, velocity and, with a tangent, sliding velocity (2 or 3, ...) at times of any shape."""
+        u, v = run.at(t.ravel(), contact=i)
+        rows = [law.force(u, v), v]
+        if tangent is not None:
+            assert run.state_at is not None
+            rows.append(_sliding(run, i, *run.state_at(t.ravel()), tangent))
+        return np.reshape(rows, (-1, *t.shape))
+
+    # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there, found by bisection.
+    samples, turns = starts[:, None] + lengths * SAMPLES, []
+    for row, speed in enumerate(read(samples)[1:], 1):
+        one, at = np.nonzero(speed[:, :-1] * speed[:, 1:] < 0.0)
+        low, high, sign = samples[one, at], samples[one, at + 1], np.sign(speed[one, at])
+        for _ in range(BISECTIONS if len(low) else 0):
+            middle = 0.5 * (low + high)
+            before = sign * read(middle)[row] > 0.0
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        turns.append(low)
+    # Panels also end at the edges of the parts of the run.
+    holds = np.searchsorted(starts, edges, "right") - 1
+    inside = edges[(holds >= 0) & (edges < ends[holds])]
+    left = np.sort(np.concatenate([starts, *turns, inside, (starts[:, None] + lengths * GRADED).ravel()]))
+    width = np.diff(left, append=0.0)
+    # The last panel of a contact ends with it.
+    last = np.searchsorted(left, ends, "left") - 1
+    width[last] = ends - left[last]
+
+    def panels(left: Array, width: Array) -> tuple[Array, Array]:
+        """Times, weights, forces, velocities (4 or 5, panels, nodes), and the works of each panel (1 or 2, panels)."""
+        t, weights = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0, width[:, None] * WEIGHTS / 2.0
+        force, *speeds = read(t)
+        works = [np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds]
+        return np.stack([t, weights, force, *speeds]), np.array(works)
+
+    nodes, whole, count = list[Array](), panels(left, width)[1], 0
+    totals, change = np.sum(whole, axis=1), np.zeros(len(whole))
+    while len(left):
+        width = np.repeat(0.5 * width, 2)
+        left = np.repeat(left, 2)
+        left[1::2] += width[1::2]
+        new, works = panels(left, width)
+        off = np.abs(works[:, ::2] + works[:, 1::2] - whole)
+        totals += np.sum(works, axis=1) - np.sum(whole, axis=1)
+        count += new[0].size
+        done = np.all(off <= CLOSE * totals[:, None] / len(starts), axis=0) | (2 * count > MOST_NODES)
+        change += np.sum(off[:, done], axis=1)
+        both = np.repeat(done, 2)
+        nodes.append(new[:, both].reshape(len(new), -1))
+        left, width, whole = left[~both], width[~both], works[:, ~both]
+    t, weights, force, v, *sliding = np.concatenate(nodes, axis=1)
+    error = np.max(np.divide(change, totals, out=np.zeros(len(totals)), where=totals > 0.0), initial=1e-15)
+    return f"events, quadrature to {error:.0e}", (
+        t,
+        weights,
+        force,
+        v,
+        sliding[0] if sliding else np.full(len(t), np.nan),
+    )

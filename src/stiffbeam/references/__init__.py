@@ -209,6 +209,7 @@ def solve(
 
 MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
+RISES = 1.5  # from one pilot to one of twice the span, at least: else the start of the motion decides both
 COPIES = 5.0  # exact solutions behind one with its horizon
 CELLS, FASTEST_TIME = 25, 4.3e4 * 0.06  # of the registry's seconds: Table 10, its fastest angular frequency times t
 RADIANS_PER_SAMPLE = 250.0  # of that angle: at least what a restart at a sample of a record costs any method
@@ -226,7 +227,8 @@ def expected_seconds(
 
     The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide first. Only if
     they come near ``worth`` are there pilot runs. The first pilot over each span compiles its code and is not counted.
-    Set-up time is part of both others and is not multiplied by the span. A multiprecision solution has no estimate
+    Set-up time is part of both others and is not multiplied by the span. Pilots that the first steps dominate, as
+    IDA's from rest, take twice the span. A multiprecision solution has no estimate
     (0.0), because its digits grow with the span. Neither has one that is refused or fails.
     """
     from ..model.modes import undamped_modes
@@ -255,13 +257,15 @@ def expected_seconds(
         first = solutions * PARTS * pilot(1)
         if first < worth:
             return first
-        # This run compiles for the longer span.
-        pilot(2)
-        once, twice = pilot(1), pilot(2)
+        parts, once, twice = 0, 1.0, 1.0
+        while twice < RISES * once and 4 * parts < PARTS:
+            parts = max(1, 2 * parts)
+            pilot(2 * parts)  # this run compiles for the longer span
+            once, twice = pilot(parts), pilot(2 * parts)
     except (InputError, SolverFailure):
         return 0.0  # the run itself will say
-    # One part more costs twice - once; the set-up is part of both and is counted once.
-    return solutions * (once + (PARTS - 1) * max(0.0, twice - once))
+    # As many parts more cost twice - once; the set-up is part of both and is counted once.
+    return solutions * (once + (PARTS / parts - 1.0) * max(0.0, twice - once))
 
 
 def _judged(system: System, t_end: float) -> float:

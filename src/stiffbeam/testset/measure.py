@@ -13,6 +13,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.text import plain
 from ..basics.validation import InputError, unmasked
+from ..files.reader import split_line
 from ..measures.errors import Order, observed_order
 from ..model.contact import channel_motion, channel_position
 from ..trajectory.recorder import distinct_times, one_position, rebounds, sampled_impacts
@@ -20,6 +21,7 @@ from ..trajectory.records import Impacts
 from .problem import Problem
 
 PAIRED = 8  # impacts that are held against the known ones
+TINY = 1e-300  # a velocity that changes by less is constant
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
 SLACK = 2.0**-23  # of t_end: single precision may end before it
 CLOCKS = (1e3, 1e6, 1e9)  # milliseconds, microseconds, nanoseconds in place of seconds
@@ -52,8 +54,8 @@ class Errors:
     the first ``PAIRED`` impact times, NaN where one is missing. peak_force: relative. energy: at t_end, over the energy
     the system has had; > 0 gained. factor: that of u over u_known, where u is the known motion but for it, NaN where it
     is 1 or there is none. clock: its times over those of the known motion, where it is that but for them, NaN else.
-    rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1. gradient: the largest
-    relative error of the derivatives of the tip at t_end.
+    rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1. lag: the steps by
+    which the velocity is behind that rate. gradient: the largest relative error of the derivatives of the tip at t_end.
     What the motion does not give is NaN, or -1 impacts.
     """
 
@@ -68,6 +70,7 @@ class Errors:
     rate: float = float("nan")
     clock: float = float("nan")
     gradient: float = float("nan")
+    lag: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -127,7 +130,8 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
     rms = float(np.sqrt(np.mean(off**2)))
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
                   _factor(seen, known), _velocity_error(problem, motion), _rate(motion),
-                  _clock(problem, motion) if rms > ALIKE else float("nan"), _gradient(problem, motion))  # fmt: skip
+                  _clock(problem, motion) if rms > ALIKE else float("nan"), _gradient(problem, motion),
+                  _lag(motion))  # fmt: skip
 
 
 def _velocity_error(problem: Problem, motion: Motion) -> float:
@@ -150,6 +154,16 @@ def _rate(motion: Motion) -> float:
         return float("nan")
     moved, under = np.diff(motion.u), 0.5 * (motion.v[1:] + motion.v[:-1]) * np.diff(motion.t)
     return float(moved @ under / (under @ under)) - 1.0 if np.any(under) else float("nan")
+
+
+def _lag(motion: Motion) -> float:
+    """Median over the steps of the s in u(t_k+1) - u(t_k) = dt ((v_k + v_k+1)/2 + s (v_k+1 - v_k))."""
+    if motion.v is None:
+        return float("nan")
+    gained, dt = np.diff(motion.v), np.diff(motion.t)
+    moving = np.abs(gained) >= max(float(np.median(np.abs(gained))), TINY)
+    off = np.diff(motion.u) - 0.5 * (motion.v[1:] + motion.v[:-1]) * dt
+    return float(np.median((off / dt)[moving] / gained[moving])) if np.any(moving) else float("nan")
 
 
 def _factor(seen: Array, known: Array) -> float:
@@ -309,7 +323,8 @@ COLUMNS = (["t", "u"], ["t", "u", "v"])
 
 
 def read_trajectory(file: Path) -> tuple[Array, ...]:
-    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them.
+    """(t, u), or (t, u, v) where there is a third column; commas, semicolons, tabs or blanks between them, and decimals
+    with a point.
 
     A first line may name them, t, u and v (or time, tip or displacement, velocity or tip_velocity) in any order; other
     names are refused, and without names that is the order. Empty lines and those that begin with # are passed over,
@@ -324,11 +339,11 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     rows: list[list[float]] = []
     names: list[str] = []
     for number, line in enumerate(lines, start=1):
-        cells = line.replace(",", " ").replace(";", " ").split()
+        cells = [cell for cell in split_line(line) if cell]
         if not cells:
             continue
         if line.startswith("#"):
-            behind = [_known(cell) for cell in line.lstrip("#").replace(",", " ").replace(";", " ").split()]
+            behind = [_known(cell) for cell in split_line(line.lstrip("#").strip())]
             if not rows and sorted(behind) in COLUMNS:
                 names = behind
             continue
@@ -338,7 +353,7 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
             if not rows and not names:
                 names = _columns(cells, f"{file}, line {number}")
                 continue
-            remedy = "for example 0.1, 0.02, 1.5"
+            remedy = "for example 0.1, 0.02, 1.5, decimals with a point"
             raise InputError("--trajectory", f"{file}, line {number}: {line!r}", "hold numbers", remedy) from None
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             rule = "hold t, u and perhaps v, the same in every line"
@@ -367,7 +382,10 @@ def _columns(cells: list[str], where: str) -> list[str]:
     columns = [_known(cell) for cell in cells]
     if sorted(columns) not in COLUMNS:
         raise InputError(
-            "--trajectory", f"{where}: {' '.join(cells)!r}", "name t, u and perhaps v, each once", "such as t,u,v"
+            "--trajectory",
+            f"{where}: {' '.join(cells)!r}",
+            "name t, u and perhaps v, each once",
+            "such as t,u,v; decimals have a point",
         )
     return columns
 
@@ -381,6 +399,7 @@ STEADY = 1.25  # what an error that has come to stay may scatter by
 FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
 ORDER_SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
 COARSE = 0.1  # of max |v|: below it the velocity's median error may fall slowly in problems without an order limit
+LATE, STAGGERED = 0.75, 0.25  # steps that a velocity may be behind at order 1, as in Euler's methods, and at order 2
 RATE = 0.02  # what the velocity may be off by as a whole from the rate of the position
 MAGNIFIED = 100.0  # times what its digits make of the tip may be lost in the rest of a motion
 TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
@@ -445,8 +464,9 @@ def verdict(entry: Entry, smooth: float) -> Entry:
 
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
     through all steps, its 95 % interval included, come within ``ORDER_SLACK`` of what is expected; the errors of impact
-    times, peak force, energy and velocity must fall as well (``_missed``); the error of an adaptive solver must stay
-    within ``TIMES_TOLERANCE`` times its tolerance. Steps that span less than a factor of four are not judged.
+    times, peak force, energy and velocity must fall as well (``_missed``), and the velocity must be that of its time
+    (``_is_late``); the error of an adaptive solver must stay within ``TIMES_TOLERANCE`` times its tolerance. Steps that
+    span less than a factor of four are not judged.
     """
     levels = np.array([run.level for run in entry.runs])
     errors = np.array([run.errors.tip_rms for run in entry.runs])
@@ -460,7 +480,7 @@ def verdict(entry: Entry, smooth: float) -> Entry:
         good = errors[-1] <= max(limit, FLOOR)
         return replace(entry, outcome=CONVERGES if good else NOT_FALLING)
     # The order through the errors that rounding does not hide.
-    seen = errors > FLOOR
+    seen = (errors > FLOOR) & np.isfinite(errors)
     order = observed_order(1.0 / levels[seen], errors[seen])
     expected = min(smooth, entry.problem.order_limit) if entry.problem.order_limit > 0.0 else float("nan")
     entry = replace(entry, order=order, expected=expected)
@@ -468,8 +488,23 @@ def verdict(entry: Entry, smooth: float) -> Entry:
         return replace(entry, outcome=NOT_FALLING)
     if missed := _missed(entry, levels):
         return replace(entry, outcome=NOT_FALLING, missed=missed)
+    if _is_late(entry):
+        lag, reasons = entry.runs[-1].errors.lag, [entry.reason] if entry.reason else []
+        reasons.append(f"the velocity is that of {abs(lag):.2f} steps {'before' if lag > 0.0 else 'after'} its time")
+        return replace(entry, outcome=LOW_ORDER, missed=("velocity",), reason="; ".join(reasons))
     low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - ORDER_SLACK
     return replace(entry, outcome=LOW_ORDER if low else CONVERGES)
+
+
+def _is_late(entry: Entry) -> bool:
+    """Return True if the velocity is behind the rate of the tip by the same part of a step in the finest runs.
+
+    Half a step is the rule for methods of order 1, and on rigid stops, where all are of order 1.
+    """
+    lags = np.array([run.errors.lag for run in entry.runs[-max(3, len(entry.runs) // 3) :]])
+    second = entry.problem.order_limit >= 2.0 and entry.order.slope - entry.order.interval > 1.0 + STAGGERED
+    allowed = STAGGERED if second else LATE
+    return bool(np.min(np.abs(lags)) > allowed and np.ptp(lags) < (STEADY - 1.0) * np.min(np.abs(lags)))
 
 
 def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:

@@ -141,7 +141,10 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
         for level in levels:
             try:
                 made = runner.solve(each, level, each.t_end)
-                runs.append(_run(each, made))
+                run = _run(each, made)
+                if not np.isfinite(run.errors.tip_rms):
+                    raise Diverged("it", made.motion.t[np.argmax(np.abs(made.motion.u))], "more steps may help")
+                runs.append(run)
                 reason = reason or _uncounted(each, made, runs[-1])
             except Diverged as error:  # in so few steps, or where fewer went through in steps too short for it
                 reason, outcome = f"in {level:g} steps {error}", FAILED if runs else ""
@@ -160,7 +163,8 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
 
 
 def _run(each: Problem, made: Made) -> Run:
-    return Run(made.level, made.cost, made.seconds, errors_of(each, made.motion))
+    with np.errstate(over="ignore", invalid="ignore"):  # it may have grown to 1e200
+        return Run(made.level, made.cost, made.seconds, errors_of(each, made.motion))
 
 
 def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:

@@ -303,7 +303,7 @@ def overview_rows(card: Scorecard) -> tuple[list[str], list[list[str]]]:
 
 def reasons(card: Scorecard) -> list[str]:
     """Every flagged or refused entry as a sentence; equal reasons of several problems share one line."""
-    lines = [_words(e) for e in card.flagged]
+    lines = [_words(e) for e in card.flagged if not (e.outcome == LOW_ORDER and e.missed)]  # those have a reason
     told: dict[tuple[str, str], list[str]] = {}  # the problems by integrator and reason
     for e in card.entries:
         if e.runs and e.reason:
