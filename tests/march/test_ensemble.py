@@ -344,3 +344,20 @@ def test_members_whose_contact_is_there_at_the_start_are_flagged(rigid):
         assert many.contact.open_at_start.tolist() == [True, False]
         assert many.to_dataframe()["contact_open_at_start_0"].tolist() == [True, False]
         assert many.to_xarray()["contact_open_at_start"].values.tolist() == [[1, 0]]
+
+
+@pytest.mark.parametrize("unknowns", [1, 4])
+@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.Bathe(), sb.HHT(-0.1), sb.BDF2()], ids=str)
+def test_members_start_with_the_bits_of_their_solo_runs(scheme, unknowns):
+    """A product or a solve of all starts at once rounds otherwise than that of one."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        K, M = rng.normal(size=(2, unknowns, unknowns))
+        system = sb.System.from_matrices(
+            np.eye(unknowns) + 0.2 * M @ M.T, np.eye(unknowns) + K @ K.T, 0.1 * np.outer(K[0], K[0]),
+            loads=[(rng.normal(size=unknowns), sb.Harmonic(1.0, 1.7, phase=2.0))], observe=rng.normal(size=unknowns),
+            initial_displacement=rng.normal(size=unknowns), initial_velocity=rng.normal(size=unknowns),
+        )  # fmt: skip
+        ensemble = sb.integrate_ensemble(system, scheme, 0.05, 3.0, [system] * 3, every=1)
+        run = sb.integrate(system, scheme, 0.05, 3.0)
+        assert all(np.array_equal(tip, run.tip) for tip in ensemble.tip)

@@ -173,3 +173,13 @@ def test_rest_on_a_stop_without_a_gap_has_no_row(method, law):
     run = solved(hammer(0.0, **law), method)
     assert run.impacts.count == 0
     assert not run.impacts.listed()[0].impulses.any() or np.isnan(run.impacts.listed()[0].ends).all()
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("engine", ["numba", "direct"])
+def test_extrapolated_forces_of_several_stops_overflow_as_those_of_one(engine):
+    """The sum of squared forces overflows long before a position does: that is no failure of a search."""
+    contacts = [sb.Contact(np.ones(1), sb.Stops(lower=-0.1, stiffness=1e4, exponent=p)) for p in (1.5, 3.0)]
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=contacts, initial_velocity=[-9.0])
+    with pytest.raises(sb.Diverged, match="implicit contact"):
+        sb.integrate(system, sb.Trapezoidal(), 0.1, 20.0, contact="extrapolated", engine=engine)

@@ -204,3 +204,22 @@ def test_the_peak_forces_of_an_orbit_are_those_of_its_motion():
 def test_an_equilibrium_is_an_orbit():
     system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[(np.ones(1), sb.Constant(1.0))], observe=[1.0])
     np.testing.assert_allclose(sb.periodic_orbit(system, 2.0).q, 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.5 * np.pi])
+def test_a_period_may_start_at_a_zero_of_position_or_velocity(turned):
+    """Without events the start alone does not show the size of a motion. x'' + 0.3 x' + 2 x = sin(w t + phase) passes
+    zero, or turns, at t = 0 for w = 1.2; its multipliers are exp(T (-0.15 +- i w_d))."""
+
+    def driven(w: float) -> sb.System:
+        load = ([1.0], sb.Harmonic(1.0, w, phase=turned + np.arctan2(0.3 * 1.2, 2.0 - 1.44)))
+        stop = sb.Contact(np.ones(1), sb.Stops(upper=9.0, stiffness=4.0))
+        return sb.System.from_matrices([[1.0]], [[2.0]], [[0.3]], loads=[load], contacts=[stop])
+
+    T, size = 2.0 * np.pi / 1.2, 1.0 / np.hypot(2.0 - 1.44, 0.36)
+    orbit = sb.periodic_orbit(driven(1.2), T, ([0.0], [0.0]) if turned else ([0.0], [1.0]))
+    np.testing.assert_allclose([*orbit.q, *orbit.v], [size * np.sin(turned), 1.2 * size * np.cos(turned)], atol=1e-13)
+    assert np.min(np.abs(orbit.multipliers - np.exp(T * (-0.15 + 1j * np.sqrt(2.0 - 0.15**2))))) < 1e-13
+    branch = sb.continuation(driven, "frequency", np.linspace(1.0, 1.4, 5), lambda w: 2.0 * np.pi / w)
+    assert branch.values[-1] == 1.4
+    assert branch.end == "at the end of the values"

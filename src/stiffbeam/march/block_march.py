@@ -181,7 +181,7 @@ class Stepper:
         events = events_at_start(tally, law, self.dt, (u, v), self.contact == "conserving")
         start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
         force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
-        z = first.pack(first.one.scheme.initial(coordinates.equation, [start], force))
+        z = self.packed(first, first.one.scheme, [start], force)
         return Launch(law, u, v, tally, events, start, z, bool(np.any(force_jumps(all_laws(law)))))
 
     def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
@@ -193,6 +193,20 @@ class Stepper:
             for c in range(law.shape[1]):
                 total += forces[:, c, None] * self.coordinates.columns[c]
         return total
+
+    def packed(self, propagator: Propagator, scheme: Scheme, history: list[Array], force: Array) -> Array:
+        """The scheme's states under forces (M, N), packed. Member by member: sums over a batch round otherwise."""
+        each = [
+            propagator.pack(
+                scheme.initial(
+                    self.coordinates.equation,
+                    [np.ascontiguousarray(y[:, i : i + 1]) for y in history],
+                    force[i : i + 1],
+                )
+            )
+            for i in range(len(force))
+        ]
+        return copied(np.concatenate(each))
 
     def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
         """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
@@ -269,8 +283,7 @@ class March:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                z = scheme.initial(equation, history, self._force())
-                self.state = self.state._replace(z=block.pack(z))
+                self.state = self.state._replace(z=stepper.packed(block, scheme, history, self._force()))
             forcing = self.forcing(block)
             # The more members, the fewer steps a call, down to a sixteenth: progress is reported between calls.
             most = STEPS_PER_CALL // min(16, len(self.members))

@@ -215,6 +215,9 @@ class Plan:
         parent = system if isinstance(system, System) else system.system
         if self.stepper is not None:
             return replay(self.stepper_for(parent.contacts), parent, self.steps)
+        if self.rigid:
+            reactions = self._with_reactions(parent)
+            return ((t, q, v, np.concatenate([np.full_like(R[:1], np.nan), R])) for t, q, v, R in reactions)
         return _states(parent, self.pieces(system), self.dt)
 
     def ledger(self, system: System | FirstOrderSystem, every: int) -> Ledger:

@@ -105,7 +105,8 @@ class ContactRates:
         For each contact normal and sliding work of every impact, in the order of ``Impacts.to_dataframe``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times.
+        a reference, or the output times. "impacts" of rigid stops: their table, each impact spread evenly over its
+        contact.
     """
 
     since: float
@@ -232,17 +233,19 @@ def contact_rates(
     if marched:
         for i, nodes in _steps(run, marched, rows):
             sums[i].add(*nodes)
-    rates, works = [], []
+    rates, works, reactions = [], [], _reactions(run) if run.contacts else None
     for i, (contact, (window, impact)) in enumerate(zip(run.contacts, (x.totals for x in sums), strict=True)):
         if contact.stops.rigid:
-            # Rigid stops have impulses, no forces: works are NaN, the rest follows from the table of impacts.
+            # Rigid stops have impulses, no forces: works are NaN.
             window[2:], impact[:] = np.nan, np.nan
-            window[:2] = _of_impacts(run, i, edges)
+            sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
             window[3], impact[1] = np.nan, np.nan
         counts = np.histogram(contact.impacts.times, edges)[0]
         series = dict(zip(RATES, (counts, *window), strict=True))
-        rates.append({name: _rate(x / width) for name, x in series.items()})
+        means = {name: _rate(x / width) for name, x in series.items()}
+        share = means["contact"]  # of the time: at most all of it
+        rates.append(means | {"contact": replace(share, high=float(np.minimum(1.0, share.high)))})
         works.append(impact)
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
 
@@ -303,17 +306,40 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _of_impacts(run: Trajectory, i: int, edges: Array) -> Array:
-    """Impulse and time in contact (2, n) from the table of impacts, each at its beginning."""
-    contact = run.contacts[i]
-    listed, _ = contact.impacts.listed()
-    ends = np.where(np.isnan(listed.ends), edges[-1], listed.ends)
-    impulses = listed.impulses.copy()
-    still_open = np.isnan(impulses)
-    # A single open impact has what the others leave of the whole impulse.
-    if np.sum(still_open) == 1:
-        impulses[still_open] = contact.impulse - np.nansum(impulses)
-    return np.array([np.histogram(listed.times, edges, weights=x)[0] for x in (impulses, ends - listed.times)])
+def _reactions(run: Trajectory) -> Array | None:
+    """Mean reactions of rigid stops over every step of a scheme (steps, m); None of other runs."""
+    if isinstance(run, Reference) or run.pieces is None or run.system is None or not run.stops[0].rigid:
+        return None
+    return np.concatenate([forces[1:] for *_, forces in run.pieces()])
+
+
+def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array) -> tuple[str, Array]:
+    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part."""
+    contact, end = run.contacts[i], float(edges[-1])
+    source, blows = "impacts", []
+    if isinstance(run, Reference) and hasattr(run.solution, "presses"):
+        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), end)
+    elif reactions is not None:
+        source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])
+        spans = np.stack([pressed * dt, (pressed + 1) * dt, np.abs(reactions[pressed, i]) * dt], axis=1)
+    else:
+        # The table of impacts: each presses evenly from its time to its end.
+        listed, _ = contact.impacts.listed()
+        ends, impulses = np.where(np.isnan(listed.ends), end, listed.ends), listed.impulses.copy()
+        still_open = np.isnan(impulses)
+        # A single open impact has what the others leave of the whole impulse.
+        if np.sum(still_open) == 1:
+            impulses[still_open] = contact.impulse - np.nansum(impulses)
+        spans = np.stack([listed.times, ends, impulses], axis=1)
+        at_once = listed.times == ends
+        spans, blows = spans[~at_once], spans[at_once][:, [0, 2]]
+    begins, ends, impulses = np.reshape(spans, (-1, 3)).T
+    times, at_once = np.reshape(blows, (-1, 2)).T
+    # Both grow evenly within a span and stay between two.
+    corners = np.append(np.stack([begins, ends], axis=1).ravel(), np.inf)
+    grown = [np.append(0.0, np.repeat(np.cumsum(x), 2)) for x in (impulses, ends - begins)]
+    impulse, lasting = (np.diff(np.interp(edges, corners, x)) for x in grown)
+    return source, np.array([impulse + np.histogram(times, edges, weights=at_once)[0], lasting])
 
 
 def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes | None]:

@@ -42,6 +42,7 @@ from .contact_law import (
     LAW,
     NEWTON,
     Law,
+    damps,
     depth,
     elastic,
     elastic_slope,
@@ -218,6 +219,12 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     J, J_trial = np.zeros((m, m)), np.zeros((m, m))
     # F starts at zero, where no contact presses.
     merit = _alone(r, w, S, S_rate, u0, rule, law, F, f, tolerance, J)
+    # Where no force changes another, as with the extrapolated contact, f is the solution, even if |H|^2 overflows.
+    coupled = np.any(S)
+    for c in range(m):
+        coupled = coupled or damps(law_of(law, c))
+    if not coupled:
+        return f
     for _ in range(ITERATIONS):
         if not np.isfinite(merit):
             break

@@ -29,6 +29,7 @@ from .generator import Generators, RegimeFlow, saddle, saddle_times
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
 TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
+LEAST = 0.01  # of the position or velocity that one turn in the time of a path gives: its least unit
 
 # Segment -> forms (f, N) and their own derivatives (f, N) in every parameter, equal for segments of one regime.
 Forms = Callable[[int], tuple[Array, Sequence[Array]]]
@@ -48,6 +49,15 @@ class Path:
     t_end: float
     rigid: bool = False
     hits: Mapping[int, Sequence[int]] = field(default_factory=dict)
+
+    @property
+    def units(self) -> Array:
+        """The largest |q| and |q'| where segments start, for each entry of a state, (2n,).
+
+        Where all starts are near zeros of one of them it counts as LEAST of one turn in the time of the path.
+        """
+        turn, (q, v) = self.t_end / (2.0 * np.pi), (float(np.max(np.abs(x))) for x in (self.q, self.v))
+        return np.repeat([max(q, LEAST * turn * v, 1e-300), max(v, LEAST * q / turn, 1e-300)], self.q.shape[1])
 
 
 class Tangent:

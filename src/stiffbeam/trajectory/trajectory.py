@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..model.system import System
 
 # A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
+# Forces of rigid stops are the mean reactions of the steps that end there, NaN in the first row of a piece.
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 

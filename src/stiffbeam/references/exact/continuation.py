@@ -35,7 +35,7 @@ from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
 from ...piecewise.regimes import Known, same_modes
-from ...piecewise.tangent import Path, Tangent
+from ...piecewise.tangent import Tangent
 from ...trajectory.trajectory import SolverFailure
 from .orbit import ALONE, Orbit, PeriodMap, abrupt, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
 
@@ -387,7 +387,7 @@ class _Follower:
 
     def rescaled(self, point: _Point, step: float, before: _Point) -> tuple[_Point, float, _Point | None]:
         """A point, a step and the point before, in units of its motion where that has become another by a factor."""
-        factor = _units(point.tangent.path) / self.scale
+        factor = point.tangent.path.units / self.scale
         if np.all((factor < RESCALED) & (factor > 1.0 / RESCALED)):
             return point, step, before
         self.scale = self.scale * factor
@@ -515,11 +515,6 @@ class _Follower:
             return None
 
 
-def _units(path: Path) -> Array:
-    """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
-    return np.repeat([max(float(np.max(np.abs(x))), 1e-300) for x in (path.q, path.v)], path.q.shape[1])
-
-
 def _reached(kind: str, point: _Point) -> bool:
     """Return True where a multiplier has its value at a bifurcation: a test function jumps where an event goes."""
     m = point.multipliers
@@ -593,7 +588,7 @@ def continuation(
     first = require_system(make_system(float(along[0])))
     start = periodic_orbit(first, of_value(float(along[0])), guess)
     follower = _Follower(make_system, of_value, parameter, limits, 1.0 / (len(along) - 1), most, grazings)
-    follower.scale = _units(start.path)
+    follower.scale = start.path.units
     with within_float64("continuation", start.period), displayed(progress) as follower.show:
         normal = np.append(np.zeros(2 * first.size), np.sign(along[-1] - along[0]))
         point, _ = follower.point(np.concatenate([start.q, start.v]), float(along[0]), normal, normal)

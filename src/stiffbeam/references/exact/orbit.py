@@ -230,10 +230,9 @@ class PeriodMap:
 
     def sizes(self, tangent: Tangent) -> Array:
         """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
-        n = self.system.size
+        units = tangent.path.units
         # Velocities of a motion at rest have the scale of one turn in the period.
-        q, v = np.max(np.abs(tangent.Z[:, :n])), np.max(np.abs(tangent.Z[:, n : 2 * n]))
-        return np.repeat([max(q, 1e-300), max(v, q * 2.0 * np.pi / self.period, 1e-300)], n)
+        return np.maximum(units, np.repeat([0.0, units[0] * 2.0 * np.pi / self.period], self.system.size))
 
 
 def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:

@@ -76,6 +76,15 @@ class RigidMotion(Motion):
             R[holding[points][:, None], flow.held] = horner(C @ flow.reactions.T, which, tau)
         return R
 
+    def presses(
+        self, contact: int, since: float, t_end: float
+    ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
+        """Segments (from, to, impulse) in which a contact is held after ``since``, and its impulses (time, impulse) by
+        impacts, its own and those of others."""
+        blows = [(e.time, e.impulse) for e in self.events if e.contact == contact]
+        blows += [(time, impulse) for time, c, impulse in self.struck if c == contact]
+        return held_spans(self, t_end, since)[contact], blows
+
     def settled(self, system: System, t: Array, channel: int, u: Array, v: Array) -> tuple[Array, Array]:
         """Position and velocity of a channel; of a held contact those of its stop."""
         if channel >= len(system.contacts):
@@ -229,3 +238,23 @@ def stays(acceleration: Array) -> bool:
     a load on it rises from zero, or none ever comes."""
     later = acceleration[acceleration != 0.0]
     return acceleration[0] == 0.0 and not (len(later) and later[0] > 0.0)
+
+
+def held_spans(solution: RigidMotion, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
+    """For every contact the segments (from, to, impulse of the reaction) in which it is held after ``since``."""
+    spans: list[list[tuple[float, float, float]]] = [[] for _ in range(solution.sides.shape[1])]
+    ends = np.append(solution.times[1:], t_end)
+    held = np.flatnonzero(np.any(solution.sides != 0, axis=1) & (ends > since))
+    starts = np.maximum(solution.times, since)
+    impulses: dict[int, Array] = {}
+    for flow, points, which, tau, C in solution.expanded(held, starts[held]):
+        # Impulse of the reaction: its series, integrated term by term.
+        R = C @ flow.reactions.T
+        R = np.concatenate([np.zeros((1, *R.shape[1:])), R / np.arange(1.0, len(R) + 1.0)[:, None, None]])
+        until = ends[held[points]] - solution.times[held[points]]
+        total = np.abs(horner(R, which, until) - horner(R, which, tau))
+        impulses |= dict(zip(held[points].tolist(), total, strict=True))
+    for k in held.tolist():
+        for i, impulse in zip(np.flatnonzero(solution.sides[k]).tolist(), impulses[k].tolist(), strict=True):
+            spans[i].append((float(starts[k]), float(ends[k]), impulse))
+    return spans

@@ -22,7 +22,7 @@ from ..registry import Request
 from ..rigid_stops import REMEDY, at_rest, require_rigid
 from .impacting import RADIANS, Tracer
 from .piecewise import reference_of, refuse
-from .rigid_motion import RigidMotion, horner, impacts_of
+from .rigid_motion import RigidMotion, held_spans, impacts_of
 
 # A negative number reverses the change of the start; every segment uses its size.
 COPIES = ((0.7, 4.0), (0.55, -4.0), (0.85, 16.0))  # radians a segment, roundings of the start and of every segment
@@ -96,26 +96,6 @@ def observations(
         for i, contact in enumerate(system.contacts)
     )
     return *seen[system.tip_channel], contacts
-
-
-def held_spans(solution: RigidMotion, t_end: float, since: float = 0.0) -> list[list[tuple[float, float, float]]]:
-    """For every contact the segments (from, to, impulse of the reaction) in which it is held after ``since``."""
-    spans: list[list[tuple[float, float, float]]] = [[] for _ in range(solution.sides.shape[1])]
-    ends = np.append(solution.times[1:], t_end)
-    held = np.flatnonzero(np.any(solution.sides != 0, axis=1) & (ends > since))
-    starts = np.maximum(solution.times, since)
-    impulses: dict[int, Array] = {}
-    for flow, points, which, tau, C in solution.expanded(held, starts[held]):
-        # Impulse of the reaction: its series, integrated term by term.
-        R = C @ flow.reactions.T
-        R = np.concatenate([np.zeros((1, *R.shape[1:])), R / np.arange(1.0, len(R) + 1.0)[:, None, None]])
-        until = ends[held[points]] - solution.times[held[points]]
-        total = np.abs(horner(R, which, until) - horner(R, which, tau))
-        impulses |= dict(zip(held[points].tolist(), total, strict=True))
-    for k in held.tolist():
-        for i, impulse in zip(np.flatnonzero(solution.sides[k]).tolist(), impulses[k].tolist(), strict=True):
-            spans[i].append((float(starts[k]), float(ends[k]), impulse))
-    return spans
 
 
 def _contact(
