@@ -447,10 +447,5 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         left, width, whole = left[~both], width[~both], works[:, ~both]
     t, weights, force, v, *sliding = np.concatenate(nodes, axis=1)
     error = np.max(np.divide(change, totals, out=np.zeros(len(totals)), where=totals > 0.0), initial=1e-15)
-    return f"events, quadrature to {error:.0e}", (
-        t,
-        weights,
-        force,
-        v,
-        sliding[0] if sliding else np.full(len(t), np.nan),
-    )
+    speeds = v, sliding[0] if sliding else np.full(len(t), np.nan)
+    return f"events, quadrature to {error:.0e}", (t, weights, force, *speeds)
