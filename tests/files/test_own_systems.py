@@ -104,6 +104,45 @@ def test_matrices_have_the_units_that_are_stated(file):
         sb.System.from_matrices(MASS, STIFFNESS, observe=[1, 0, 0], units="mm")  # type: ignore[arg-type]
 
 
+def test_a_large_model_is_reduced_in_its_file(tmp_path):
+    n = 160
+    stiffness = scipy.sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)) * 1e4
+    scipy.io.mmwrite(tmp_path / "M.mtx", scipy.sparse.eye_array(n))
+    scipy.io.mmwrite(tmp_path / "K.mtx", stiffness, precision=17)
+    text = """
+    [[case]]
+    name = "string"
+    dt = 1e-3
+    t_end = 2.0
+    [case.system]
+    mass = "M.mtx"
+    stiffness = "K.mtx"
+    modes = 12
+    loads = [{ row = { 80 = 1.0 }, amplitude = 300.0, frequency = 2.0 }]
+    contacts = [{ row = { 120 = 1.0 }, upper = 0.2, stiffness = 1e4 }]
+    """
+    file = tmp_path / "string.toml"
+    file.write_text(text)
+    case, unit = find_case(str(file)), np.eye(n)
+    small = sb.reduce_model(
+        np.eye(n), stiffness, loads=[(unit[80], sb.Harmonic(300.0, 2.0))],
+        contacts=[sb.Contact(unit[120], sb.Stops(upper=0.2, stiffness=1e4))], modes=12,
+    )  # fmt: skip
+    found = case.system()
+    assert found.size == 14
+    np.testing.assert_allclose(np.diag(found.stiffness), np.diag(small.system.stiffness), rtol=1e-10)
+    np.testing.assert_allclose(np.abs(found.contacts[0].row), np.abs(small.system.contacts[0].row), atol=1e-9)
+    # The error of the mesh is that of the modes which are left out.
+    assert case.refined("matrices").size == 26
+    for wrong in ("0", "2.5", "160"):
+        file.write_text(text.replace("modes = 12", f"modes = {wrong}"))
+        with pytest.raises(InputError, match="modes"):
+            find_case(str(file))
+    file.write_text(text.replace("loads =", "initial_velocity = { 3 = 1.0 }\n    loads ="))
+    with pytest.warns(UserWarning, match=r"12 modes lose 0\.\d+ of the initial data.*keep more"):
+        find_case(str(file))
+
+
 def test_a_file_makes_the_system_that_python_makes(file):
     """Every number of it: the motions to the last bit, and the exact decimals of the file beside them."""
     case, wanted = find_case(str(file)), own_system()

@@ -421,9 +421,13 @@ class _Reader(Reader):
             remedy = "[case.problem] is a beam, [case.system] names matrices"
             both = None if matrices is None else "beside a system"
             raise self.error("problem", both, "be given and be a table" if matrices is None else "stand alone", remedy)
-        system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).system()
+        system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).model()
         more = self.get("finer", dict, "be a table", None)
-        finer = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).system()
+        finer: Any = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).model()
+        if isinstance(system, ReducedModel):
+            finer, system = finer or system.refined, system.system
+        if isinstance(finer, ReducedModel):
+            finer = finer.system
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         # Runs, in the form that fits what is solved.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +15,7 @@ from ..basics.validation import InputError, near
 from ..model.contact import Contact, Stops
 from ..model.contact_law import LINEAR
 from ..model.problem import PolynomialProfile
+from ..model.reduction import ReducedModel, reduce_model
 from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
@@ -262,6 +265,7 @@ class Reader:
 
 
 FIELDS = {"mass", "stiffness", "damping", "loads", "contacts", "units"}
+LOST = 1e-3  # of initial data or of a static deflection: more is told
 VECTORS = {"observe", "initial_displacement", "initial_velocity"}
 ROW = "be a list of numbers, the name of a file, or a table { unknown = number }, unknowns counted from 0"
 
@@ -269,16 +273,33 @@ ROW = "be a list of numbers, the name of a file, or a table { unknown = number }
 class SystemReader(Reader):
     """Reads a system, its loads { row, time function } and its contacts { row, stops, offset }."""
 
+    def model(self) -> System | ReducedModel:
+        """The system, or where the table has ``modes`` its reduced model."""
+        if "modes" not in self.table:
+            return self.system()
+        modes = self.get("modes", int, "be an integer")
+        model: ReducedModel = self._made(partial(reduce_model, modes=modes), FIELDS | VECTORS | {"modes"})
+        if max(model.initial_data_error, model.static_error) > LOST:
+            lost = (
+                f"{model.initial_data_error:.2g} of the initial data, {model.static_error:.2g} of a static deflection"
+            )
+            warnings.warn(f"{self.where}: {modes} modes lose {lost}: keep more", stacklevel=2)
+        return model
+
     def system(self) -> System:
         """The system of the whole table; InputError names the field that is wrong."""
-        self.only(FIELDS | VECTORS)
+        return self._made(System.from_matrices, FIELDS | VECTORS)
+
+    def _made(self, make_it: Any, known: set[str]) -> Any:
+        """``make_it`` of the matrices, loads, contacts and vectors of the table, which has no other fields."""
+        self.only(known)
         units = self.sub("units")
         mass = self.matrix("mass")
         # Rows need n before the system is built, which refuses a mass of another shape.
         n = mass.shape[0] if mass.ndim == 2 else 0
         loads, contacts = (self.one_or_several(name) for name in ("loads", "contacts"))
         return self.build(
-            System.from_matrices,
+            make_it,
             mass,
             self.matrix("stiffness"),
             self.matrix("damping") if "damping" in self.table else None,
