@@ -71,10 +71,10 @@ class _Shared(OSError):
 def _require_private(folder: Path) -> None:
     """Raise an error if another user can replace compiled code in the cache directory."""
     if hasattr(os, "getuid") and _others_enter(folder):
-        for path, pattern in [(folder / name, pattern) for name, pattern in CODE.items()]:
-            if _others_enter(path):
-                for each in path.glob(pattern):
-                    _others_enter(each)
+        for name, pattern in CODE.items():
+            if _others_enter(folder / name):
+                for path in (folder / name).glob(pattern):
+                    _others_enter(path)
 
 
 def _others_enter(path: Path) -> bool:

@@ -65,7 +65,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored
         signal.signal(signal.SIGINT, end)
-    atexit.register(gc.freeze)  # at the end nothing is left to collect: some 0.3 s of search through all modules
+    atexit.register(gc.freeze)  # at the end a search through all modules for garbage would only take time
     try:
         app()
     except InputError as error:

@@ -280,9 +280,7 @@ class SystemReader(Reader):
         modes = self.get("modes", int, "be an integer")
         model: ReducedModel = self._made(partial(reduce_model, modes=modes), FIELDS | VECTORS | {"modes"})
         if max(model.initial_data_error, model.static_error) > LOST:
-            lost = (
-                f"{model.initial_data_error:.2g} of the initial data, {model.static_error:.2g} of a static deflection"
-            )
+            lost = f"{model.initial_data_error:.2g} of the initial data, {model.static_error:.2g} of a deflection"
             warnings.warn(f"{self.where}: {modes} modes lose {lost}: keep more", stacklevel=2)
         return model
 

@@ -32,7 +32,7 @@ from ..piecewise.regimes import Source
 from ..piecewise.spectrum import known_until
 from ..piecewise.tangent import Tangent
 from ..piecewise.tracer import Tracer, tracer_of
-from ..trajectory.records import STILL, Impacts, at_rest_until
+from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.derivative import path_of_solution
 from .exact.impacting import Tracer as ImpactTracer
@@ -106,10 +106,7 @@ def agree_until(
     horizon = end
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
         close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
-        if not np.all(close):
-            # The last output before the first difference, or the start.
-            first = int(np.argmin(close))
-            horizon = min(horizon, float(a.t[first - 1]) if first else 0.0)
+        horizon = min(horizon, last_before(a.t, ~close, end))
     for k, (c, d) in enumerate(zip(a.impacts, b.impacts, strict=True), 1):
         least = min(tolerance, apart(max(c.count, d.count), end))
         begun = max(at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))

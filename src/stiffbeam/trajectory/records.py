@@ -30,13 +30,16 @@ COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, pea
 STILL = 1e-9  # of the motion: that of a point which stands still is rounding
 
 
+def last_before(t: Array, wrong: BoolArray, end: float) -> float:
+    """The output time before the first that is ``wrong``, 0.0 where that is the first of all; ``end`` if none is."""
+    first = np.flatnonzero(wrong)[:1]
+    return end if not len(first) else float(t[first[0] - 1]) if first[0] else 0.0
+
+
 def at_rest_until(t: Array, u: Array, scale: float) -> float:
     """The last output time before a contact has moved from its start, by STILL of the ``scale``; 0.0 if the outputs
     begin later."""
-    if t[0] > 0.0:
-        return 0.0
-    moved = np.abs(u - u[0]) > STILL * scale
-    return float(t[max(0, int(np.argmax(moved)) - 1)] if np.any(moved) else t[-1])
+    return 0.0 if t[0] > 0.0 else last_before(t, np.abs(u - u[0]) > STILL * scale, float(t[-1]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

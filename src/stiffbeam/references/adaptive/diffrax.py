@@ -148,12 +148,12 @@ class Programs:
             # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
             begun = time.process_time()
             with stopped_clock():
-                _PROGRAMS[key] = _compiled(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
+                _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
             self.rhs.compile_seconds += time.process_time() - begun
         return _PROGRAMS[key]
 
 
-def _compiled(lowered: Any) -> Any:
+def _program(lowered: Any) -> Any:
     """The compiled program, read from the cache directory where an earlier process compiled it: XLA takes seconds.
 
     The name of the file tells the program's text and what else decides the machine code.

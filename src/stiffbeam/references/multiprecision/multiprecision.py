@@ -41,6 +41,7 @@ from ...piecewise.motion import Motion
 from ...piecewise.regimes import Regimes, Source
 from ...piecewise.search import EPS, REMEDY
 from ...piecewise.tracer import Gaps
+from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.piecewise import reference_of, refuse
 from ..horizon import lyapunov
@@ -211,8 +212,7 @@ def _agreement(a: Reference, b: Reference) -> float:
         end = float((x if len(x.times) > n else y).times[n])
     # First output up to there at which the displacements differ.
     scale = float(np.max(np.abs(b.tip)))
-    wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end))
-    return min([end, *(float(b.t[i - 1]) if i else 0.0 for i in wrong[:1])])
+    return last_before(b.t, ~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end), end)
 
 
 # ---------------------------------------------------------------- from event to event

@@ -15,7 +15,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate
-from ...trajectory.records import ContactRecord, Impacts, Ledger
+from ...trajectory.records import ContactRecord, Impacts, Ledger, last_before
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..registry import Request, output_times
 from ..rigid_stops import require_rigid, require_smooth
@@ -246,5 +246,4 @@ def _distinct(impacts: list[Impact]) -> list[Impact]:
 def _outputs(a: Reference, b: Reference) -> float:
     """The time to which the outputs of two solutions agree."""
     scale = float(np.max(np.abs(b.tip)))
-    wrong = np.flatnonzero(~(np.abs(a.tip - b.tip) <= AGREEMENT * scale))
-    return min([float(b.provenance["t_end"]), *(float(b.t[i - 1]) if i else 0.0 for i in wrong[:1])])
+    return last_before(b.t, ~(np.abs(a.tip - b.tip) <= AGREEMENT * scale), float(b.provenance["t_end"]))
