@@ -16,7 +16,7 @@ TITLES = (
     "displacement",
     "phase portrait",
     "the first contacts",
-    r"shear stress $\sigma$",
+    r"contact force $\sigma$",
     "delayed portrait",
     "spectrum",
 )

@@ -13,6 +13,7 @@ import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
+from stiffbeam.measures.report import common_window
 from stiffbeam.studies import find_study, study
 from stiffbeam.studies.common import solve_once, system_of
 from stiffbeam.studies.interface import by_contact
@@ -152,3 +153,74 @@ def test_a_body_that_two_stops_squeeze_from_both_sides_stays_where_it_is(method)
         assert record.impacts.times == pytest.approx([begin], abs=1e-9)
         assert record.impacts.impulses == pytest.approx([impulse], rel=1e-8)
         assert record.peak_force == pytest.approx(5.0, rel=1e-8)
+
+
+def row_of_masses(uppers, stiffness=100.0):
+    """Masses on springs of their own, each before a stop."""
+    n = len(uppers)
+    contacts = [sb.Contact(np.eye(n)[i], sb.Stops(upper=u, stiffness=stiffness)) for i, u in enumerate(uppers)]
+    springs = np.diag(np.arange(2.0, n + 2.0) ** 2)
+    return sb.System.from_matrices(np.eye(n), springs, contacts=contacts, initial_velocity=np.ones(n))
+
+
+def test_the_table_leaves_out_the_contacts_that_nothing_touches():
+    system = row_of_masses((0.3, 9.0, 9.0, 0.1, 9.0))
+    text = str(sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(system, 4.0)))
+    lines = [line.strip() for line in text.splitlines()]
+    assert sum(line.startswith("contact 1 ") for line in lines) == 4  # of reference and run, to the horizon and in all
+    assert sum(line.startswith("contact 4 ") for line in lines) == 4
+    assert "Never touched: contact 2 to contact 3, contact 5." in lines
+    free = row_of_masses((9.0, 9.0))
+    lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
+    assert not any("contact 1" in line or "Never touched" in line for line in lines)
+    assert any(line.startswith("exact, reference") and "0 [0]" in line for line in lines)
+
+
+def test_the_name_of_a_run_stays_on_one_line():
+    """Narrower gaps where a long name and long numbers would not fit a file."""
+    ball = sb.System.from_matrices(
+        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0], units=sb.Units(),
+        contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.7))],
+    )  # fmt: skip
+    text = str(sb.compare(sb.integrate(ball, sb.MoreauJean(), 1e-3, 4.0), sb.reference(ball, 4.0)))
+    assert sum(line.startswith("MoreauJean(theta=0.5) ") for line in text.splitlines()) == 2
+
+
+def test_a_solver_that_ends_early_cuts_no_other_error_short():
+    system = two_contacts()
+    exact, run = sb.reference(system, 6.0), sb.integrate(system, sb.HHT(), 1e-4, 6.0)
+    early = sb.reference(system, 0.5, "dop853")
+    whole, short = sb.compare(run, exact), sb.compare(early, exact)
+    assert short.window < 0.6 < whole.matched_until
+    assert common_window([whole, short]) == common_window([whole])
+
+
+def test_pictures_show_six_contacts_that_are_touched():
+    system = row_of_masses((9.0, *[0.05] * 8))
+    exact, run = sb.reference(system, 3.0), sb.integrate(system, sb.HHT(), 1e-3, 3.0)
+    titles = [axis.get_title(loc="left")[4:] for axis in four_panels("many", [run], [exact]).axes]
+    wanted = [f"first impact at contact {i}" for i in range(2, 8)]
+    assert [title for title in titles if "contact" in title] == wanted
+    titles = [axis.get_title(loc="left") for axis in sb.paper_figure([exact, run]).axes]
+    assert sum("contacts at contact" in title for title in titles) == sum("force" in title for title in titles) == 6
+    assert titles[-1].endswith("spectrum")
+    force = run.plot().axes[1]
+    assert [line.get_label().partition(":")[0] for line in force.lines] == [f"contact {i}" for i in range(2, 8)]
+    free = row_of_masses((9.0, 9.0))
+    exact, run = sb.reference(free, 3.0), sb.integrate(free, sb.HHT(), 1e-3, 3.0)
+    assert four_panels("none", [run], [exact]).axes[2].get_title(loc="left") == "(c) first oscillations"
+    assert [text.get_text() for text in run.plot().axes[1].texts] == ["no contact"]
+
+
+def test_a_hammer_that_starts_on_its_string_is_said_to_be_no_impact():
+    """In contact for a part of the time without an impact: the line says why."""
+    stop = sb.Stops(upper=0.0, stiffness=100.0)
+    system = sb.System.from_matrices(
+        [[1.0]], [[0.0]], contacts=[sb.Contact([1.0], stop)], initial_velocity=[1.0]
+    )  # fmt: skip
+    line = "A contact that begins at t = 0 counts as contact, not as an impact."
+    compared = sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 1.0), sb.reference(system, 1.0))
+    assert line in str(compared).splitlines()
+    assert compared.contacts[0].reference.impacts == 0 < compared.contacts[0].reference.fraction
+    away = replace(system, q0=np.array([-0.1]), origin=None)
+    assert line not in str(sb.compare(sb.integrate(away, sb.Trapezoidal(), 1e-3, 1.0), sb.reference(away, 1.0)))

@@ -145,7 +145,7 @@ def test_the_system_has_the_units_of_the_problem():
     assert run.units == physical.units
     assert re.search(r"normal work rate \S+ N mm/s ", str(sb.contact_rates(run)))
     words = [axis.get_ylabel() for axis in sb.paper_figure(run, ["displacement", "shear"]).axes]
-    assert words == ["tip displacement $u(t)$ (mm)", r"$\sigma$ at the stop (N)", r"$\sigma$ at the stop (N)"]
+    assert words == ["tip displacement $u(t)$ (mm)", r"contact force $\sigma$ (N)", r"contact force $\sigma$ (N)"]
 
 
 def test_what_is_no_round_hole_is_refused():

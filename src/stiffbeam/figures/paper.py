@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from string import ascii_lowercase
+from string import ascii_letters
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,17 @@ from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
 from .chart import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
-from .runs import draw_stops, drive_axis, first_contact, line_of, position_label, tip_label, zoom_on_stop
+from .runs import (
+    TICKS,
+    draw_stops,
+    drive_axis,
+    first_contact,
+    line_of,
+    position_label,
+    shown_contacts,
+    tip_label,
+    zoom_on_stop,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +43,7 @@ if TYPE_CHECKING:
 
 PANELS = ("displacement", "portrait", "contact", "shear", "delayed", "spectrum")
 AT_CONTACT = ("contact", "shear")
-FINE, DELAYED, MULTIPLES = 8000, 6000, 15
+FINE, DELAYED, MULTIPLES, MOST = 8000, 6000, 15, 12
 
 
 def paper_figure(
@@ -48,8 +58,9 @@ def paper_figure(
     runs : Case, Trajectory or sequence of Trajectory
         Of a case its reference and its runs in the first form; past the horizon the reference is one realisation.
     panels : sequence of {"displacement", "portrait", "contact", "shear", "delayed", "spectrum"}, optional
-        By default all that the system has: "contact", the first impacts in close-up, and "shear" for each contact;
-        "delayed", u(t + T) over u(t), for a driven system.
+        By default all that the system has: "contact", the first impacts in close-up, and "shear", the contact force,
+        for each of the first six contacts that a run touches; "delayed", u(t + T) over u(t), for a driven system. Named
+        panels show the first twelve contacts.
     span : (float, float), optional
         Times that displacement, portraits and shear show; by default the whole run.
 
@@ -100,24 +111,27 @@ def paper_figure(
         "delayed": partial(delayed, start=start, end=end - delay, delay=delay),
         "spectrum": partial(spectrum, drive=drive),
     }
-    plan = [(name, i) for name in names for i in (range(len(system.contacts)) if name in AT_CONTACT else [0])]
+    contacts = (shown_contacts(solutions) or [0]) if panels is None else range(len(system.contacts))[:MOST]
+    plan = [(name, i) for name in names for i in (contacts if name in AT_CONTACT else [0])]
     lines = (len(plan) + 1) // 2
     figure = new_figure(3.7 * lines + 0.6, width=10.5 if len(plan) > 1 else 5.6)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
     # An odd number of panels leaves one place empty.
     for axis in axes[len(plan) :]:
         axis.remove()
-    for axis, letter, (name, i) in zip(axes, ascii_lowercase, plan, strict=False):
+    for axis, letter, (name, i) in zip(axes, ascii_letters, plan, strict=False):
         draw[name](axis, traces_of(solutions), system, **{"contact": i} if name in AT_CONTACT else {})
         place = f" at contact {i + 1}" if len(system.contacts) > 1 and name in AT_CONTACT else ""
         axis.set_title(f"({letter}) {TITLES[name]}{place}", loc="left")
+        if name != "spectrum":
+            axis.locator_params(axis="x", nbins=TICKS)
     shared_legend(figure, 3)
     return figure
 
 
 TITLES = {
     "displacement": "displacement", "portrait": "phase portrait", "contact": "the first contacts",
-    "shear": r"shear stress $\sigma$", "delayed": "delayed portrait", "spectrum": "spectrum",
+    "shear": r"contact force $\sigma$", "delayed": "delayed portrait", "spectrum": "spectrum",
 }  # fmt: skip
 
 
@@ -238,7 +252,6 @@ def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, 
         t, u, v = trace.path(start, end)
         trace.draw(axis, t, u, v, 0.4, **{"linestyle": "-", "alpha": 0.3} if trace.exact else {})
     _tip_stops(axis, system, horizontal=False)
-    axis.locator_params(axis="x", nbins=6)
     velocity = f"{tip_name(system.problem)} velocity {tip_symbol(system.problem).replace('u(', 'u_t(')}"
     axis.set(xlabel=tip_label(system), ylabel=system.units.label(velocity, "velocity"))
 
@@ -258,7 +271,7 @@ def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact:
 
 
 def shear(axis: Axes, traces: Sequence[Trace], system: System, contact: int, start: float, end: float) -> None:
-    """The shear stress at a stop, -kappa [(u - g2)_+ - (g1 - u)_+] for a linear one."""
+    """The contact force at a stop, in the paper the shear stress, -kappa [(u - g2)_+ - (g1 - u)_+] for a linear one."""
     for trace in traces:
         run = trace.run
         stops = run.contacts[contact].stops
@@ -270,7 +283,7 @@ def shear(axis: Axes, traces: Sequence[Trace], system: System, contact: int, sta
             force = stops.force(u, v)
         trace.draw(axis, t, t, force)
     mark_horizon(axis, traces, end)
-    sigma = system.units.label(r"$\sigma$ at the stop", "force")
+    sigma = system.units.label(r"contact force $\sigma$", "force")
     axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=sigma, xlim=(start, end))
 
 
@@ -286,7 +299,6 @@ def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, e
         axis.plot(
             now, later, ls="", marker=".", ms=1.6, mew=0.0, label=trace.whole, zorder=1 + (not trace.exact), **look
         )
-    axis.locator_params(axis="x", nbins=6)
     for horizontal in (False, True):
         _tip_stops(axis, system, horizontal)
     later_label = system.units.label(tip_symbol(system.problem).replace("t)", "t + T)"), "length")

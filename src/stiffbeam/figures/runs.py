@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+TICKS = 6  # of an axis of times: more would run into each other
 CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
 
 
@@ -43,9 +44,9 @@ def four_panels(
 ) -> Figure:
     """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
 
-    With several contacts there is a panel like c for each, in order. All of one form: another is another system.
-    All but the spectrum show the time inside the horizon of the first reference, where one solution exists to
-    compare with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
+    Several contacts have a panel like c each, see ``shown_contacts``. All of one form: another is another system. All
+    but the spectrum show the time inside the horizon of the first reference, where one solution exists to compare
+    with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
     the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
     vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
     if None. Axes name the units of the system.
@@ -55,7 +56,8 @@ def four_panels(
     assert system is not None
     units, symbol = system.units, tip_symbol(system.problem)
     window = min(main.horizon, float(main.t[-1]))
-    zooms = max(1, len(system.contacts))
+    contacts = shown_contacts([*references, *runs])
+    zooms = max(1, len(contacts))
     lines = (4 + zooms) // 2
     figure = new_figure(4.1 * lines, title)
     axes = figure.subplots(lines, 2).ravel()
@@ -76,19 +78,24 @@ def four_panels(
     marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
     errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
     *letters, last = ascii_lowercase[2 : 3 + zooms]
-    for axis, contact, letter in zip(
-        axes[2 : 2 + zooms], range(len(system.contacts)) if system.contacts else [None], letters, strict=True
-    ):
+    for axis, contact, letter in zip(axes[2 : 2 + zooms], contacts or [None], letters, strict=True):
         _zoom(axis, main, runs, window, contact)
         label = tip_label(system) if contact is None else position_label(system, contact)
         axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
-        number = f" at contact {contact + 1}" if contact is not None and zooms > 1 else ""
-        some = f"first impact{number}" if number else "first contact"
-        axis.set_title(f"({letter}) {'first oscillations' if contact is None else some}", loc="left")
+        first = "contact" if len(system.contacts) == 1 else f"impact at contact {(contact or 0) + 1}"
+        axis.set_title(f"({letter}) first {'oscillations' if contact is None else first}", loc="left")
+    for axis in axes[: 2 + zooms]:
+        axis.locator_params(axis="x", nbins=TICKS)
     _draw_spectra(spectrum, runs, references, system, last)
     handles, labels = displacement.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
+    """Numbers of the contacts that a picture shows: the first six that a run touches."""
+    records = [i for run in runs for i, x in enumerate(run.contacts) if x.impacts.count or x.fraction]
+    return sorted(set(records))[:6]
 
 
 def tip_label(system: System) -> str:
@@ -310,15 +317,15 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
             axis.axvline(horizon, color="0.4", lw=0.9, ls="--")
         tip.annotate("horizon", (horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -26),
                      textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
-    for i, record in enumerate(run.contacts):
+    shown = shown_contacts([run])
+    for colour, record, i in zip(COLOURS, (run.contacts[i] for i in shown), shown, strict=False):
         label = f"contact {i + 1}: {record.impacts.count} impacts"
-        force.plot(run.t, record.force, lw=0.9, color=COLOURS[i % len(COLOURS)], label=label)
-    if run.contacts:
+        force.plot(run.t, record.force, lw=0.9, color=colour, label=label)
+    if shown:
         force.legend(frameon=False, fontsize=8.5)
     else:
         force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
     force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
-    portrait.locator_params(axis="x", nbins=6)
     portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
     if run.has_energy:
@@ -335,6 +342,7 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     titles = ("(a) displacement", "(b) contact", "(c) phases", "(d) energy")
     for axis, title in zip((tip, force, portrait, energy), titles, strict=True):
         axis.set_title(title, loc="left")
+        axis.locator_params(axis="x", nbins=TICKS)
     return figure
 
 

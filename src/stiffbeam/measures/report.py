@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import io
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
 from html import escape
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.constrain import Constrain
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -77,13 +80,42 @@ def _matched(until: float, window: float, horizon: float) -> str:
     return DASH if np.isnan(until) else number(until) if until < window else end
 
 
+def _touched(comparisons: Sequence[Comparison]) -> tuple[list[Comparison], str]:
+    """The comparisons without the contacts that neither run nor reference touches, and a sentence that names those."""
+
+    def free(contact: ContactComparison) -> bool:
+        measures = (contact.run, contact.reference, contact.run_totals, contact.reference_totals)
+        return not any(m.impacts or m.event_impacts or m.fraction for m in measures)
+
+    places = [contact.place for contact in comparisons[0].contacts]
+    untouched = [all(free(c.contacts[i]) for c in comparisons) for i in range(len(places))]
+    if len(places) < 2 or not any(untouched):
+        return list(comparisons), ""
+    shorter = [
+        replace(c, contacts=tuple(x for x, drop in zip(c.contacts, untouched, strict=True) if not drop))
+        for c in comparisons
+    ]
+    if all(untouched):  # the remark says so
+        return shorter, ""
+    runs = [list(group) for drop, group in groupby(range(len(places)), untouched.__getitem__) if drop]
+    names = (places[g[0]] if len(g) == 1 else f"{places[g[0]]} to {places[g[-1]]}" for g in runs)
+    return shorter, f"Never touched: {', '.join(names)}."
+
+
 def common_window(comparisons: Sequence[Comparison]) -> float:
     """The time to which the impacts of all the runs match: up to it their errors can be compared.
 
     If a run misses the first impact, it is the time before that impact; the horizon if a run has no such time.
+    A solver whose budget ended earlier than the others has its error to its own end.
     """
+    longest = max(c.window for c in comparisons)
     # A run whose impacts part within its first step would leave no step to compare.
-    return min((c.matched_until for c in comparisons if c.matched_until > c.dt), default=comparisons[0].window)
+    ends = (c.matched_until for c in comparisons if c.matched_until > c.dt and not _ends_early(c, longest))
+    return min(ends, default=longest)
+
+
+def _ends_early(comparison: Comparison, horizon: float) -> bool:
+    return comparison.window < horizon * (1 - 1e-9)
 
 
 def comparison_tables(
@@ -104,9 +136,12 @@ def comparison_tables(
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
     parts: list[RenderableType] = [Text(said) for said in dict.fromkeys(c.remark for c in comparisons) if said]
+    shorter = [_touched(of_form) for of_form in by_reference]
+    by_reference, comparisons = [x for x, _ in shorter], [c for of_form, _ in shorter for c in of_form]
     parts += [_inside(of_form) for of_form in by_reference]
     if comparisons:
-        lines = _legend(comparisons, references) + (_details(comparisons, references) if verbose else [])
+        lines = _legend(comparisons, references) + list(dict.fromkeys(said for _, said in shorter if said))
+        lines += _details(comparisons, references) if verbose else []
         parts.append(Constrain(Text("\n".join([*lines, ""]), style="dim"), LINE))
     for of_form in by_reference:
         parts.append(_whole(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])))
@@ -131,6 +166,14 @@ def _table(title: str, headings: Sequence[str]) -> Table:
     return table
 
 
+def _fitted(table: Table) -> Table:
+    """The table with narrower gaps where it would not fit a file or an ordinary terminal."""
+    console = Console(width=10 * WIDTH, force_jupyter=False)
+    if Measurement.get(console, console.options, table).maximum > WIDTH:
+        table.padding = 0
+    return table
+
+
 def _inside(comparisons: Sequence[Comparison]) -> Table:
     """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
     first = comparisons[0]
@@ -143,12 +186,12 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
     )
     table.add_row(f"{short(method)}, reference", *4 * [DASH], *_impacts(first, "reference", True), style="bold")
     for contact in _several(first):
-        table.add_row(f"  {contact.place}", *4 * [DASH], *_counts(contact.reference, True), style="bold")
+        table.add_row(_line(contact), *4 * [DASH], *_counts(contact.reference, True), style="bold")
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         table.add_row(
             name,
             _matched(c.matched_until, c.window, first.window),
-            percent(c.tip_error_to(common)),
+            percent(c.tip_error_to(min(common, c.window))),
             _lag(c),
             percent(c.energy_lost),
             *_impacts(c, "run"),
@@ -158,8 +201,8 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
             known = contact.run.impacts >= 0
             until = _matched(contact.matching.matched_until if known else np.nan, c.window, first.window)
             delay = _delay(contact.matching)
-            table.add_row(f"  {contact.place}", until, "", delay, "", *_counts(contact.run))
-    return table
+            table.add_row(_line(contact), until, "", delay, "", *_counts(contact.run))
+    return _fitted(table)
 
 
 def _several(comparison: Comparison) -> tuple[ContactComparison, ...]:
@@ -204,7 +247,7 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     table.add_row(short(method), DASH, *_impacts(first, "reference_totals", True, forces=True), DASH, style="bold")
     for contact in _several(first):
         counts = _counts(contact.reference_totals, True, forces=True)
-        table.add_row(f"  {contact.place}", DASH, *counts, DASH, style="bold")
+        table.add_row(_line(contact), DASH, *counts, DASH, style="bold")
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         if c.steps:
             totals = _impacts(c, "run_totals", forces=True)
@@ -215,8 +258,12 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
                 percent(c.totals_energy_lost),
             )
             for contact in _several(c):
-                table.add_row(f"  {contact.place}", "", *_counts(contact.run_totals, forces=True), "")
-    return table
+                table.add_row(_line(contact), "", *_counts(contact.run_totals, forces=True), "")
+    return _fitted(table)
+
+
+def _line(contact: ContactComparison) -> str:
+    return f"  {contact.place.removeprefix('stops at ')}"
 
 
 def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
@@ -244,18 +291,22 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
         "Loss: numerical dissipation, over the energy put in. "
         f"Impacts: seen at the time steps, [all by events]. Contact: share of the time{by_events}."
     ]
+    if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
+        lines.append("Loss is – if the time step does not resolve the dissipation of dampers.")
     system = None if first.pair is None else first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         lines.append("The exact solution is exact for this mesh; `stiffbeam space` measures the error of the mesh.")
     lines += [
-        f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}."
+        f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}, and its tip error is to that time."
         for r in references
         if "budget" in r.provenance
     ]
     if units.note:
         lines.append(f"Times, forces and impulses are {units.note}.")
+    if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
+        lines.append("A contact that begins at t = 0 counts as contact, not as an impact.")
     if any(map(_several, comparisons)):
-        lines.append("Several contacts: each has a line. Impacts match as long as they match at all contacts.")
+        lines.append("Impacts match as long as they match at all contacts.")
     for c in comparisons:
         lengths = np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
@@ -278,7 +329,6 @@ def _details(comparisons: Sequence[Comparison], references: Sequence[Reference])
         f"{' in an earlier run' if r.provenance.get('kept') else ''}."
         for r in references
     ]
-    lines.append("Loss is – if the time step does not resolve the dissipation of dampers.")
     for treatment, words in (("restart", "integration restarts at each event"), ("through", "steps cross events")):
         of_these = [name for name, c in zip(_names(comparisons), comparisons, strict=True) if c.switches == treatment]
         lines += [f"{', '.join(dict.fromkeys(of_these))}: {words}."] if of_these else []

@@ -146,7 +146,8 @@ class Impacts:
 
     def __repr__(self) -> str:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
-        return f"<Impacts: {self.count} {self.kind}{span}{', open at the start' if self.at_start else ''}>"
+        how = "by events" if self.kind == "event" else self.kind
+        return f"<Impacts: {self.count} {how}{span}{', in contact at t = 0' if self.at_start else ''}>"
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the largest force, or of rigid stops the impulse, of every impact against its time; return ``ax``, or
