@@ -14,6 +14,7 @@ from systems import bouncing_chain
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.files import reader
 from stiffbeam.files.cases import find_case, parse_case
 from stiffbeam.studies import STUDIES, find_study
 
@@ -134,12 +135,26 @@ def test_a_large_model_is_reduced_in_its_file(tmp_path):
     np.testing.assert_allclose(np.abs(found.contacts[0].row), np.abs(small.system.contacts[0].row), atol=1e-9)
     # The error of the mesh is that of the modes which are left out.
     assert case.refined("matrices").size == 26
+    file.write_text(text.replace("modes = 12", "modes = 12\n    modal_damping = 0.03"))
+    damped = find_case(str(file))
+    for system in (damped.system(), damped.refined("matrices")):
+        np.testing.assert_allclose(sb.modes(system).damping_ratio, 0.03, rtol=1e-12)
     for wrong in ("0", "2.5", "160"):
         file.write_text(text.replace("modes = 12", f"modes = {wrong}"))
         with pytest.raises(InputError, match="modes"):
             find_case(str(file))
     file.write_text(text.replace("loads =", "initial_velocity = { 3 = 1.0 }\n    loads ="))
     with pytest.warns(UserWarning, match=r"12 modes lose 0\.\d+ of the initial data.*keep more"):
+        find_case(str(file))
+
+
+def test_modal_damping_of_a_file_is_added_to_its_damping(file):
+    file.write_text(TEXT.replace("[case.system]", "[case.system]\nmodal_damping = [0.02]", 1))
+    found, wanted = find_case(str(file)).system(), own_system()
+    added = sb.modal_damping(wanted.mass, wanted.stiffness, [0.02])
+    np.testing.assert_allclose(found.damping, wanted.damping + added, rtol=1e-14, atol=1e-16)
+    file.write_text(TEXT.replace("[case.system]", "[case.system]\nmodal_damping = -0.02", 1))
+    with pytest.raises(InputError, match="modal_damping"):
         find_case(str(file))
 
 
@@ -162,7 +177,10 @@ def test_a_file_makes_the_system_that_python_makes(file):
         ('"M.mtx"', '"missing.mtx"', "mass|be a file beside the case"),
         ('"M.mtx"', '"M.csv"', ".mtx, .npz, .npy"),
         ('"M.mtx"', '"two.npz"', "hold one array"),
+        ('"M.mtx"', '"model.mat"', r"mass must be a file of .*: in Python: scipy.io.mmwrite"),
         ('"M.mtx"', '"pickled.npy"', "be readable"),
+        ('"M.mtx"', '"abaqus.mtx"', r"mass must be readable as Matrix Market, got .*: write it by scipy.io.mmwrite"),
+        ("upper = 0.2\n", "upper = 0.2\nscale = 2.0\n", r"got 2.0: .*known: damping, .*upper"),
         ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
         ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
         ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
@@ -176,8 +194,15 @@ def test_a_file_makes_the_system_that_python_makes(file):
 def test_what_is_wrong_is_said(file, old, new, words):
     np.savez(file.parent / "two.npz", a=MASS, b=MASS)
     np.save(file.parent / "pickled.npy", np.array([{}], dtype=object))
+    (file.parent / "abaqus.mtx").write_text("1,1, 1,1, 2.0\n")
     file.write_text(TEXT.replace(old, new, 1))
     with pytest.raises(InputError, match=words):
+        find_case(str(file))
+
+
+def test_a_large_model_without_modes_is_announced_at_once(file, monkeypatch):
+    monkeypatch.setattr(reader, "LARGE", 2)
+    with pytest.warns(UserWarning, match="3 unknowns take minutes: modes = 40"):
         find_case(str(file))
 
 

@@ -171,3 +171,26 @@ def test_a_load_that_moves_no_mass_is_lost_and_said_to_be():
     assert small.error_at(0.1) == 1.0
     nothing = sb.reduce_model(np.eye(3), K, None, [(np.zeros(3), sb.Constant(1.0))], observe=[1.0, 0.0, 0.0], modes=2)
     assert nothing.error_at(0.1) < 1e-12
+
+
+def test_modal_damping_belongs_to_the_reduced_modes():
+    """On top of a damping matrix; the same in the refined model."""
+    M, K, tip = strip(40)
+    contacts = [sb.Contact(tip, sb.Stops(upper=1.0, stiffness=1.0))]
+    model = sb.reduce_model(M, K, 0.1 * M, contacts=contacts, modes=5, modal_damping=[0.02, 0.03])
+    for system in (model.system, model.refined()):
+        natural = sb.modes(system)
+        expected = 0.05 / natural.omega
+        expected[:2] += (0.02, 0.03)
+        np.testing.assert_allclose(natural.damping_ratio, expected, rtol=1e-9)
+    with pytest.raises(sb.InputError, match="at most one for each"):
+        sb.reduce_model(M, K, contacts=contacts, modes=2, modal_damping=[0.01] * 9)
+
+
+def test_half_a_matrix_is_refused():
+    """As FE codes write them: it would be another system."""
+    M, K, tip = strip(10)
+    for name, arguments in (("mass", (scipy.sparse.triu(M), K)), ("stiffness", (M, scipy.sparse.tril(K))),
+                            ("damping", (M, K, scipy.sparse.triu(K)))):  # fmt: skip
+        with pytest.raises(sb.InputError, match=f"{name} must be symmetric, .*give both halves"):
+            sb.reduce_model(*arguments, observe=tip, modes=3)

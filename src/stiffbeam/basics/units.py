@@ -14,10 +14,12 @@ from .validation import InputError
 CYCLES = {"s": "Hz", "ms": "kHz", "µs": "MHz", "us": "MHz", "ns": "GHz"}  # one period in each unit of time
 ONE = "1"  # the unit of a number without dimension, as netCDF writes it
 KNOWN = {
-    "length": ("m", "mm", "cm", "dm", "km", "µm", "um", "nm", "in", "ft", "yd", ONE, "?"),
+    "length": ("m", "mm", "cm", "dm", "km", "µm", "um", "nm", "in", "ft", "yd", "rad", ONE, "?"),
     "time": ("s", "ms", "µs", "us", "ns", "min", "h", ONE, "?"),
-    "force": ("N", "mN", "µN", "uN", "kN", "MN", "dyn", "gf", "kgf", "tf", "lbf", "kip", ONE, "?"),
-}
+    "force": (
+        "N", "mN", "µN", "uN", "kN", "MN", "dyn", "gf", "kgf", "tf", "lbf", "kip", "N m", "mN m", "kN m", ONE, "?",
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,12 @@ class Units:
     Parameters
     ----------
     length, time, force : str
-        Names among ``KNOWN``; "1" is no dimension.
+        Such as "mm", "ms" and "kN"; for rotations "rad", "s" and "N m"; "1" is no dimension.
 
     Raises
     ------
     InputError
-        For any other name.
+        For any other name; the message lists them all.
 
     Examples
     --------
@@ -72,7 +74,7 @@ class Units:
             "stop damping": f"{F} {T}/{L}",
             "stop dissipation": f"{T}/{L}",
             "impulse": f"{F} {T}",
-            "energy": "J" if (F, L) == ("N", "m") else f"{F} {L}",
+            "energy": "J" if (F, L) in (("N", "m"), ("N m", "rad")) else f"{F} {L}",
             "force per length": f"{F}/{L}",
             "mass per length": "kg/m" if (L, T, F) == ("m", "s", "N") else f"{F} {T}²/{L}²",
             "bending stiffness": f"{F} {L}²",

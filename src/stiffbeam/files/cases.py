@@ -132,7 +132,7 @@ class SystemCase(Case):
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
-            remedy = "describe it as a beam with a number of cells"
+            remedy = "describe it as a beam, or compare matrices with a finer model by `stiffbeam doubt`"
             raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
         raise AttributeError(name)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -14,6 +14,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError, near
 from ..model.contact import Contact, Stops
 from ..model.contact_law import LINEAR
+from ..model.modes import modal_damping
 from ..model.problem import PolynomialProfile
 from ..model.reduction import ReducedModel, reduce_model
 from ..model.sampled import Sampled
@@ -23,22 +24,27 @@ from ..model.time_functions import Constant, Harmonic, LoadFunction, Superpositi
 SUFFIXES = (".mtx", ".npz", ".npy")
 
 
-def read_matrix(file: Path) -> Any:
+def read_matrix(file: Path, field: str = "array") -> Any:
     """The array, dense or SciPy sparse, of a file: Matrix Market .mtx (a symmetric half stands for the whole),
     SciPy's or NumPy's .npz with one array, NumPy's .npy.
 
     Nothing is unpickled. Raises InputError for another suffix, a file that cannot be read, and several arrays.
     """
     if file.suffix not in SUFFIXES:
-        raise InputError("array", str(file), f"be a file of {', '.join(SUFFIXES)}", "or write its numbers here")
+        remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
+        if file.suffix == ".mat":
+            remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
+        raise InputError(field, str(file), f"be a file of {', '.join(SUFFIXES)}", remedy)
     if not file.is_file():
-        raise InputError("array", str(file), "be a file beside the case", "give its path relative to the case file")
+        raise InputError(field, str(file), "be a file beside the case", "give its path relative to the case file")
     try:
         return {".mtx": _market, ".npz": _npz, ".npy": np.load}[file.suffix](file)
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(field, error.value, error.rule, error.remedy) from None
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
-        raise InputError("array", str(file), "be readable", repr(error)) from None
+        write = "scipy.io.mmwrite" if file.suffix == ".mtx" else "numpy.save or scipy.sparse.save_npz"
+        kind = "Matrix Market" if file.suffix == ".mtx" else "NumPy or SciPy"
+        raise InputError(field, str(file), f"be readable as {kind}", f"write it by {write} ({error})") from None
 
 
 def _market(file: Path) -> Any:
@@ -80,6 +86,10 @@ def read_samples(file: Path, column: str | None = None) -> tuple[list[float], li
         raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
     # A first line that begins with no number holds the names.
     names = [] if _number(rows[0][1][0]) is not None else rows.pop(0)[1]
+    if names and rows and _number(rows[0][1][0]) is None:
+        line, cells = rows[0]
+        remedy = "leave out all but one line of names: each other line holds a time and its value, as in 0.0, 1.5"
+        raise InputError("sampled", f"{file}, line {line}: {cells[0]!r}", "be a number", remedy)
     width = len(names or rows[0][1]) if rows else 0
     if column is not None and column not in names:
         raise InputError("column", column, f"be a name in the first line of {file}", near(column, names))
@@ -264,7 +274,8 @@ class Reader:
         return self.build(Sampled, t, values, kind)
 
 
-FIELDS = {"mass", "stiffness", "damping", "loads", "contacts", "units"}
+FIELDS = {"mass", "stiffness", "damping", "modal_damping", "loads", "contacts", "units"}
+LARGE = 2000  # unknowns, from which on it is worth a warning before their dense matrices are made
 LOST = 1e-3  # of initial data or of a static deflection: more is told
 VECTORS = {"observe", "initial_displacement", "initial_velocity"}
 ROW = "be a list of numbers, the name of a file, or a table { unknown = number }, unknowns counted from 0"
@@ -278,7 +289,8 @@ class SystemReader(Reader):
         if "modes" not in self.table:
             return self.system()
         modes = self.get("modes", int, "be an integer")
-        model: ReducedModel = self._made(partial(reduce_model, modes=modes), FIELDS | VECTORS | {"modes"})
+        make_it = partial(reduce_model, modes=modes, modal_damping=self._ratio())
+        model: ReducedModel = self._made(make_it, FIELDS | VECTORS | {"modes"})
         if max(model.initial_data_error, model.static_error) > LOST:
             lost = f"{model.initial_data_error:.2g} of the initial data, {model.static_error:.2g} of a deflection"
             warnings.warn(f"{self.where}: {modes} modes lose {lost}: keep more", stacklevel=2)
@@ -286,7 +298,14 @@ class SystemReader(Reader):
 
     def system(self) -> System:
         """The system of the whole table; InputError names the field that is wrong."""
-        return self._made(System.from_matrices, FIELDS | VECTORS)
+        system: System = self._made(System.from_matrices, FIELDS | VECTORS)
+        if "modal_damping" not in self.table:
+            return system
+        added = self.build(modal_damping, system.mass, system.stiffness, self._ratio())
+        return replace(system, damping=system.damping + added)
+
+    def _ratio(self) -> Any:
+        return self.get("modal_damping", (int, float, list), "be a ratio or a list of them", 0.0)
 
     def _made(self, make_it: Any, known: set[str]) -> Any:
         """``make_it`` of the matrices, loads, contacts and vectors of the table, which has no other fields."""
@@ -295,6 +314,8 @@ class SystemReader(Reader):
         mass = self.matrix("mass")
         # Rows need n before the system is built, which refuses a mass of another shape.
         n = mass.shape[0] if mass.ndim == 2 else 0
+        if n > LARGE and "modes" not in self.table:
+            warnings.warn(f"{self.where}: {n} unknowns take minutes: modes = 40 keeps the slowest", stacklevel=2)
         loads, contacts = (self.one_or_several(name) for name in ("loads", "contacts"))
         return self.build(
             make_it,
@@ -335,7 +356,7 @@ class SystemReader(Reader):
         """The matrix in the file ``name``, in the folder of the case."""
         if self.folder is None:
             raise self.error(field, name, "need no other file here", "write its numbers into the case")
-        return self.build(read_matrix, self.folder / name)
+        return self.build(read_matrix, self.folder / name, field)
 
     def numbers(self, field: str, rows: list[Any]) -> Any:
         """The ``rows`` as a float array; InputError where rows differ in length."""

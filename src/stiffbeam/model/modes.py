@@ -267,16 +267,21 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
 
 def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
     """``modal_damping`` in known modes: in those of the system itself it couples none of them."""
-    ratios, zeta = ratios_of(ratio), np.zeros(len(basis.omega))
+    weighted = basis.mass @ basis.shapes
+    return (weighted * (2.0 * damping_ratios(ratio, len(basis.omega)) * basis.omega)) @ weighted.T
+
+
+def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
+    """zeta of every mode, (modes,): ``ratio`` for all of them, or a sequence for the first ones. Raises InputError."""
+    ratios, zeta = ratios_of(ratio), np.zeros(modes)
     if isinstance(ratios, tuple):
-        if len(ratios) > len(zeta):
+        if len(ratios) > modes:
             remedy = "leave the last ones out, or take more cells"
-            raise InputError("modal_damping", len(ratios), f"be at most one for each of {len(zeta)} modes", remedy)
+            raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
         zeta[: len(ratios)] = ratios
     else:
         zeta[:] = ratios
-    weighted = basis.mass @ basis.shapes
-    return (weighted * (2.0 * zeta * basis.omega)) @ weighted.T
+    return zeta
 
 
 def graded_eigenpairs(

@@ -28,8 +28,8 @@ from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, Renamed, integer, non_negative
 from .contact import Contact
-from .modes import uncoupled
-from .system import System
+from .modes import damping_ratios, uncoupled
+from .system import SYMMETRIC, System
 from .time_functions import LoadFunction
 
 DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
@@ -123,6 +123,7 @@ def reduce_model(
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
     units: Units = UNKNOWN,
+    modal_damping: float | Sequence[float] = 0.0,
 ) -> ReducedModel:
     """Return a large system reduced to natural modes and static deflections, by Craig and Bampton's idea.
 
@@ -136,6 +137,8 @@ def reduce_model(
         Number of natural modes to keep.
     units : Units, optional
         Names for tables, pictures and files.
+    modal_damping : float or sequence of float, optional
+        Damping ratio of every mode of the reduced system, or of its first ones; added to ``damping``.
 
     Returns
     -------
@@ -158,7 +161,7 @@ def reduce_model(
     >>> small.system.size < 20
     True
     """
-    M, K = (scipy.sparse.csc_array(x, dtype=float) for x in (mass, stiffness))
+    M, K = (_symmetric(name, x) for name, x in (("mass", mass), ("stiffness", stiffness)))
     n = int(M.shape[0])  # type: ignore[index]
     integer("modes", modes, 1)
     # SuperLU raises for an exactly singular K only: small pivots show the others.
@@ -191,6 +194,10 @@ def reduce_model(
     small = T.T @ (K @ T)
     omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
     T = T @ turn
+    C = None if damping is None else _projected(_symmetric("damping", damping), T)
+    zeta = damping_ratios(modal_damping, len(omega2))
+    if np.any(zeta):
+        C = np.diag(2.0 * zeta * np.sqrt(omega2)) + (0.0 if C is None else C)
     # Initial data by projection, and the share that is lost.
     states = [np.zeros(n) if x is None else np.asarray(x, float) for x in (initial_displacement, initial_velocity)]
     z = [T.T @ (M @ x) for x in states]
@@ -198,7 +205,7 @@ def reduce_model(
     system = System.from_matrices(
         np.eye(len(omega2)),
         np.diag(omega2),
-        None if damping is None else _projected(scipy.sparse.csc_array(damping, dtype=float), T),
+        C,
         loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
         contacts=[replace(contact, row=(T.T @ contact.row.T).T) for contact in contacts],
         observe=None if observe is None else T.T @ np.asarray(observe, float),
@@ -213,8 +220,21 @@ def reduce_model(
     )
     kept = np.sqrt(squares)
     data = (mass, stiffness, damping, loads, contacts, observe, initial_displacement, initial_velocity)
-    lost_most, again = (max(lost), max(static_lost, 0.0)), partial(reduce_model, *data, units=units)
+    lost_most, again = (
+        (max(lost), max(static_lost, 0.0)),
+        partial(reduce_model, *data, units=units, modal_damping=modal_damping),
+    )
     return ReducedModel(system, T, kept[:modes], float(kept[modes]), *lost_most, M, K, rows, again)
+
+
+def _symmetric(name: str, matrix: Any) -> Any:
+    """``matrix`` in SciPy's sparse columns; InputError where it is not symmetric, by the rule of a System."""
+    sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
+    if sparse.shape[0] == sparse.shape[1]:
+        size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
+        if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
+            raise InputError(name, "an unsymmetric matrix", "be symmetric", SYMMETRIC)
+    return sparse
 
 
 def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:

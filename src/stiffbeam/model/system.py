@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .ode import ODE
 
 
+SYMMETRIC = "give both halves, or the symmetric part 0.5*(A + A.T); gyroscopic and follower forces have no place here"
 BANDED = 64  # unknowns, above which a banded matrix is factorised as one
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
@@ -64,9 +65,7 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         return dense
     size = np.sqrt(np.abs(np.diag(dense)))
     if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
-        rule = "be symmetric to 1e-12 of its diagonal there"
-        remedy = "give its symmetric part, 0.5*(A + A.T): gyroscopic and follower forces have no place here"
-        raise InputError(name, "an unsymmetric matrix", rule, remedy)
+        raise InputError(name, "an unsymmetric matrix", "be symmetric to 1e-12 of its diagonal there", SYMMETRIC)
     return read_only(0.5 * (dense + dense.T))
 
 
