@@ -282,3 +282,17 @@ def test_the_table_says_when_a_time_per_step_is_numpys(table10):
         found = sb.compare(sb.integrate(system, sb.HHT(), 1e-4, 0.05, engine=engine), ref)
         assert found.to_dict()["engine"] == shown
         assert ("ns/step in NumPy: HHT" in str(found)) == (shown == "numpy")
+
+
+def test_a_share_above_all_of_the_loss_is_explained():
+    """HHT regains energy in the first step without contact, whose rule still weighs the last force."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=400.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[stop], initial_displacement=[-1.0])
+    for scheme, said in (("HHT(alpha=-0.1)", True), ("SDIRK", False)):
+        notes = sb.study("energy", system, dt=1e-2, t_end=20.0, schemes=[scheme]).answer.notes
+        assert ("Above 100 %: the scheme regains energy" in notes) == said
+    run = sb.integrate(system, sb.HHT(), 1e-2, 20.0, every=1)
+    without, force = np.diff(run.energy.loss_without_contact), run.contacts[0].force
+    first = np.flatnonzero((force[:-1] != 0.0) & (force[1:] == 0.0)) + 1
+    assert sum(without) < 0.0
+    assert abs(sum(without[first]) / sum(without) - 1.0) < 1e-3

@@ -329,7 +329,7 @@ def test_a_sweep_there_and_back_goes_on_from_the_last_state(method):
             assert row["tip"] == pytest.approx(own[row["frequency"], row["direction"]], abs=2e-3)
     apart = [abs(own[w, "there"] - own[w, "back"]) > 0.05 for w in values]
     assert 0 < sum(apart) < len(values)
-    assert f"differ at {sum(apart)} of {len(values)} values" in records.answer
+    assert f": there and back the last periods differ at {sum(apart)} of {len(values)} values" in records.answer
     assert records.figure() is not None
     alone = study("sweep", bistable(), method=method, **options)
     assert "direction" not in alone.rows[0]
@@ -352,3 +352,24 @@ def test_a_sweep_over_cells_is_one_over_h():
             study("sweep", TABLE10, parameter="cells", dt=1e-3, **SHORT, **wrong)
     with pytest.raises(sb.InputError, match="beam"):
         study("sweep", bistable(), parameter="cells", values=[4], dt=1e-3, t_end=1.0, **SHORT)
+
+
+def driven(stop: sb.Stops, damping: float) -> sb.System:
+    load = ([1.0], sb.Harmonic(1.0, 2.6))
+    return sb.System.from_matrices([[1.0]], [[1.0]], [[damping]], loads=[load], contacts=[sb.Contact([1.0], stop)])
+
+
+def test_a_rigid_stop_has_no_largest_force():
+    stop = sb.Stops(upper=0.5, stiffness=float("inf"), restitution=0.8)
+    records = study("sweep", driven(stop, 0.5), values=[2.5, 3.5], method="exact", dt=1e-2, t_end=1.0, **SHORT)
+    assert [line["over all values"] for line in records.answer.table] == ["impacts per period", "time in contact, %"]
+    assert [axis.get_title(loc="left") for axis in records.figure().axes][1:] == ["(b) impacts"]
+
+
+@pytest.mark.parametrize(("transient", "left"), [(100, "2.8 %"), (400, "")])
+def test_a_transient_that_is_too_short_is_said(transient, left):
+    """exp(-c/2 T n) of a free vibration: e^(-0.025 n 2 pi/4.4) after n periods of the fastest drive."""
+    options = {"values": [4.2, 4.4], "method": "exact", "periods": 10, "dt": 1e-2, "t_end": 1.0}
+    answer = study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), 0.05), transient=transient, **options).answer
+    assert f"{100 * np.exp(-0.025 * transient * 2 * np.pi / 4.4):.2g} %" == left or not left
+    assert (f"Without contact {left} of a free vibration" in answer.notes) == bool(left)

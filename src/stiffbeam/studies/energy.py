@@ -82,7 +82,7 @@ def last_rows(rows: Rows) -> list[Row]:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-    units, table, lost, ends, known = case.units, [], {}, [], True
+    units, table, lost, ends, known, shares = case.units, [], {}, [], True, [0.0]
     last = last_rows(rows)
     closed = [
         f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {units.measure(row['t'], 'time', '.3g')})"
@@ -101,6 +101,7 @@ def answer(rows: Rows, case: Case) -> Answer:
             said = units.measure(row["loss"], "energy", ".2g") + " in all"
         ends.append(row["t"])
         part = f"{100 * share:z.0f} %" if row["sure"] else DASH
+        shares += [share] if row["sure"] else []
         table.append({"scheme": row["scheme"], "energy lost": said, "of it in contact": part})
     end = units.measure(max(ends or [row["t"] for row in rows]), "time", "g")
     unknown = (
@@ -115,11 +116,12 @@ def answer(rows: Rows, case: Case) -> Answer:
         verdict,
         table,
         "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact flow "
-        f"closes to {', '.join(closed) or DASH}.{unknown}",
+        f"closes to {', '.join(closed) or DASH}.{unknown}{REGAINED if np.nanmax(shares) > 1.005 else ''}",
     )
 
 
 UNKNOWN = "not known"
+REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
 MOST = 100.0  # per cent: a share beyond it is a number at the edge, without a bar
 ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))

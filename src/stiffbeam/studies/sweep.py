@@ -32,7 +32,9 @@ from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, d
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
+from ..measures.report import percent
 from ..model.members import paths_of
+from ..model.natural_modes import modes
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..references import best_reference
@@ -320,10 +322,12 @@ def answer(rows: Rows, case: Case) -> Answer:
         ("fraction", "time in contact, %", "", 0.01),
         ("peak_force", "largest force", "force", 1.0),
     )
-    table = []
+    table, system = [], system_of(case, first["form"])
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        for name, words, quantity, scale in columns:
-            known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
+        rigid = bool(contacts) and system.contacts[int(contacts[0]["contact_number"]) - 1].stops.rigid
+        # A rigid stop has impulses, no peak forces: 0 where nothing touches it.
+        for name, words, quantity, scale in columns[: 2 if rigid else 3]:
+            known = [r for r in contacts if np.isfinite(r[name])]
             ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
             texts = [
                 f"{units.measure(row[name] / scale, quantity, '.4g')} at "
@@ -331,13 +335,17 @@ def answer(rows: Rows, case: Case) -> Answer:
                 for row in ends
             ]
             table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
-    system = case.system(first["form"])
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
     notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
     if "t_end" in first:
         notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
     elif not system.damped and not any(lossy):
         notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
+    elif (left := _left(system, rows)) > SAME:
+        notes += (
+            f" Without contact {percent(left)} of a free vibration is left after that transient, so slow changes may"
+            " look like longer periods: raise transient."
+        )
     most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
     ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
     verdict = "; ".join(_periodicity(rows) or most) or "no contact"
@@ -351,8 +359,8 @@ def _periodicity(rows: Rows) -> list[str]:
         both = [value for value in up if value in down]
         size = max((float(np.max(np.abs(x))) for x in (*up.values(), *down.values())), default=0.0)
         apart = sum(_apart(up[value], down[value]) > SAME * size for value in both)
-        words = f"the last periods there and back differ at {apart} of {len(both)} values"
-        return [f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way]))] + [words]
+        words = f"there and back the last periods differ at {apart} of {len(both)} values"
+        return [words, *(f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way])))]
     by_value = sections(rows)
     if not by_value:
         return []
@@ -366,6 +374,20 @@ def _periodicity(rows: Rows) -> list[str]:
     if short:
         words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
+
+
+def _left(system: System, rows: Rows) -> float:
+    """Share of the amplitude of the slowest free vibration that is left after the transient, at most over the values;
+    0 where every vibration is free of damping."""
+    first, natural = rows[0], modes(system)
+    decay = natural.damping_ratio * natural.omega
+    decay = decay[np.isfinite(decay) & (decay > 0.0)]
+    period = drive_period(system, first["parameter"])
+    if period is None or not len(decay):
+        return 0.0
+    if first["parameter"].rpartition(".")[2] == "frequency":
+        period = 2.0 * np.pi / max(row[first["parameter"]] for row in rows)
+    return float(np.exp(-np.min(decay) * period * first["transient"]))
 
 
 def _bare(rows: Rows) -> list[Row]:
@@ -409,11 +431,11 @@ def picture(records: Records) -> Picture:
     legend = "inside" if len(section) > 1 else ""
     title = "the tip once in every period $T$ of the drive"
     panels = [] if once else [[Panel(title, across, tip, section, legend=legend)]]
-    for quantity, label, unit, title in (
-        ("count", counted, "", "impacts"),
-        *([("fraction", "share of the time", "", "time in contact")] if once else []),
-        ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
-    ):
+    rigid = all(contact.stops.rigid for contact in system_of(case, rows[0]["form"]).contacts)
+    measures = [("count", counted, "", "impacts")]
+    measures += [("fraction", "share of the time", "", "time in contact")] if once else []
+    measures += [] if rigid else [("peak_force", r"peak $|\sigma|$", "force", "largest contact force")]
+    for quantity, label, unit, title in measures:
         marks = []
         lines = [
             (f"{place} {way}", part)
@@ -427,7 +449,7 @@ def picture(records: Records) -> Picture:
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
-    return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if once else (3.0, 1.0, 1.0), shared_x=True)
+    return Picture(panels, 8.2, heights=(1.0 if once else 3.0, *[1.0] * (len(panels) - 1)), shared_x=True)
 
 
 def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
