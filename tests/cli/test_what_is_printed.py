@@ -170,6 +170,14 @@ def test_a_column_of_a_record_is_one_column_of_values(tmp_path, header, column, 
         read_samples(file, column)
 
 
+def test_a_second_line_of_names_is_refused_with_its_text(tmp_path):
+    """Units under the names, or the head of a record of ground motion."""
+    file = tmp_path / "record.csv"
+    file.write_text("Time;Force\n[s];[N]\n0;1\n1;1\n")
+    with pytest.raises(sb.InputError, match=r"record.csv, line 2: '\[s\]'.*leave out all but one line of names"):
+        read_samples(file)
+
+
 @pytest.mark.parametrize("courant", [0.0, -1.0, float("nan")])
 def test_a_courant_number_is_positive(case, courant):
     with pytest.raises(sb.InputError, match="courant"):
@@ -324,3 +332,17 @@ base = {{ amplitude = 0.2, frequency = 10.0 }}
         code, _, error = command("rigid-beam", str(tmp_path / "own.toml"))
         assert code == 2
         assert "must have stops at rest at the tip" in error
+
+
+def test_the_counts_of_the_paper_stand_beside_those_of_its_reproduction(capsys):
+    from stiffbeam.cli.tools import _print
+
+    case = sb.paper_case(10)
+    runs = {eq: {"scheme": str(run), "impacts": n, "fraction": 0.4}
+            for (eq, n), (run, _) in zip((("(4.13)", 849), ("(4.14)", 645)), case.runs, strict=True)}  # fmt: skip
+    exact = {"displacement": {"impacts": 883, "fraction": 0.04, "horizon": 0.363}}
+    _print({"table10": {"runs": runs, "exact": exact, "failures": {}}}, lambda form, row: f"true, {form}")
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "table10 (4.13) HHT(alpha=-0.1) 849 40 % 3904 –" in rows
+    assert "table10 (4.14) SDIRK(gamma=0.4359) 645 40 % 4494 –" in rows
+    assert any("fit none of the end times" in row for row in rows)

@@ -270,6 +270,20 @@ def test_a_trajectory_file_is_scored(tmp_path, command):
     assert "--problem must name one problem" in error
 
 
+def test_the_tables_of_one_integrator_fit_a_terminal():
+    """Two tables without empty columns; their rows are those of the entries."""
+    card = sb.score(sb.Trapezoidal(), ["bilinear-gap", "hertz", "stop-along-the-beam", "bouncing-ball"])
+    lines = str(card).splitlines()
+    tables = [line for line in lines if line.startswith(tuple(p.name for p in card.problems))]
+    assert len(tables) == 4 + 3
+    assert max(map(len, tables)) <= 80
+    assert not any("gradient" in line for line in lines)
+    (first,) = (line for line in tables if line.startswith("bilinear-gap") and line.rstrip().endswith("converges"))
+    assert f"{card.entries[0].best.tip_rms:.1e}" in first
+    (second,) = (line for line in tables if line.startswith("bilinear-gap") and "3 of 3" in line)
+    assert f"{abs(card.entries[0].best.peak_force):.1e}" in second
+
+
 def test_the_problems_are_listed_shown_and_set_in_latex(command):
     code, out, _ = command("score", "--list")
     assert code == 0

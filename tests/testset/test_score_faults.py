@@ -50,6 +50,9 @@ def test_what_is_wrong_besides_the_displacement_is_found(kind, missed):
     assert entry.missed == missed
     assert entry.outcome == (NOT_FALLING if missed else CONVERGES)
     assert "≤ 2" in str(score_trajectories("bilinear-gap", runs))
+    assert ("3 time steps may mislead" in str(score_trajectories("bilinear-gap", runs))) == (
+        missed == ("impact times",)
+    )
     same = score_trajectories("bilinear-gap", [runs[-1]] * 3).entries[0]
     assert same.outcome == ONE_RUN
     fewer = [tuple(np.delete(x, 7) for x in run) for run in runs]

@@ -396,6 +396,7 @@ def doubt(
     uncertain: Annotated[str | None, option("path=tolerance,..., relative; default: those of the case file")] = None,
     scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
     dt: Dt = None,
+    t_end: TEnd = None,
     members: Annotated[int, option("number of systems with random parameters, at least 8")] = 48,
     seed: Annotated[int, option("seed of the random systems")] = 1,
     tolerance: Annotated[float, option("tolerance of the data horizon, relative to the largest |u|")] = 0.05,
@@ -416,7 +417,7 @@ def doubt(
     check_json(json_file)
     parsed = None if scheme is None else parse_run(scheme)[0]
     with progress() as show:
-        result = find(chosen, parsed, dt, members, seed, tolerance, progress=show)
+        result = find(chosen, parsed, dt, members, seed, tolerance, show, t_end=t_end)
     if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json_file):
         say(str(result))
 

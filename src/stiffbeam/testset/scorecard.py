@@ -100,9 +100,14 @@ class Scorecard:
         from rich.console import Group
 
         if len(self.integrators) == 1:
-            past = [_table(PAST_TITLE, PAST, rows)] if (rows := past_rows(self)) else []
             title = f"{self.integrators[0]}: {summary(self.entries)}"
-            return Group(_table(title, COLUMNS, list(map(_detail_row, self.entries))), *past, *reasons(self))
+            rows = list(map(_detail_row, self.entries))
+            others = [row for row in rows if any(row[5:-1])]
+            # Two tables, each of which fits a terminal; columns without an entry are left out.
+            parts: list[RenderableType] = [_table(title, *_columns(rows, (0, 1, 2, 3, 4, 10))), ""]
+            parts += [_table(OTHERS, *_columns(others, (0, 5, 6, 7, 8, 9))), ""] if others else []
+            parts += [_table(PAST_TITLE, PAST, past), ""] if (past := past_rows(self)) else []
+            return Group(*parts, *reasons(self))
         title = f"test set {self.version}: {summary(self.entries)}"
         return Group(_table(title, *overview_rows(self)), LEGEND, "", *reasons(self))
 
@@ -246,6 +251,15 @@ COLUMNS = (
 )
 
 
+OTHERS = "Errors besides the tip's, at the finest step or tolerance"
+
+
+def _columns(rows: list[list[str]], wanted: Sequence[int]) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells of these ``COLUMNS``, without those that are empty in all rows."""
+    kept = [i for i in wanted if i in (0, 10) or any(row[i] for row in rows)]
+    return [COLUMNS[i] for i in kept], [[row[i] for i in kept] for row in rows]
+
+
 def _detail_row(e: Entry) -> list[str]:
     """The row of an entry, as ``COLUMNS``."""
     if not e.runs:
@@ -332,7 +346,8 @@ def _words(e: Entry) -> str:
     if _remark(e):
         return f"{where}: {_remark(e)}"
     if e.missed:
-        return f"{where}: the tip converges, but not {', '.join(e.missed)}"
+        few = "" if len(e.runs) > 3 else f"; {len(e.runs)} time steps may mislead: score more of them"
+        return f"{where}: the tip converges, but not {', '.join(e.missed)}{few}"
     first, last = (shown_error(run.errors.tip_rms) for run in (e.runs[0], e.runs[-1]))
     return f"{where}: the error does not fall, {first} to {last}"
 
@@ -357,9 +372,11 @@ def _table(title: str, headings: Sequence[str], rows: list[list[str]]) -> Table:
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1))
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for i, heading in enumerate(headings):
-        broken = heading.replace("(", "\n(") if len(heading) > LONG else heading  # not within a word
+        broken = (
+            heading.replace("(", "\n(").replace(", ", ",\n") if len(heading) > LONG else heading
+        )  # not within a word
         table.add_column(broken, justify="right" if 0 < i < len(headings) - (headings[-1] == "outcome") else "left",
                          no_wrap=heading == "problem", overflow="fold")  # fmt: skip
     for row in rows:
