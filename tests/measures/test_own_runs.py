@@ -305,3 +305,14 @@ def test_velocities_of_states_are_those_of_the_tip():
     run = sb.Trajectory.from_arrays(t, q, system=system, states=(q[:, None], v[:, None]))
     assert np.array_equal(run.tip_velocity, v)
     assert "tip_velocity" not in run.provenance
+
+
+def test_what_compare_cannot_take_comes_with_its_own_remedy(measured):
+    _, run, ref = measured
+    for wrong, words in (
+        ("run.csv", r"sb\.load reads a saved run"),
+        (np.column_stack([run.t, run.tip]), r"put the arrays into a list: \[t, tip\]"),
+        ([1e6 * run.t, run.tip], "times in the unit of the reference"),
+    ):
+        with pytest.raises(sb.InputError, match=words):
+            sb.compare(wrong, ref)  # type: ignore[arg-type]

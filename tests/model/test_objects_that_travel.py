@@ -120,6 +120,11 @@ def test_work_of_minutes_is_announced(monkeypatch):
         with pytest.warns(UserWarning, match=f"{method} will take about"):
             sb.reference(system, 1.0, method)
         sb.reference(system, 1.0, method, progress=lambda what, done, total: None)
+    # What no pilot has seen is announced after the first of five solutions.
+    monkeypatch.setattr(references, "warn_of_minutes", lambda *_: False)
+    with pytest.warns(UserWarning, match=r"the horizon of exact will take about \d+ s more: progress=True"):
+        sb.reference(system, 1.0)
+    sb.reference(system, 1.0, progress=lambda what, done, total: None)
 
 
 def test_what_compiling_takes_is_not_taken_times_the_span(monkeypatch):

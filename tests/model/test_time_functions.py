@@ -86,6 +86,11 @@ def test_time_functions_refuse_what_is_no_finite_number(make, field):
     assert caught.value.field == field
 
 
+def test_a_list_of_functions_is_told_how_to_be_a_sum():
+    with pytest.raises(sb.InputError, match=r"leave the brackets out: Superposition\(f, g\)"):
+        sb.Superposition([sb.Constant(1.0), sb.Harmonic(1.0, 2.0)])  # type: ignore[arg-type]
+
+
 def test_a_bare_load_function_may_be_scalar_but_not_of_another_shape():
     t = np.linspace(0.0, 1.0, 3)
     assert np.array_equal(evaluate(lambda t: 2.0, t), [2.0, 2.0, 2.0])

@@ -53,7 +53,9 @@ def test_what_no_label_makes_again_is_refused():
         label_of(Secretive(0.6))
     for label, says in (
         ("no_such_module:Central", "can be imported"),
+        ("test_own_schemes.py:Midpoint", r"can be imported, got .*: write test_own_schemes:Midpoint$"),
         ("test_own_schemes:Midpiont", "did you mean Midpoint"),
+        ("test_own_schemes:zzzz", "known: Midpoint, Secretive, "),
         ("test_own_schemes:np", "Scheme class"),
         ("test_own_schemes:Midpoint(gamma=1)", "one of its own"),
     ):

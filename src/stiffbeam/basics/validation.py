@@ -195,8 +195,12 @@ def near(name: Any, known: Iterable[str]) -> str:
     by_letters = {each.lower(): each for each in names}
     # The search takes time with the square of the length: 100 letters are enough for a name.
     letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
-    close = [by_letters[each] for each in letters]
-    return "did you mean " + " or ".join(close) + "?" if close else "known: " + ", ".join(names)
+    listed = "known: " + ", ".join(names) if names else "there is none"
+    if not letters:
+        return listed
+    question = "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
+    likely = get_close_matches(name[:100].lower(), letters, n=1, cutoff=0.7)
+    return question if likely else f"{question} {listed}"
 
 
 def require_jax_float64() -> None:

@@ -286,7 +286,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     # A median of differences has roundings that the step of a scheme does not have.
     dt, inside = float(run.provenance.get("dt", np.median(np.diff(t)))), steps_to(t, window)
     if inside < 3:
-        raise InputError("dt", dt, f"leave two steps before the horizon {window:.3g}", "use a smaller dt")
+        remedy = "use a smaller dt, and give times in the unit of the reference"
+        raise InputError("dt", dt, f"leave two steps before the horizon {window:.3g}", remedy)
     # The reference at the steps of the run, for errors and lag.
     u_ref, _ = reference.at(t[: steps_to(t, t_end)])
 

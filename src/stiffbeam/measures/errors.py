@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,10 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
         rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
         several = isinstance(run, (tuple, list)) and any(isinstance(each, Trajectory) for each in run)
         remedy = "reference() makes one"
+        if isinstance(run, (str, Path)):
+            remedy = "sb.load reads a saved run, numpy.loadtxt the columns of a text file"
+        elif isinstance(reference, Reference):
+            remedy = "put the arrays into a list: [t, tip]"
         if several:
             remedy = "compare the runs one by one, and pandas.concat joins their to_dataframe()"
         raise InputError(asked, got, rule, remedy)
@@ -150,9 +155,11 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
     from scipy import stats  # whose import takes as long as that of all the rest of SciPy
 
     fit: Any = stats.linregress(x, y)
+    with np.errstate(over="ignore"):  # of a steep line through a run that overflowed
+        constant = float(np.exp(fit.intercept))
     # A line through two points leaves no scatter to estimate.
     interval = float(stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
-    return Order(float(fit.slope), interval, float(np.exp(fit.intercept)), n)
+    return Order(float(fit.slope), interval, constant, n)
 
 
 @dataclass(frozen=True)

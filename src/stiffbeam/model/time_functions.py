@@ -196,7 +196,8 @@ class Superposition:
             )
         for function in functions:
             if not isinstance(function, TimeFunction):
-                remedy = "for example Harmonic or Sampled"
+                several = isinstance(function, (list, tuple))
+                remedy = "leave the brackets out: Superposition(f, g)" if several else "for example Harmonic or Sampled"
                 raise InputError("Superposition", function, "add functions with value, rate and acceleration", remedy)
             load_function("Superposition", function)
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))

@@ -120,13 +120,15 @@ def reference(
     require_system(system)
     method_of(method)
     t_end = positive("t_end", t_end)
-    if not progress:
-        warn_of_minutes(system, t_end, method, rtol, atol, steps)
+    silent = not progress and not warn_of_minutes(system, t_end, method, rtol, atol, steps)
     with displayed(progress) as show:
         show(f"{method}: solving", 0, 0)
         solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
         if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
+        left = (COPIES - 1.0) * solution.work.march_seconds if REFERENCES[method].kind == EXACT else 0.0
+        if silent and left >= MINUTES:  # impacts that no pilot has seen
+            warnings.warn(f"the horizon of {method} will take about {left:.0f} s more: {ADVICE}", stacklevel=2)
         return with_horizon(solution, system, t_end, steps, solve, show)
 
 
@@ -279,13 +281,16 @@ def _judged(system: System, t_end: float) -> float:
     return 1.0
 
 
-def warn_of_minutes(system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps) -> None:
-    """Warn where ``reference`` will take more than a minute, with the estimate and what to do."""
+ADVICE = "progress=True shows how far it is; a shorter t_end, fewer cells or a looser rtol cost less"
+
+
+def warn_of_minutes(system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps) -> bool:
+    """Warn where ``reference`` will take more than a minute, with the estimate and what to do; return True if so."""
     begun = time.perf_counter()
     seconds = expected_seconds(system, t_end, method, rtol, atol, steps, MINUTES)
     if seconds >= MINUTES:
         pilots = time.perf_counter() - begun
-        advice = "progress=True shows how far it is; a shorter t_end, fewer cells or a looser rtol cost less"
         warnings.warn(
-            f"{method} will take about {seconds:.0f} s or more (by pilots of {pilots:.1f} s): {advice}", stacklevel=3
+            f"{method} will take about {seconds:.0f} s or more (by pilots of {pilots:.1f} s): {ADVICE}", stacklevel=3
         )
+    return seconds >= MINUTES

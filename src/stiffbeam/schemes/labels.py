@@ -121,11 +121,12 @@ def user_class(name: str) -> type[Scheme]:
     module = _module(place, name)
     named = getattr(module, wanted, None)
     if not isinstance(named, type) or not issubclass(named, Scheme):
-        classes = [x for x, value in vars(module).items() if isinstance(value, type) and issubclass(value, Scheme)]
+        of_module = (x for x, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__)
+        candidates = [x for x in of_module if callable(getattr(module, x))]
         function = callable(named) and not isinstance(named, type)
         takers = "score, compare, converge, precision and ensemble take these"
-        remedy = f"it is a function: {takers}" if function else near(wanted, classes)
-        raise InputError("scheme", name, f"name a Scheme class of {place}", remedy)
+        remedy = f"it is a function: {takers}" if function else near(wanted, candidates)
+        raise InputError("scheme", name, f"name a Scheme class or a function of {place}", remedy)
     return named
 
 
@@ -150,7 +151,8 @@ def _from_here(place: str, name: str) -> Any:
     try:
         return importlib.import_module(place)
     except Exception as error:
-        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
+        remedy = f"write {name.replace('.py:', ':')}" if place.endswith(".py") else repr(error)
+        raise InputError("scheme", name, "name a module that can be imported", remedy) from None
     finally:
         sys.path.pop()
 
