@@ -224,7 +224,10 @@ def test_reactions_of_rigid_stops_count_when_they_press(tmp_path):
         np.diag([1.0, 1.5]), [[2.0, -0.5], [-0.5, 1.6]], 0.05 * np.eye(2), loads=loads, contacts=contacts
     )  # fmt: skip
     run = sb.integrate(system, sb.MoreauJean(), 2e-4, 40.0, every=1000)
-    exact, scheme = (sb.contact_rates(x, 11.0) for x in (sb.reference(system, 40.0), run))
+    reference = sb.reference(system, 40.0)
+    exact, scheme = (sb.contact_rates(x, 11.0) for x in (reference, run))
+    loaded = sb.contact_rates(sb.load(reference.save(tmp_path / "exact.nc"), system), 11.0)
+    assert (loaded.sources, str(loaded)) == (("events", "events"), str(exact))
     stored = sb.contact_rates(sb.load(run.save(tmp_path / "run.nc")), 11.0)
     assert stored.sources == ("impacts", "impacts")
     for one, other, table in zip(exact.rates, scheme.rates, stored.rates, strict=True):
