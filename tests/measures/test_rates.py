@@ -31,6 +31,13 @@ def test_the_interval_of_a_correlated_series_covers_its_mean(memory):
     assert np.median(sizes) == pytest.approx(n * (1 - memory) / (1 + memory), rel=0.15)
 
 
+@pytest.mark.parametrize(("n", "holds"), [(8, 0.86), (20, 0.93)])
+def test_the_interval_of_few_values_holds_as_often_as_its_limitation_states(n, holds):
+    rng, cases = np.random.default_rng(3), 1500
+    means = [stationary_mean(rng.normal(size=n)) for _ in range(cases)]
+    assert np.mean([mean.low <= 0.0 <= mean.high for mean in means]) == pytest.approx(holds, abs=0.025)
+
+
 def test_a_constant_series_is_certain_and_a_drifting_one_is_not():
     assert stationary_mean(np.full(20, 2.0)) == stationary_mean(np.full(20, 2.0))
     assert stationary_mean(np.full(20, 2.0)).high == 2.0
