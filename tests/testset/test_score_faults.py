@@ -101,8 +101,8 @@ def spoilt(kind):
             u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
         if kind == "velocity 5 % too large":
             v *= 1.05
-        if kind.endswith("before"):  # by a step, or by half of one
-            v[1:] = v[:-1] if "half" not in kind else 0.5 * (v[1:] + v[:-1])
+        for x in {"velocity": [v], "motion": [u, v]}[kind.split()[0]] if kind.endswith("before") else []:
+            x[1:] = x[:-1] if "half" not in kind else 0.5 * (x[1:] + x[:-1])
         if kind == "ends in NaN where steps are short" and len(t) > 1000:
             u[-1] = np.nan
         return (t, u, v) if kind != "in reverse" else (t[::-1], u[::-1], v[::-1])
@@ -116,6 +116,8 @@ def spoilt(kind):
      ("velocity 5 % too large", NOT_FALLING, "not velocity"),
      ("velocity of the step before", LOW_ORDER, "the velocity is that of 1.00 steps before its time"),
      ("velocity of half a step before", LOW_ORDER, "the velocity is that of 0.50 steps before its time"),
+     ("motion of the step before", LOW_ORDER, "chain: the motion is that of 1.00 steps before its time"),
+     ("motion of half a step before", CONVERGES, "the motion is that of 0.50 steps before its time"),
      ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
      ("in reverse", FAILED, "sort the rows by time")],
 )  # fmt: skip
@@ -153,6 +155,26 @@ def test_a_run_that_grows_beyond_its_square_is_left_out():
     card = sb.score(solve, "bilinear-gap")
     assert card.entries[0].outcome == CONVERGES
     assert "in 60 steps it overflowed at t = " in str(card)
+
+
+def test_a_method_whose_coarse_steps_overflow_is_judged_by_shorter_ones():
+    """Of its ten steps only the shortest holds."""
+
+    def solve(system, dt, t_end):
+        t, u, v = newmark(system, dt, t_end)
+        return t, u * (np.inf if len(t) < 1500 else 1.0), v
+
+    card = sb.score(solve, "bilinear-gap")
+    assert card.entries[0].outcome == CONVERGES
+    assert [run.level for run in card.entries[0].runs] == [1920, 3840, 7680]
+    assert "in 60 to 1440 steps it overflowed at t = " in str(card)
+    assert "judged by 1920 to 7680 steps" in str(card)
+
+
+def test_no_scheme_is_late_as_a_whole():
+    """The errors of right schemes are no shift in time."""
+    card = sb.score(["BDF2", "HHT(alpha=-0.3)", "moreau-jean"], ["free-oscillator", "bilinear-gap", "bouncing-ball"])
+    assert "before its time" not in str(card)
 
 
 def test_runs_with_like_steps_are_not_judged():
