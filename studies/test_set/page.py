@@ -143,11 +143,14 @@ The score contains these errors:
 * of the energy at the end;
 * of the derivatives of the tip at the end, if the integrator has gradients.
 
-An integrator is flagged in three cases:
+An integrator is flagged in four cases:
 
 * its error does not fall with the step;
 * its error falls more slowly than its order on `free-oscillator` and the kink or jump of the law allow;
-* its velocity is not the rate of its tip at that time.
+* its velocity is not the rate of its tip at that time;
+* its motion as a whole is a step early or late. Half a step is reported only, because methods of order 1 have it.
+
+If the coarse steps of an integrator overflow, shorter steps are added and it is judged by those that do not overflow.
 
 If a file has too few digits to decide, the score card states this.
 

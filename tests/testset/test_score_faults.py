@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_score import moreau_jean, newmark
+from test_score import PAGE, moreau_jean, newmark
 from test_score_exact_motions import ball
 
 import stiffbeam as sb
@@ -143,6 +144,17 @@ def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
         return sb.integrate(replace(system, damping=wrong.get(kind, C), loads=loads), sb.Trapezoidal(), dt, t_end)
 
     assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
+
+
+@pytest.mark.parametrize(("rate", "outcome"), [("c.offset.rate(t)", CONVERGES), ("0.0", NOT_FALLING)])
+def test_a_dashpot_that_ignores_the_motion_of_its_stop_is_found(rate, outcome):
+    """The page's integrator, with and without it."""
+    (block,) = re.findall(r"```python\n(.*?)\n\nproblems = ", PAGE, re.DOTALL)
+    names = {}
+    exec(block.replace("c.offset.rate(t)", rate), names)
+    (entry,) = sb.score(names["central_differences"], "moving-dashpot").entries
+    assert entry.outcome == outcome
+    assert entry.best.impacts == 2
 
 
 def test_a_run_that_grows_beyond_its_square_is_left_out():
