@@ -185,9 +185,12 @@ Two tests check the answers with methods that share no code with the first solut
 
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](../../CITATION.cff).
 
-| version | change of answers |
+| version | change |
 |---|---|
 | 1.0 | first |
 | 2.0 | hertz, hunt-crossley: the velocity at the first touch is 1, not 1.00018; changes in the 25th digits |
 | 3.0 | event times and peak forces of the piecewise-linear problems: changes in up to three of the last of 30 digits |
+| 3.1 | derivatives of nine problems |
+| 3.2 | one problem more: damped-chain |
+| 3.3 | one problem more: moving-dashpot |
 """

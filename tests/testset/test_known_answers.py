@@ -337,7 +337,9 @@ def test_the_sticking_phase():
     assert np.allclose(numbers(file, "tip")[np.isin(times_of(file), held)], u1(held - flight), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [*SMALL, *RIGID, "elastic-bar", "bouncing-bar", "aster-beam", "stop-along-the-beam", "moving-dashpot"])
+@pytest.mark.parametrize(
+    "name", [*SMALL, *RIGID, "elastic-bar", "bouncing-bar", "aster-beam", "stop-along-the-beam", "moving-dashpot"]
+)
 @pytest.mark.fast(9)
 def test_the_exact_reference_meets_the_answers(name):
     known = sb.problem(name)

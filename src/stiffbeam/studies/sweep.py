@@ -34,7 +34,7 @@ from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
 from ..model.members import paths_of
 from ..model.system import System
-from ..model.time_functions import Drive
+from ..model.time_functions import Drive, covered
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes.scheme import RigidScheme
@@ -119,6 +119,7 @@ def points(
     period = drive_period(system_of(case, form), parameter)
     once = period is None
     if once:
+        covered(system_of(case, form).time_functions, case.t_end)
         for name, stated in (("periods", periods), ("transient", transient)):
             if stated is not None:
                 remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
@@ -282,6 +283,11 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     return rows
 
 
+def _has(rows: Rows, quantity: str) -> bool:
+    """True if every row has the quantity. A rigid stop has a largest force, 0, only where nothing touches it."""
+    return all(np.isfinite(row[quantity]) for row in rows)
+
+
 def _ways(rows: Rows) -> Mapping[str, Rows]:
     """The rows of each direction of a continued sweep; all of them under "" otherwise."""
     ways = {way: [row for row in rows if row.get("direction") == way] for way in WAYS}
@@ -323,14 +329,14 @@ def answer(rows: Rows, case: Case) -> Answer:
     table = []
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
         for name, words, quantity, scale in columns:
-            known = [r for r in contacts if np.isfinite(r[name])]  # a rigid stop has impulses, no peak forces
-            ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
-            texts = [
+            if not _has(contacts, name):
+                continue
+            least, most = (
                 f"{units.measure(row[name] / scale, quantity, '.4g')} at "
                 + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
-                for row in ends
-            ]
-            table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
+                for row in (pick(contacts, key=lambda r: r[name]) for pick in (min, max))
+            )
+            table.append({"over all values": words + place, "least": least, "most": most})
     system = case.system(first["form"])
     lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
     notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
@@ -414,6 +420,8 @@ def picture(records: Records) -> Picture:
         *([("fraction", "share of the time", "", "time in contact")] if once else []),
         ("peak_force", r"peak $|\sigma|$", "force", "largest contact force"),
     ):
+        if not _has(contacts, quantity):
+            continue
         marks = []
         lines = [
             (f"{place} {way}", part)
@@ -427,7 +435,7 @@ def picture(records: Records) -> Picture:
                                style | {"color": colours[i % len(colours)]}))  # fmt: skip
         panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
                              legend="inside" if len(marks) > 1 else "")])  # fmt: skip
-    return Picture(panels, 8.2, heights=(1.0, 1.0, 1.0) if once else (3.0, 1.0, 1.0), shared_x=True)
+    return Picture(panels, 8.2, heights=(1.0 if once else 3.0, *(len(panels) - 1) * (1.0,)), shared_x=True)
 
 
 def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
@@ -441,6 +449,7 @@ def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
         for quantity, label in (
             ("count", counted), ("fraction", "share of time in contact"), ("peak_force", force)
         )
+        if _has(group, quantity)
     ]  # fmt: skip
 
 

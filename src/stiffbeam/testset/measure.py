@@ -476,8 +476,8 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
     through all steps, its 95 % interval included, come within ``ORDER_SLACK`` of what is expected; the errors of impact
     times, peak force, energy and velocity must fall as well (``_missed``), and velocity and tip must be those of their
-    time (``_late_by``); the error of an adaptive solver must stay within ``TIMES_TOLERANCE`` times its tolerance. Steps that
-    span less than a factor of four are not judged.
+    time (``_late_by``). The error of an adaptive solver must stay within ``TIMES_TOLERANCE`` times its tolerance. Steps
+    that span less than a factor of four are not judged.
     """
     levels = np.array([run.level for run in entry.runs])
     errors = np.array([run.errors.tip_rms for run in entry.runs])
@@ -505,7 +505,9 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     reasons, late = [entry.reason] if entry.reason else [], list[str]()
     for name, what, allowed in (("lag", "velocity", STAGGERED if second else LATE), ("shift", "motion", STAGGERED)):
         if abs(steps := _late_by(entry, name)) > allowed:
-            reasons.append(f"the {what} is that of {abs(steps):.2f} steps {'before' if steps > 0.0 else 'after'} its time")
+            reasons.append(
+                f"the {what} is that of {abs(steps):.2f} steps {'before' if steps > 0.0 else 'after'} its time"
+            )
             late += [what] if what == "velocity" or low or abs(steps) > LATE else []
     outcome = LOW_ORDER if low or late else CONVERGES
     return replace(entry, outcome=outcome, missed=tuple(late), reason="; ".join(dict.fromkeys(reasons)))

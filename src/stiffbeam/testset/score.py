@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.resources import Show, displayed
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .integrators import DEFAULT, RECORDED, Integrator, Made
+from .integrators import DEFAULT, FUNCTION, RECORDED, SCHEME, Integrator, Made
 from .integrators import integrators as integrators_of
 from .measure import (
     FAILED,
@@ -136,7 +136,6 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
     runs: list[Run] = []
     overflowed: list[float] = []  # the steps at which it does
     outcome = reason = ""
-    fixed = not runner.adaptive and runner.kind != RECORDED  # it can run with any steps
     past: tuple[dict[str, float], ...] = ()
     try:
         if not (levels := list(runner.levels(each))):
@@ -154,13 +153,14 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
                 overflowed.append(level)
                 reason, outcome = f"in {_range(overflowed)} steps {error}", FAILED if runs else ""
             # Shorter steps in the place of those that overflowed, so that the others can be judged.
-            if overflowed and runs and fixed and not (levels or outcome) and runs[0].level > SPAN * level:
+            more = runner.kind in (SCHEME, FUNCTION) and not (levels or outcome)
+            if overflowed and runs and more and runs[0].level > SPAN * level:
                 levels.append(2 * level)
         if overflowed and runs and not outcome:
             reason += f"; judged by {_range([run.level for run in runs])} steps"
         if not runs:
             outcome = FAILED
-        if statistics and each.statistics is not None and fixed:
+        if statistics and each.statistics is not None and not runner.adaptive and runner.kind != RECORDED:
             past = _past(runner, each)
     except InputError as error:
         outcome, reason = NOT_TAKEN, str(error)
