@@ -72,9 +72,9 @@ def paper_figure(
     >>> len(figure.axes)
     2
     """
-    case = runs if isinstance(runs, Case) else None
+    case: Case | None = None
     if isinstance(runs, Case):
-        system = runs.system()
+        system, case = runs.system(), runs
         marched = [integrate(system, x, case.dt, case.t_end) for x, form in case.runs if form == system.form]
         runs = [best_reference(system, case.t_end), *marched]
     solutions = [runs] if isinstance(runs, Trajectory) else list(runs)
