@@ -26,13 +26,7 @@ class Node:
         self.inverse, self.lag, self.C_bb, (self.p, self.f) = 1.0 / mass, C[:n, n], C[n, n], system.loads[0]
         self.pull = np.hstack([K[:, :n], C[:, :n], K[:, n:]])  # of (q, q', b), but for C_ib b'
         contact = system.contacts[0]
-        self.stops, self.offset, self.s, self.n, self.side = (
-            contact.stops,
-            contact.offset,
-            contact.row[-1],
-            n,
-            0,
-        )
+        self.stops, self.offset, self.s, self.n, self.side = (contact.stops, contact.offset, contact.row[-1], n, 0)
 
     def moved(self, t):
         """o and o'."""
