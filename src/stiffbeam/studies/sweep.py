@@ -329,7 +329,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     table = []
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
         for name, words, quantity, scale in columns:
-            if not _has(contacts, name):
+            if not (contacts and _has(contacts, name)):
                 continue
             least, most = (
                 f"{units.measure(row[name] / scale, quantity, '.4g')} at "
