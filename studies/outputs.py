@@ -25,7 +25,7 @@ COMMANDS = {
         name: f"python studies/{name.replace(' ', '_')}.py"
         for name in (
             "steel strip", "hermite model", "hammer", "base motion", "loose supports", "ranking", "stiff stops",
-            "scheme flips",
+            "scheme flips", "basins",
         )
     },
     "identify": "python studies/identify.py --out .",

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 
@@ -146,3 +147,29 @@ def test_the_flip_of_a_scheme(monkeypatch):
     assert abs(apart[1]) < 0.02
     refused = scheme_flips.line(sb.Trapezoidal(), "implicit", 8000, flip, state)
     assert refused == "no periodic orbit found" or refused.startswith("multipliers with two widths")
+
+
+@pytest.mark.slow
+def test_basins(monkeypatch):
+    """Ends of motions agree with SciPy's event search; with a quarter of the step fewer starts end on the wrong one."""
+    monkeypatch.syspath_prepend(str(STUDIES))
+    import basins
+
+    members = basins.starts(6)
+    truth = basins.exact(members)
+    assert 0.3 < np.mean(truth) < 0.9
+    period = 2.0 * np.pi / basins.FREQUENCY
+
+    def rate(t, y):
+        return y[1], 0.7 * np.sin(basins.FREQUENCY * t) - 0.08 * y[1] - y[0] - 100.0 * max(y[0] - 0.5, 0.0)
+
+    for k in (0, 14, 35):
+        y = np.concatenate(members.start(k))
+        end = solve_ivp(rate, (0.0, basins.PERIODS * period), y, method="DOP853", rtol=1e-10, max_step=0.02)
+        last = end.t > (basins.PERIODS - basins.LAST) * period
+        assert (np.max(end.y[0, last]) > 0.5) == truth[k]
+    scheme = sb.BDF2()
+    coarse, fine = (np.mean(basins.computed(members, scheme, "implicit", n) != truth) for n in (50, 200))
+    assert fine < 0.5 * coarse
+    monkeypatch.setattr(basins, "PERIODS", 200)
+    assert np.array_equal(basins.exact(members), truth)  # all have settled

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam.basics import compiling
 from stiffbeam.march import warm
 from stiffbeam.model.semidiscretisation import semidiscretise
+from stiffbeam.piecewise import motion
+from stiffbeam.piecewise.tracer import rehearse
 from stiffbeam.studies.comparison import compare_case
 
 CALLS = ("bdf2", "hht", "direct", "exact", "perturbed", "ledger")
@@ -134,11 +137,24 @@ def test_who_compiles_beside_is_waited_for(monkeypatch):
             begun.append("waited")
 
     monkeypatch.setattr(warm, "compiled", lambda: False)
-    monkeypatch.setattr(warm, "_beside", None)
+    monkeypatch.setattr(compiling, "_beside", None)
     monkeypatch.setattr(warm, "_warm", set())
-    monkeypatch.setattr(warm.subprocess, "Popen", Failing)
+    monkeypatch.setattr(compiling.subprocess, "Popen", Failing)
     warm.compile_beside("pass")
     warm.compile_beside("pass")
     warm.warm_up()
     assert len(begun) == 2
     assert begun[1] == "waited"
+
+
+def test_what_is_compiled_beside_is_what_reads_a_motion():
+    """A kernel for arrays of another kind would be compiled again, after the wait for it."""
+    kernels = motion.states, motion.observe, motion.press, motion.grow
+    rehearse()
+    known = [list(kernel.signatures) for kernel in kernels]
+    reference = sb.reference(sb.paper_case(10).system(), 0.05)
+    assert reference.horizon == 0.05
+    assert reference.state_at is not None
+    reference.state_at(np.zeros(1))
+    assert all(known)
+    assert [list(kernel.signatures) for kernel in kernels] == known

@@ -129,6 +129,11 @@ def test_paths_of_a_beam_change_its_problem():
     assert members[0].fingerprint == built.fingerprint
 
 
+def test_initial_data_have_the_names_of_from_matrices():
+    members = sb.varied_members(ball(), {"initial_displacement[0]": [1.0, 2.0], "initial_velocity[0]": [3.0, 4.0]})
+    assert [(m.q0[0], m.v0[0]) for m in members] == [(1.0, 3.0), (2.0, 4.0)]
+
+
 @pytest.mark.parametrize(
     "path", ["", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency"]
 )

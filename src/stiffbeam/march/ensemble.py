@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from ..basics import compiling
 from ..basics.resources import cores, on_executor, over_slices, require_executor, wall_clock
 from ..basics.validation import InputError
 from ..model.members import EnsembleMembers, as_members, march_apart
@@ -17,7 +18,7 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, g
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
-from .warm import any_law, wait, warm_up
+from .warm import any_law, warm_up
 
 SLICE_SECONDS = 1e-3  # of stepping, below which a thread takes longer to start
 
@@ -88,7 +89,7 @@ def integrate_ensemble(
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     if plan.engine == "numba":
-        wait()
+        compiling.wait()
     report = None if progress is None else lambda done: progress(done * plan.steps)
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)

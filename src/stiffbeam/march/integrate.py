@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..basics import compiling
 from ..basics.arrays import Array
 from ..basics.resources import afford, clock
 from ..basics.units import KNOWN
@@ -32,7 +33,6 @@ from .kernels.blocks import OVERFLOW
 from .probe import InModes, Together
 from .replay import block_ledger, replay
 from .rigid_march import rigid_pieces
-from .warm import wait
 
 DIRECT, RIGID = "direct", "rigid steps"
 
@@ -390,7 +390,7 @@ def integrate(
     plan.afford(1, every)
     # A process beside this one may be compiling the same kernels: wait for it.
     if plan.engine == "numba":
-        wait()
+        compiling.wait()
     if plan.stepper is not None:
         march = plan.stepper.start([plan.system], plan.steps, every)
         for done in march.advance():

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import tempfile
-from contextlib import suppress
-from pathlib import Path
-
 import numpy as np
 
-from ..basics import storage
+from ..basics import compiling
 from ..basics.arrays import LANES
-from ..basics.compiled import directory
-from ..basics.resources import stopped_clock
+from ..basics.compiled import is_compiled
 from ..model.contact import linear as all_linear
 from ..model.contact_law import LAW
 from ..model.system import System
@@ -23,13 +15,12 @@ from .kernels import blocks as kernel
 from .kernels.blocks import Block, Forcing, Inflow, Kept, Marchers
 
 COMPILING = "compiling the march, once for this version"  # said while it is waited for
-_beside: subprocess.Popen[bytes] | None = None
 _warm: set[bool] = set()  # the kernels that this process has, by whether they are for any law
 
 
 def compiled() -> bool:
     """True where the kernel is compiled, in this process or on disk: then ``warm_up`` takes a fraction of a second."""
-    return bool(kernel.run.signatures) or any(directory(Path(kernel.__file__)).rglob("blocks.run-*.nbi"))
+    return is_compiled(kernel.run)
 
 
 def any_law(system: System, contact: str) -> bool:
@@ -37,18 +28,11 @@ def any_law(system: System, contact: str) -> bool:
     return contact in ("conserving", "averaged") or not all_linear(system.contacts)
 
 
-def wait() -> None:
-    """Wait for who is compiling beside this process."""
-    if _beside is not None:
-        with stopped_clock():
-            _beside.wait()  # one that has failed left nothing on disk, and the first run compiles
-
-
 def warm_up(by_law: bool = False) -> None:
     """Compile the kernel, that for any law or that for linear stops, or load it, or wait for who is compiling it."""
     if by_law in _warm:
         return
-    wait()
+    compiling.wait()
     # Arrays without members: the call compiles or loads the kernel and computes nothing.
     z, index = np.zeros((0, LANES)), np.zeros((1, 1), np.int64)
     row = np.zeros((1, LANES))
@@ -63,25 +47,12 @@ def warm_up(by_law: bool = False) -> None:
 
 
 def compile_beside(rehearsal: str, by_law: bool = False, given: bytes = b"") -> None:
-    """Begin to compile in a process beside this one, unless that has been done; ``warm_up`` waits for it.
+    """Begin to compile in a process beside this one where the march is not compiled; ``warm_up`` waits for it.
 
     rehearsal: a line of Python that runs once what will be asked, on a small scale; what it leaves of the march is
     compiled after it. given: what it can read from its standard input.
-
-    Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that the
-    exact solver and SUNDIALS, which have functions of their own to compile, would wait.
     """
-    global _beside
-    if _beside is not None or compiled():
-        return
-    code = f"from stiffbeam.march.warm import warm_up\ntry:\n    {rehearsal}\nfinally:\n    warm_up({by_law})"
-    # The child imports the same sources and writes to the same cache.
-    paths = os.pathsep.join(path for path in sys.path if path)
-    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
-    silent = subprocess.DEVNULL
-    with suppress(OSError), tempfile.TemporaryFile() as whole:  # where there is no process, the first run compiles
-        whole.write(given)
-        whole.seek(0)
-        _beside = subprocess.Popen(
-            [sys.executable, "-c", code], env=environment, stdin=whole, stdout=silent, stderr=silent
+    if not compiled():
+        compiling.begin(
+            f"from {__name__} import warm_up\ntry:\n    {rehearsal}\nfinally:\n    warm_up({by_law})", given
         )

@@ -364,7 +364,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     """System with other values of the parameters at these paths, for example ``{"stops[1].damping": 2.0}``.
 
     A path leads through attributes and indexes from the problem of a beam ("base.frequency",
-    "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase", "q0[2]").
+    "loads[0].time.amplitude", "viscosity") or from a system of matrices ("loads[0].time.phase",
+    "initial_velocity[2]").
     "contacts[i].stops" and "stops[i]" are the same, and "stops" without an index means all contacts.
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
     So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
@@ -393,6 +394,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
 
 IN_FILES = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names that case files use too
+AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -445,6 +447,7 @@ def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
     """The problem of a beam, or the system of matrices itself, and the keys from there: "contacts[i].stops" and
     "stops[i]" are one. Raises LookupError for no keys."""
     if system.problem is None:
+        keys = [AS_GIVEN.get(keys[0], keys[0]), *keys[1:]]
         return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]

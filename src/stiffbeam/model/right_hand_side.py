@@ -16,7 +16,16 @@ from ..basics.validation import InputError
 from .contact import channel_motion, channel_position, laws
 from .contact_law import Law, damps, pressure
 from .equations import FirstOrderSystem
-from .right_hand_side_kernels import THROUGH, Equations, block_of, event_functions, jacobian, residual, right_hand_side
+from .right_hand_side_kernels import (
+    THROUGH,
+    Equations,
+    block_of,
+    event_functions,
+    event_functions_at,
+    jacobian,
+    residual,
+    right_hand_side,
+)
 from .sampled import Sampled
 from .time_functions import Drive, LoadFunction, Term, TimeFunction, evaluate, offset_rate, offset_values
 
@@ -186,6 +195,11 @@ class RightHandSide:
                 shifts[2] += self.equations.acceleration_rows @ vector * _at_one_time(function, inside)
         event_functions(t, _writable(z), out, self.block)
 
+    def event_functions_at(self, t: Array, z: Array, out: Array) -> None:
+        """Write the event functions at times t (k,) with states z (k, n) into the rows of ``out``; for functions of
+        time that are all compiled."""
+        event_functions_at(t, z, out, self.block)
+
     @property
     def levels(self) -> Array:
         """The values (roots,) at which event functions count as zero; to be written to."""
@@ -292,19 +306,17 @@ def _writable(z: Array) -> Array:
 
 
 class Numbers(NamedTuple):
-    """Arrays of ``right_hand_side_kernels.Equations`` for JAX, the matrices of y' and of the viscous power dense."""
+    """Arrays of ``right_hand_side_kernels.Equations`` for JAX.
 
-    matrix: Any
+    All that is linear stands in one matrix, since JAX takes longer to start a small product than to compute it.
+    """
+
+    linear: Any  # see ``linear_part``
     damping: Any
     frequencies: Any
     edges: Any
     records: Any  # (edges, R, P)
-    loads: Any
-    power: Any
     pushes: Any
-    position_rows: Any
-    velocity_rows: Any
-    offsets: Any
     law: Any
     regime: Any
     window: Any
@@ -329,15 +341,30 @@ def numbers_of(rhs: RightHandSide) -> tuple[Kind, Numbers]:
         raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
     e, first_order = rhs.equations, rhs.first_order
     system = first_order.system
-    n = rhs.states
+    n, m, d = rhs.states, len(e.law), len(e.loads)
+    # Columns: the state, the functions of time, their rates. The second row of a hole has no offset.
+    offsets = np.zeros((len(e.position_rows), d))
+    offsets[:m] = e.offsets.T
+    linear = np.zeros((n + 2 * len(offsets) + m + d, n + 2 * d))
+    rate, position, velocity, offset_rate, power = _parts(linear, n, len(offsets), m)
+    rate[:, :n], rate[:, n : n + d] = first_order.matrix, e.loads.T
+    position[:, :n], position[:, n : n + d] = e.position_rows, offsets
+    velocity[:, :n], velocity[:, n + d :] = e.velocity_rows, offsets
+    offset_rate[:, n + d :] = offsets[:m]
+    power[:, :n] = e.power
     damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, n))
-    records = e.loads.shape[0] - 1 - 2 * len(e.frequencies)
+    records = d - 1 - 2 * len(e.frequencies)
     table = e.records.reshape(len(e.edges), records, -1) if records else np.zeros((0, 0, 0))
     kind = Kind(tuple(float(p) for p in e.law[:, 3]), tuple(e.seconds.tolist()), rhs.damped)
     return kind, Numbers(
-        first_order.matrix, damping, e.frequencies, e.edges, table, e.loads, e.power, e.pushes, e.position_rows,
-        e.velocity_rows, e.offsets, e.law, rhs.regime.copy(), np.array(rhs.window),
-    )  # fmt: skip
+        linear, damping, e.frequencies, e.edges, table, e.pushes, e.law, rhs.regime.copy(), np.array(rhs.window)
+    )
+
+
+def _parts(rows: Any, n: int, width: int, m: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Split rows into those of ``Linear``, of n states and m contacts with ``width`` rows."""
+    ends = n, n + width, n + 2 * width, n + 2 * width + m
+    return rows[: ends[0]], rows[ends[0] : ends[1]], rows[ends[1] : ends[2]], rows[ends[2] : ends[3]], rows[ends[3] :]
 
 
 def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
@@ -362,23 +389,40 @@ def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
 
 
-def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[Any], list[Any], list[Any], list[Any]]:
-    """Forces of the contacts, their velocities, the part of these that is their offsets', and what a unit force adds to
-    y'."""
+class Linear(NamedTuple):
+    """Rows of the right-hand side that are linear in the state, the functions of time and their rates."""
+
+    rate: Any  # (n,), of the state without contact forces
+    positions: Any  # of the contacts, then of the second rows of holes
+    velocities: Any
+    offset_rates: Any  # (m,)
+    power: Any  # of the loads, in the functions of time too
+
+
+def linear_part(t: Any, y: Any, numbers: Numbers) -> Linear:
+    """The linear part at t and y (n,), by one product of a matrix."""
     import jax.numpy as jnp
 
     g, g_rate = functions_of_time(t, numbers)
+    rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
+    parts = Linear(*_parts(rows, len(y), len(numbers.pushes), len(numbers.law)))
+    return parts._replace(power=g @ parts.power)
+
+
+def contact_forces(kind: Kind, linear: Linear, numbers: Numbers) -> tuple[list[Any], list[Any], list[Any]]:
+    """Forces of the contacts, their velocities, and what a unit force adds to y'."""
+    import jax.numpy as jnp
+
     m = len(kind.exponents)
-    positions = list(numbers.position_rows[:m] @ y + g @ numbers.offsets)
-    offset_rates = g_rate @ numbers.offsets
-    velocities = list(numbers.velocity_rows[:m] @ y + offset_rates)
-    forces, pushes = [], list(numbers.pushes[:m])
+    positions, velocities, forces, pushes = (
+        list(linear.positions[:m]), list(linear.velocities[:m]), [], list(numbers.pushes[:m])
+    )  # fmt: skip
     for c, p in enumerate(kind.exponents):
         if (second := kind.seconds[c]) >= 0:  # a hole: polar coordinates, with finite derivatives in the centre
-            r = jnp.stack([positions[c], numbers.position_rows[second] @ y])
+            r = jnp.stack([positions[c], linear.positions[second]])
             moving = r @ r > 0.0
             size = jnp.sqrt(jnp.where(moving, r @ r, 1.0))
-            rates = jnp.stack([velocities[c], numbers.velocity_rows[second] @ y])
+            rates = jnp.stack([velocities[c], linear.velocities[second]])
             positions[c], velocities[c] = jnp.where(moving, size, 0.0), r @ rates / size
             pushes[c] = r / size @ jnp.stack([pushes[c], numbers.pushes[second]])
         stop: Any = Law(*numbers.law[c])._replace(p=p)  # the exponent is a constant of the program
@@ -394,30 +438,27 @@ def contact_forces(kind: Kind, t: Any, y: Any, numbers: Numbers) -> tuple[list[A
             closed = jnp.where(numbers.regime[c] == side, pressure(depth, rate, stop), 0.0)
             force = force - side * jnp.where(numbers.regime[c] == THROUGH, by_law, closed)
         forces.append(force)
-    return forces, velocities, list(offset_rates), pushes
+    return forces, velocities, pushes
 
 
 def rate_of_state(kind: Kind, t: Any, y: Any, numbers: Numbers) -> Any:
     """y' (n,)."""
-    g, _ = functions_of_time(t, numbers)
-    rate = numbers.matrix @ y + g @ numbers.loads
-    forces, _, _, pushes = contact_forces(kind, t, y, numbers)
-    for push, force in zip(pushes, forces, strict=True):
-        rate = rate + push * force
-    return rate
+    linear = linear_part(t, y, numbers)
+    forces, _, pushes = contact_forces(kind, linear, numbers)
+    return linear.rate + sum(push * force for push, force in zip(pushes, forces, strict=True))
 
 
 def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
     """z' of ``RightHandSide``: y' with the rates of the ledger's integrals."""
     import jax.numpy as jnp
 
-    y = z[: numbers.matrix.shape[0]]
-    g, _ = functions_of_time(t, numbers)
-    forces, velocities, offset_rates, pushes = contact_forces(kind, t, y, numbers)
-    rate, given, absorbed = numbers.matrix @ y + g @ numbers.loads, g @ numbers.power @ y, 0.0
+    y = z[: numbers.pushes.shape[1]]
+    linear = linear_part(t, y, numbers)
+    forces, velocities, pushes = contact_forces(kind, linear, numbers)
+    rate, given, absorbed = linear.rate, linear.power, 0.0
     for c, force in enumerate(forces):
         rate = rate + pushes[c] * force
-        given = given - force * offset_rates[c]
+        given = given - force * linear.offset_rates[c]
         absorbed = absorbed - jnp.where(damps(Law(*numbers.law[c])), force * velocities[c], 0.0)
     viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
     integrals = [given, viscous, *(-force for force in forces), *([absorbed] if kind.damped else [])]

@@ -364,6 +364,13 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
 
 
 @compiled
+def event_functions_at(t: Array, z: Array, out: Array, block: IntArray) -> None:
+    """The event functions at times t (k,) with states z (k, n), in the rows of ``out``."""
+    for k in range(t.size):
+        event_functions(t[k], z[k], out[k], block)
+
+
+@compiled
 def _acceleration(c: int, t: float, z: Array, a: float, b: float, block: IntArray) -> float:
     """Return the acceleration of contact c relative to its stop, of a hole in the direction (a, b)."""
     offsets, rows = _matrix(block, OFFSETS), _matrix(block, ACCELERATION_ROWS)

@@ -4,21 +4,26 @@ follow."""
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..basics import compiling
 from ..basics.arrays import Array
+from ..basics.compiled import is_compiled
 from ..basics.resources import Forecast
+from ..model.contact import Contact, Stops
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..trajectory.trajectory import SolverFailure
 from .exponential_search import Cells, pass_samples, search
 from .follow import DONE, FULL, LET_GO, UNKNOWN, follow, next_side, pressed, side_of, watched
 from .linear import Complex, Perturbation, Regime, phasors, spin_of
-from .motion import Motion
+from .motion import Motion, observe
 from .regimes import Known, Regimes, Source
 from .search import REMEDY
 from .search import search as leap
@@ -175,6 +180,30 @@ def tracer_of(
 ) -> Tracer:
     """Solver that follows motions of the system in float64; known, span: see ``Source``."""
     return Tracer(Source(system, known, span), perturbation)
+
+
+def rehearse() -> None:
+    """Compile the kernels that read a motion. That which follows one takes longest and is compiled apart."""
+    system = System.from_matrices([[1.0]], [[1.0]], contacts=[Contact(np.ones(1), Stops(upper=1.0, stiffness=1.0))])
+    tracer = tracer_of(system)
+    tracer.regimes.at((0,), 1.0)
+    rest, none = np.zeros((1, tracer.regimes.table.sigma.shape[1])), np.zeros(0)
+    motion = Motion(tracer.regimes, np.zeros(1), np.zeros((1, 1), np.int64), np.zeros(1, np.int64), rest, rest, 0)
+    motion.states(np.zeros(1))
+    motion.observed(np.zeros(1), np.ones(1))
+    motion.press(system, 0, none, none, np.zeros(0, np.int64))
+    motion.grow(system, np.zeros(2), np.ones((1, 1)), np.ones((1, 1)), 1.0)
+
+
+@contextmanager
+def compiled_beside() -> Generator[None]:
+    """Have the kernels that read a motion at the end; those not on disk are compiled in a process beside this one."""
+    begun = not is_compiled(observe) and compiling.begin(f"from {__name__} import rehearse; rehearse()")
+    try:
+        yield
+    finally:
+        if begun:
+            compiling.wait()
 
 
 def refuse_accumulation(start: float, end: float, fastest: float, drive: Drive) -> None:

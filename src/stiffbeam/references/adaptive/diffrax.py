@@ -178,7 +178,7 @@ class Stepper:
     """A solver of diffrax with the attributes of SciPy's ``OdeSolver``, its steps made in calls of many.
 
     first_step: the first one's length. outputs: the times that ``reach`` will be asked for. t_old, t, y: of the last
-    step.
+    step. made: times (k,) and states (k, n) at the ends of the steps that follow it and are computed.
     """
 
     def __init__(
@@ -193,7 +193,7 @@ class Stepper:
         # the caller needs that one step.
         self._next = 1e-3 * rtol**0.2 * min(t_bound - t0, max_step) if first_step is None else first_step
         self._steps = 1 if first_step is not None else FIRST_STEPS
-        self._made: list[tuple[float, Array]] = []
+        self.made: tuple[Array, Array] = (np.empty(0), np.empty((0, len(self.y))))
         self._outputs = np.empty(0) if outputs is None else outputs
         self._reached: dict[float, Array | None] = {}
         self.counters = {"steps": 0, "stages": 0}
@@ -207,14 +207,22 @@ class Stepper:
 
     def step(self) -> str | None:
         """Make one step; return the reason where it fails."""
-        if not self._made and not self._fill():
+        if not len(self.made[0]) and not self._fill():
             self.status = "failed"
             return "no step is short enough for the tolerances"
+        self.skip(1)
+        return None
+
+    def skip(self, count: int) -> None:
+        """Make ``count`` of the steps in ``made``."""
+        times, states = self.made
+        if count > 1:
+            self.t, self.y = float(times[count - 2]), states[count - 2]
         self.t_old, self._old = self.t, self.y
-        self.t, self.y = self._made.pop(0)
+        self.t, self.y = float(times[count - 1]), states[count - 1]
+        self.made = times[count:], states[count:]
         if self.t >= self.t_bound:
             self.status = "finished"
-        return None
 
     def _fill(self) -> bool:
         """Make up to ``_steps`` steps ahead; return False where there are none."""
@@ -225,8 +233,7 @@ class Stepper:
                 self._max_step, self._steps,
             )  # fmt: skip
             made = int(made)
-            times, states = np.asarray(ts)[:made].tolist(), np.asarray(ys)[:made]
-        self._made = list(zip(times, states, strict=True))
+            self.made = np.array(ts)[:made], np.array(ys)[:made]
         self._steps = min(CAPACITY, 2 * self._steps)
         # A rejected step takes as many stages as an accepted one.
         self._count(int(tried))
@@ -237,15 +244,15 @@ class Stepper:
         this step is too large."""
         if t not in self._reached:
             # All outputs in the steps made so far are reached in one call.
-            ends = np.array([self.t, *(time for time, _ in self._made)])
-            times = self._outputs[(self._outputs >= t) & (self._outputs < ends[-1])][:CAPACITY]
+            ends = np.concatenate([[self.t_old, self.t], self.made[0]])
+            lefts = np.concatenate([[self._old, self.y], self.made[1]])
+            first, last = np.searchsorted(self._outputs, [t, ends[-1]])
+            times = self._outputs[first:last][:CAPACITY]
             times = times if t in times else np.array([t])
-            lefts = [(self.t_old, self._old), (self.t, self.y), *self._made]
-            begins = [lefts[k] for k in np.searchsorted(ends, times)]
+            begins = np.searchsorted(ends[1:], times)
             count = len(times)
             starts, ahead, states = np.zeros(CAPACITY), np.ones(CAPACITY), np.zeros((CAPACITY, len(self.y)))
-            starts[:count], ahead[:count] = [time for time, _ in begins], times
-            states[:count] = [state for _, state in begins]
+            starts[:count], ahead[:count], states[:count] = ends[begins], times, lefts[begins]
             with float64_on_the_processor():
                 reached, fits = self._programs(
                     _reach, self._arguments, starts, states, ahead, self._rtol, self._atol, count
@@ -416,12 +423,17 @@ def _modal_root_finder() -> Any:
             modal = arguments.modal
             n, m = len(modal.vectors), len(modal.rates)
             inverse = 1.0 / (1.0 - h * diagonal * modal.rates)
-            for _ in modal.iterations:
-                x = modal.back @ fn(y, args)[0][:n]
+            residual = fn(y, args)[0]
+            for k in range(len(modal.iterations)):
+                residual = fn(y, args)[0] if k else residual
+                x = modal.back @ residual[:n]
                 x = inverse * (x[:m] + 1j * x[m:])
                 y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
-            # No rate depends on the integrals, so that theirs follow from the states at once.
-            y = y.at[n:].add(-fn(y, args)[0][n:])
+            # No rate depends on the integrals, so that theirs follow from the states at once. A further iteration moves
+            # these by rounding only: its residual has the integrals of the states too.
+            if len(modal.iterations) == 1:
+                residual = fn(y, args)[0]
+            y = y.at[n:].add(-residual[n:])
             return y, aux, {}
 
     return Chord

@@ -180,6 +180,13 @@ class Watch:
             self(t, z, self._buffer)
         return self._buffer
 
+    def values_at(self, t: Array, z: Array) -> Array:
+        """The root functions (k, roots) at times t (k,) with states z (k, n)."""
+        out = np.empty((len(t), self.size))
+        if self.count:
+            self.rhs.event_functions_at(t, z, out)
+        return out
+
     def ends(self, roots: Sequence[Root]) -> bool:
         """Return True if these simultaneous roots end the phase. Peaks and events that do not are recorded."""
         for root in roots:

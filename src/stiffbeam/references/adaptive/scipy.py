@@ -21,6 +21,7 @@ MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
 IMPLICIT = ("BDF", "LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
 BETWEEN = 32  # steps between two looks at the clock
+FEW = 4  # steps made ahead that are sooner taken one by one
 POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
 
 
@@ -91,10 +92,7 @@ def stepping(
                         method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
                     )
                 after = watch.values(stepper.t, stepper.y).copy()
-                # Zero counts as negative: a root at the joint of two steps is found once.
-                crossed = (before <= 0.0) != (after <= 0.0)
-                if crossed.any():  # most steps have no root
-                    crossed &= directions * (after - before) >= 0.0
+                crossed = _crossed(before, after, directions)
                 before, stop = after, stepper.t
                 for root in _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ():
                     if watch.ends([root]):
@@ -116,6 +114,9 @@ def stepping(
                 elif len(due):
                     dense = stepper.dense_output()
                     states += list(dense(due).T)
+                if hasattr(stepper, "made") and not ended_by:
+                    until = phase.times[len(states)] if len(states) < len(phase.times) else np.inf
+                    before = _quiet(stepper, watch, directions, before, until)
             _count(counters, stepper)
             t, z = (ended_by[0].time, ended_by[0].z) if ended_by else (phase.end, stepper.y)
             return Outcome(t, z, states, ended_by, watch.missed(ended_by), counters)
@@ -135,6 +136,29 @@ def refuse_stiff(system: System, t_end: float) -> None:
             "method", "dop853", f"not need more than {MOST_STEPS} steps to be stable (it would take {steps:.2g}: the "
             f"fastest rate of the system is {rate:.3g}, t_end {t_end:.3g})", "use the solver cvode or radau",
         )  # fmt: skip
+
+
+def _crossed(before: Array, after: Array, directions: Array) -> Array:
+    """True where a root function has a root between two values. Zero counts as negative: a root at the joint of two
+    steps is found once."""
+    return ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
+
+
+def _quiet(stepper: Any, watch: Any, directions: Array, before: Array, until: float) -> Array:
+    """Make the steps computed ahead that have no root and end before ``until``; return the root functions after them.
+
+    before: the root functions after the last step.
+    """
+    times, states = stepper.made
+    count = int(np.searchsorted(times, until))
+    if count < FEW:
+        return before
+    values = np.concatenate([before[None], watch.values_at(times[:count], states[:count])])
+    crossed = _crossed(values[:-1], values[1:], directions).any(axis=1)
+    quiet = int(np.argmax(crossed)) if crossed.any() else count
+    if quiet:
+        stepper.skip(quiet)
+    return values[quiet]
 
 
 def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:

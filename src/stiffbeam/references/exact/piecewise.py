@@ -23,7 +23,7 @@ from ...model.time_functions import Drive, covered, parts_of, require_closed_for
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
-from ...piecewise.tracer import tracer_of
+from ...piecewise.tracer import compiled_beside, tracer_of
 from ...trajectory.records import ContactRecord
 from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import Request, output_times
@@ -58,7 +58,8 @@ def solve_exact(
     with within_float64("exact", t_end):
         tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
-        solution = tracer.solve(t_end)
+        with compiled_beside():
+            solution = tracer.solve(t_end)
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
         frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"

@@ -1,0 +1,47 @@
+"""A process that compiles kernels beside this one, into the same cache."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+
+from . import storage
+from .resources import stopped_clock
+
+_beside: subprocess.Popen[bytes] | None = None
+
+
+def begin(code: str, given: bytes = b"") -> bool:
+    """Run ``code`` in a process beside this one unless there is one; return True where it begins.
+
+    given: what it can read from its standard input.
+
+    Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that what this process
+    compiles would wait.
+    """
+    global _beside
+    if _beside is not None:
+        return False
+    # The child imports the same sources and writes to the same cache.
+    paths = os.pathsep.join(path for path in sys.path if path)
+    environment = os.environ | {"PYTHONPATH": paths, "STIFFBEAM_CACHE_DIR": str(storage.directory())}
+    silent = subprocess.DEVNULL
+    with suppress(OSError), tempfile.TemporaryFile() as whole:  # where there is no process, the first call compiles
+        whole.write(given)
+        whole.seek(0)
+        _beside = subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdin=whole, stdout=silent, stderr=silent
+        )
+    return _beside is not None
+
+
+def wait() -> None:
+    """Wait for the process beside this one. One that has failed left nothing on disk, and the first call compiles."""
+    global _beside
+    if _beside is not None:
+        with stopped_clock():
+            _beside.wait()
+        _beside = None
