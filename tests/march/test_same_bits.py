@@ -147,6 +147,14 @@ def test_who_compiles_beside_is_waited_for(monkeypatch):
     assert begun[1] == "waited"
 
 
+@pytest.mark.parametrize("program", ["/opt/solver/bin/solver", "", None])
+def test_a_program_that_embeds_python_is_not_started_again(program, monkeypatch):
+    monkeypatch.setattr(compiling, "_beside", None)
+    monkeypatch.setattr(compiling.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
+    monkeypatch.setattr(sys, "executable", program)
+    assert not compiling.begin("pass")
+
+
 def test_what_is_compiled_beside_is_what_reads_a_motion():
     """A kernel for arrays of another kind would be compiled again, after the wait for it."""
     kernels = motion.states, motion.observe, motion.press, motion.grow

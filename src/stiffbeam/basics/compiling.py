@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
+from pathlib import Path
 
 from . import storage
 from .resources import stopped_clock
@@ -17,13 +18,14 @@ _beside: subprocess.Popen[bytes] | None = None
 def begin(code: str, given: bytes = b"") -> bool:
     """Run ``code`` in a process beside this one unless there is one; return True where it begins.
 
-    given: what it can read from its standard input.
+    given: what it can read from its standard input. In a program that embeds Python ``sys.executable`` may be that
+    program: it is not started again, and nothing runs beside it.
 
     Not a thread: numba compiles one function at a time and holds the GIL most of that time, so that what this process
     compiles would wait.
     """
     global _beside
-    if _beside is not None:
+    if _beside is not None or not Path(sys.executable or "").name.startswith("python"):
         return False
     # The child imports the same sources and writes to the same cache.
     paths = os.pathsep.join(path for path in sys.path if path)
