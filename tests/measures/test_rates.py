@@ -31,6 +31,13 @@ def test_the_interval_of_a_correlated_series_covers_its_mean(memory):
     assert np.median(sizes) == pytest.approx(n * (1 - memory) / (1 + memory), rel=0.15)
 
 
+@pytest.mark.parametrize(("n", "holds"), [(8, 0.86), (20, 0.93)])
+def test_the_interval_of_few_values_holds_as_often_as_its_limitation_states(n, holds):
+    rng, cases = np.random.default_rng(3), 1500
+    means = [stationary_mean(rng.normal(size=n)) for _ in range(cases)]
+    assert np.mean([mean.low <= 0.0 <= mean.high for mean in means]) == pytest.approx(holds, abs=0.025)
+
+
 def test_a_constant_series_is_certain_and_a_drifting_one_is_not():
     assert stationary_mean(np.full(20, 2.0)) == stationary_mean(np.full(20, 2.0))
     assert stationary_mean(np.full(20, 2.0)).high == 2.0
@@ -221,7 +228,10 @@ def test_reactions_of_rigid_stops_count_when_they_press(tmp_path):
         np.diag([1.0, 1.5]), [[2.0, -0.5], [-0.5, 1.6]], 0.05 * np.eye(2), loads=loads, contacts=contacts
     )  # fmt: skip
     run = sb.integrate(system, sb.MoreauJean(), 2e-4, 40.0, every=1000)
-    exact, scheme = (sb.contact_rates(x, 11.0) for x in (sb.reference(system, 40.0), run))
+    reference = sb.reference(system, 40.0)
+    exact, scheme = (sb.contact_rates(x, 11.0) for x in (reference, run))
+    loaded = sb.contact_rates(sb.load(reference.save(tmp_path / "exact.nc"), system), 11.0)
+    assert (loaded.sources, str(loaded)) == (("events", "events"), str(exact))
     stored = sb.contact_rates(sb.load(run.save(tmp_path / "run.nc")), 11.0)
     assert stored.sources == ("impacts", "impacts")
     for one, other, table in zip(exact.rates, scheme.rates, stored.rates, strict=True):

@@ -127,6 +127,21 @@ def test_kelvin_voigt_lets_go_earlier_than_its_formula_has_it():
         assert abs(float(-mp.diff(x, when)) - rest.kelvin_voigt_restitution(zeta)) < 1e-10
 
 
+def test_the_beam_between_stops_is_the_same_in_other_units():
+    """Span and stiffnesses were those of Table 10 in any units: its beam in thousandths of time had no impulse."""
+    found = []
+    for length, time, mass in ((1.0, 1.0, 1.0), (1e3, 1e3, 1e-3)):
+        stops = sb.Stops(lower=-0.1 * length, upper=0.1 * length, stiffness=5e6 * mass / time**2)
+        base = sb.Harmonic(amplitude=0.2 * length, frequency=10.0 / time)
+        parts = {"stiffness": 300.0 * mass * length**3 / time**2, "mass_per_length": mass / length, "length": length}
+        system = sb.semidiscretise(sb.BeamProblem(stops=stops, base=base, **parts), cells=6)
+        case = study("rigid_beam", system, dt=1e-4 * time, t_end=time, cells=[6], divide=[1])
+        exact = [row for row in case.rows if row["method"] == rigid_beam.EXACT]
+        found.append([row["impulse"] * time / mass / length for row in exact])
+        found[-1] += [row["kappa"] * time**2 / mass for row in exact if row["kappa"] is not None]
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
 @pytest.mark.slow
 def test_towards_rigid_stops_the_impulse_converges_and_the_count_does_not():
     records = study("rigid_beam", CASE, kappas=[5e6, 1e9], cells=[12, 24], divide=[1])

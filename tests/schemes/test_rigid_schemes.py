@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bouncing_bar import bouncing_bar, pressure
 from rigid_chain import INF, chain
+from rigid_loops import Loop
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
@@ -81,6 +82,30 @@ def test_the_bouncing_bar(scheme, e, gained, rms, deepest):
     """The last digits are chaos: measured, the intervals say what is known of each."""
     for found, (low, high) in zip(on_the_bar(scheme, e), (gained, rms, deepest), strict=True):
         assert low <= found <= high
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
+def test_contacts_that_close_together_keep_their_gaps_under_damping_that_couples_the_modes(rho):
+    """The positions of nonsmooth generalised-alpha react by (M + a C + b K)^-1 (M + a C) M^-1, which is not symmetric:
+    as if it were, gaps were violated by 1e-3 of the motion."""
+    rng = np.random.default_rng(1)
+    pull, n = rng.normal(size=3), 3
+    M, K = np.diag([1.0, 2.0, 0.5]), 4.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    C, B = 2.0 * np.outer(pull, pull), np.array([[1.0, 0.4, 0.0], [0.0, 1.0, 0.3], [0.2, 0.0, 1.0]])
+    lower, upper, e = np.full(n, -INF), np.array([0.1, 0.05, 0.0]), np.array([0.0, 0.5, 0.8])
+    load = np.array([3.0, 4.0, 1.0])
+    stops = [sb.Stops(upper=g, stiffness=INF, restitution=x) for g, x in zip(upper, e, strict=True)]
+    loads, contacts = [(load, sb.Harmonic(1.0, 2.0, 0.5))], [sb.Contact(*x) for x in zip(B, stops, strict=True)]
+    system = sb.System.from_matrices(M, K, C, loads=loads, contacts=contacts)
+    run = sb.integrate(system, sb.NonsmoothGeneralisedAlpha(rho), 0.1, 10.0)
+    together = np.sum([contact.force != 0.0 for contact in run.contacts], axis=0)
+    assert np.count_nonzero(together >= 2) >= 5
+    still = np.zeros(n)
+    loop = Loop(M, C, K, B, lower, upper, e, lambda t: load * np.sin(2.0 * t + 0.5), lambda t: still, lambda t: still)
+    wanted = loop.nonsmooth_alpha(still, still, 0.1, 100, rho)
+    assert np.max(np.abs(run.states[0] - [q for q, _, _ in wanted])) < 1e-12
+    for c, contact in enumerate(run.contacts):
+        assert np.max(contact.position) - upper[c] < 1e-14
 
 
 def test_a_body_that_rests_on_its_stop_stays_there():

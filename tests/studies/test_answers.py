@@ -10,6 +10,8 @@ import pytest
 from stiffbeam.files.cases import paper_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import converge, impacts, precision, study
+from stiffbeam.studies.chaos import exponents
+from stiffbeam.studies.ensemble import difference
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
@@ -93,3 +95,28 @@ def test_a_count_is_right_only_if_every_finer_one_is(spread, allowed):
     assert impacts.right_from([*rows, row(2e-5, edge + 0.01)], "bdf2") == 1.25e-5
     assert np.isnan(impacts.right_from(rows, "hht"))
     assert np.isnan(impacts.right_from(rows[1:], "bdf2"))
+
+
+def test_the_count_of_a_single_run_is_right_within_the_spread_of_exact_ones():
+    """One run has no spread: with NaN in its place every count was right."""
+
+    def row(dt, count, scheme="bdf2", spread=np.nan):
+        return {"scheme": scheme, "purpose": "step", "dt": dt, "count": count, "count_spread": spread, "members": 1}
+
+    exact = row(0.0, 100.0, "exact", 4.0)
+    assert np.isnan(impacts.right_from([exact, row(1e-4, 26.0)], "bdf2"))
+    assert impacts.right_from([exact, row(1e-4, 26.0), row(5e-5, 109.0)], "bdf2") == 5e-5
+
+
+@pytest.mark.parametrize("count", [2, 4, 20])
+def test_intervals_of_few_members_hold_with_95_percent(count):
+    """Normal intervals hold with 71 and 82 % for two values."""
+    rng, tries = np.random.default_rng(0), 1000
+    a, b = rng.normal(3.0, 1.0, (2, tries, count))
+    off = [difference(*pair) for pair in zip(a, b, strict=True)]
+    rows = [[{"method": "exact", "exponent": x, "late": 9.0} for x in values] for values in a]
+    means = [pair for each in rows if (pair := exponents(each)["exact"]) is not None]
+    assert len(means) == tries
+    assert np.mean([abs(x) <= width for x, width in off]) > 0.93
+    assert 0.93 < np.mean([abs(x - 3.0) <= width for x, width in means]) < 0.97
+    assert difference(np.ones(3), np.zeros(3)) == (1.0, 0.0)

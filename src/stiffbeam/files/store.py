@@ -400,6 +400,7 @@ def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
             evaluate=evaluate,
             state_at=state_at,
             contact_by_events=None if again is None else partial(_contact_between, again),
+            solution=None if again is None else _SolvedAgain(again),
         )
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
@@ -427,6 +428,16 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         return plan.states(form)
 
     return pieces
+
+
+class _SolvedAgain:
+    """The solver's own representation of a loaded exact solution, solved when one of its attributes is read."""
+
+    def __init__(self, again: Callable[[], Reference]) -> None:
+        self._again = again
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._again().solution, name)
 
 
 def _solved_again(system: System, notes: dict[str, Any]) -> Callable[[], Reference] | None:

@@ -158,9 +158,10 @@ def _probed(
 
 
 def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
-    # The complementarity problem of a node has exactly one solution if its compliance is positive definite.
+    # The complementarity problem of a node has exactly one solution if its compliance is positive definite, by its
+    # symmetric part: damping that couples the modes can make it unsymmetric.
     for s in range(len(compliance)):
-        least, most = np.linalg.eigvalsh(compliance[s, s])[[0, -1]]
+        least, most = np.linalg.eigvalsh(0.5 * (compliance[s, s] + compliance[s, s].T))[[0, -1]]
         if not least > 1e-12 * most or not most > 0.0:
             rule = "move the argument of every node by the reaction there, each contact on its own, for rigid stops"
             remedy = "use moreau-jean, and contacts that do not follow from each other"

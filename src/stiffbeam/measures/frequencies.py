@@ -148,5 +148,11 @@ def drive_amplitude(t: Array, u: Array, drive: float) -> Array:
     if not drive or t[-1] * drive < 2.0 * np.pi:
         return np.full(len(u), np.nan + 0j)
     periods = np.floor(t[-1] * drive / (2.0 * np.pi) * (1.0 + 1e-12))
-    here = t > t[-1] - 2.0 * np.pi * periods / drive * (1.0 + 1e-12)
-    return 2.0 * np.mean(u[:, here] * np.exp(-1j * drive * t[here]), axis=1)
+    start = max(float(t[0]), float(t[-1] - 2.0 * np.pi * periods / drive))
+    wave = u * np.exp(-1j * drive * t)
+    # The trapezoidal rule over exactly these periods; they may begin between two times.
+    first = int(np.searchsorted(t, start, "right"))
+    share = (start - t[first - 1]) / (t[first] - t[first - 1])
+    begin = (1.0 - share) * wave[:, first - 1] + share * wave[:, first]
+    values = np.concatenate([begin[:, None], wave[:, first:]], axis=1)
+    return 2.0 * np.trapezoid(values, np.append(start, t[first:]), axis=1) / (t[-1] - start)

@@ -65,7 +65,9 @@ class Mean:
 def stationary_mean(series: ArrayLike) -> Mean:
     """Mean of a stationary series (n,) with its 95 % interval, from the effective sample size of its autocorrelation.
 
-    A series with no more than two independent parts has an infinite interval.
+    A series with no more than two independent parts has an infinite interval. Limitation: few values do not show their
+    correlation. Of 8 independent values the interval holds with 86 %, of 20 with 93 %; where the correlation lasts for
+    a fifth of the series, less.
     """
     from scipy.stats import t as student
 
@@ -180,7 +182,8 @@ def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
     """Rates of impacts, impulse, normal work and sliding work, and the fraction of the time in contact, at every
-    contact, each with its 95 % interval.
+    contact, each with its 95 % interval. Limitation: the interval of a run of less than 40 periods of its slowest
+    motion is too narrow, see ``stationary_mean``.
 
     Parameters
     ----------

@@ -483,6 +483,46 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     return force
 
 
+@compiled
+def solve_pivoting(r: Array, compliance: Array, law: Array) -> Array:
+    """The forces of rigid stops with v = r + S^T F, S = ``compliance`` (m, m) positive definite but not symmetric.
+
+    No energy has its minimum at F, so that ``solve_node`` may end at another point. Murty's least-index rule: the first
+    contact that penetrates closes, or the first that would pull opens, and all closed ones are solved again.
+    """
+    m = r.size
+    side, force = np.zeros(m), np.zeros(m)
+    # The rule ends for every such S; the limit is for rounding.
+    for _ in range(20 * m * m):
+        closed = np.flatnonzero(side)
+        A, b = np.empty((closed.size, closed.size)), np.empty(closed.size)
+        for i, c in enumerate(closed):
+            b[i] = (law[c, G2] if side[c] > 0.0 else law[c, G1]) - r[c]
+            for j, e in enumerate(closed):
+                A[i, j] = compliance[e, c]
+        solve_in_place(A, b)
+        force[:] = 0.0
+        for i, c in enumerate(closed):
+            force[c] = b[i]
+        solved = True
+        for c in range(m):
+            if side[c] != 0.0:
+                if force[c] * side[c] >= 0.0:
+                    side[c], force[c], solved = 0.0, 0.0, False
+                    break
+                continue
+            v = r[c]
+            for e in range(m):
+                v += compliance[e, c] * force[e]
+            # As in ``solve_node``, a depth that rounding explains does not close a contact.
+            if max(v - law[c, G2], law[c, G1] - v) > 1e-15 * abs(v):
+                side[c], solved = (1.0 if v > law[c, G2] else -1.0), False
+                break
+        if solved:
+            break
+    return force
+
+
 def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
     """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
 

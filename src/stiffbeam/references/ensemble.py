@@ -24,7 +24,7 @@ from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
-from .exact.piecewise import reference_of, solve_exact
+from .exact.piecewise import observations, reference_of, solve_exact
 from .exact.rigid_reference import solve_rigid
 
 
@@ -145,7 +145,8 @@ class Solving:
                 with within_float64("exact", t_end):
                     solution = tracer.solve(t_end, start)
                     audit(system, solution, t_end, start=start)
-                    run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since)
+                    observe = partial(observations, start=start)
+                    run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
                 runs.append(Runs.of([run], self.outputs))
             return Runs.joined(runs)
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
+from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
@@ -245,7 +246,8 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
             of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
             late = np.sort(late)
             grown = len(late) > 1 and (late[of_median] > THREEFOLD or late[-1 - of_median] < -THREEFOLD)
-            interval = float(1.96 * np.std(values, ddof=1) / np.sqrt(len(values)))
+            factor = float(student.ppf(0.975, len(values) - 1))  # Student's t: few pairs may be followed long enough
+            interval = factor * float(np.std(values, ddof=1) / np.sqrt(len(values)))
             means[method] = (float(np.mean(values)), interval) if grown else None
     return means
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer
@@ -176,9 +177,16 @@ def distribution(rows: Rows, method: str, quantity: str) -> Array:
 
 
 def difference(a: Array, b: Array) -> tuple[float, float]:
-    """Mean of a minus mean of b, and the half-width of its 95 % interval (Welch, normal)."""
-    spread = np.sqrt(np.var(a, ddof=1) / len(a) + np.var(b, ddof=1) / len(b)) if min(len(a), len(b)) > 1 else np.nan
-    return float(np.mean(a) - np.mean(b)), float(1.96 * spread)
+    """Mean of a minus mean of b, and the half-width of its 95 % interval: Welch's, by Student's t."""
+    off = float(np.mean(a) - np.mean(b))
+    if min(len(a), len(b)) < 2:
+        return off, float("nan")
+    of_means = [np.var(x, ddof=1) / len(x) for x in (a, b)]
+    variance = sum(of_means)
+    if not variance:
+        return off, 0.0
+    freedom = variance**2 / sum(v**2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
+    return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
 
 
 def answer(rows: Rows, case: Case) -> Answer:

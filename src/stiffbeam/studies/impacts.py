@@ -152,8 +152,10 @@ def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:
     group = sorted((r for r in rows if r["scheme"] == scheme and r["purpose"] == "step"), key=lambda r: r["dt"])
     largest = float("nan")
     for row in group:
-        # The variance of the difference of two means; the exact ensemble has eight times as many members.
-        spreads = row["count_spread"] ** 2 / row["members"] + exact["count_spread"] ** 2 / (8 * exact["members"])
+        # The variance of the difference of two means; the exact ensemble has eight times as many members. A single run
+        # has no spread: that of the exact motions stands for it.
+        spread = row["count_spread"] if row["members"] > 1 else exact["count_spread"]
+        spreads = spread**2 / row["members"] + exact["count_spread"] ** 2 / (8 * exact["members"])
         if abs(row["count"] - exact["count"]) > tolerance * exact["count"] + 1.96 * np.sqrt(spreads):
             break
         largest = row["dt"]

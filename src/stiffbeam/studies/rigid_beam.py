@@ -1,9 +1,9 @@
 """The beam between stops from soft to rigid: limit of compliant stops, scheme by scheme, compared with rigid ones.
 
-The span is a hundredth of a time unit from the first touch on. The tip bounces in a way that depends on the mesh: the
-number of impacts converges neither with the mesh nor with kappa. Comparable are the impulse, int |sigma| dt, the time
-in contact, and the energy lost. Beyond kappa = K_bb, the stiffness of the grid behind its contact node
-(``System.massless_contacts``), a stop's stiffness changes only the bouncing of one node.
+The span is a tenth of the beam's first period from the first touch on, for Table 10 0.01 time units. The tip bounces in
+a way that depends on the mesh: the number of impacts converges neither with the mesh nor with kappa. Comparable are the
+impulse, int |sigma| dt, the time in contact, and the energy lost. Beyond kappa = K_bb, the stiffness of the grid behind
+its contact node (``System.massless_contacts``), a stop's stiffness changes only the bouncing of one node.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ..figures.chart import COLOURS, Axis, Curve, Mark, Panel, Picture, Ranges, 
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import percent
+from ..model.problem import BeamProblem
 from ..model.semidiscretisation import semidiscretise
 from ..references import solve
 from ..references.exact.rigid_reference import solve_rigid
@@ -37,8 +38,8 @@ RIGID: tuple[tuple[str, str, float | None], ...] = (
     ("MoreauJean", NODE, 0.0), ("MoreauJean", NODE, 1.0), ("PaoliSchatzman", NODE, 0.0),
     ("NonsmoothGeneralisedAlpha(rho=0.8)", NODE, 0.0), ("ContactStabilisedNewmark", NODE, None),
 )  # fmt: skip
-KAPPAS = (1e5, 3e5, 1e6, 5e6, 2e7, 1e8, 1e9)
-WINDOW = 0.01  # after the first touch
+# For the beam of Table 10, others by ``units_of``: stiffnesses of the stops, and the span after the first touch.
+KAPPAS, WINDOW, CURVATURE = (1e5, 3e5, 1e6, 5e6, 2e7, 1e8, 1e9), 0.01, 300.0
 NEARBY = (-0.02, -0.01, 0.01, 0.02)  # shares by which further runs have more steps: what these change is chance
 RANGED = ("impulse", "impacts", "lost")
 
@@ -53,14 +54,16 @@ def points(
 ) -> list[Point]:
     """Every method at every stiffness of the stops, ``kappas``, and on rigid stops, all to the same time.
 
-    By default on the cells of the case and on twice as many.
+    By default on the cells of the case and on twice as many, and with stiffnesses from 333 EI/L^3 to 3.3e6 EI/L^3.
     """
     tip_stops(case)
-    values = KAPPAS if kappas is None else [positive("kappas", kappa) for kappa in kappas]
+    time, force = units_of(case.problem)
+    scaled = [kappa * force for kappa in KAPPAS]
+    values = scaled if kappas is None else [positive("kappas", kappa) for kappa in kappas]
     plan: list[Point] = []
     for number in cells or [case.cells, 2 * case.cells]:
         touch, _ = flight(semidiscretise(case.problem, number))
-        end = dt * np.ceil((touch + WINDOW) / dt)
+        end = dt * np.ceil((touch + WINDOW * time) / dt)
         asked = [(method, NODE, None, float(kappa)) for kappa in values for method in COMPLIANT]
         asked += [(*entry, None) for entry in RIGID]
         for method, node, e, kappa in asked:
@@ -69,6 +72,12 @@ def points(
             steps = [0.0] if method == EXACT else [dt / part for part in divide or [1, 10]]
             plan += [{"method": label, "dt": step} | shared for step in steps]
     return plan
+
+
+def units_of(problem: BeamProblem) -> tuple[float, float]:
+    """Time and stiffness of a stop by which the motion of a beam is that of Table 10's, both 1 for that beam."""
+    share = CURVATURE / problem.stiffness
+    return float(problem.length**2 * np.sqrt(share * problem.mass_per_length)), 1.0 / (share * problem.length**3)
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
@@ -149,7 +158,7 @@ def answer(rows: Rows, case: Case) -> Answer:
             for row in [*sorted(soft, key=_stiff), *rigid]
         ]
     impulse = extremes(impulses, lambda value: units.measure(value, "impulse", ".3g"))
-    window, step = (units.measure(x, "time", ".2g") for x in (WINDOW, finest))
+    window, step = (units.measure(x, "time", ".2g") for x in (WINDOW * units_of(case.problem)[0], finest))
     return Answer(
         f"Within {window} of the first touch a rigid stop gives an impulse of {impulse}.",
         table,

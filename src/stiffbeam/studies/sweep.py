@@ -12,8 +12,8 @@ A case has no period without a drive, with several frequencies, and if samples d
 t_end at every value, with impacts per unit of time and without sections.
 
 With ``start="last"`` every value begins with the state in which the motion at the value before ended, through the
-values and back. The drive is in the same phase there, since a run lasts whole periods. Coexisting motions then appear
-as two branches, one for each direction.
+values and back. The drive is in the same phase there, since a run lasts whole periods; drives of other frequencies
+begin anew. Coexisting motions then appear as two branches, one for each direction.
 """
 
 from __future__ import annotations
@@ -104,7 +104,8 @@ def points(
     after 100, or as many as take about 20 s of processor time, at least 10 after 10. If several frequencies drive the
     system, the period is that of the drive whose parameter is varied. By ``couple`` other parameters follow the first:
     each is a formula in x, the value of ``parameter``. With ``start`` "last" one process goes through the values in
-    their order and back, each from the last state of the one before.
+    their order and back, each from the last state of the one before. Limitation: drives of other frequencies begin anew
+    at every value.
     """
     one_of("start", start, STARTS)
     if method is None:

@@ -10,9 +10,10 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.compiled import compiled
 from ...model.contact_law import G1, G2, KAPPA
-from ...model.stage import solve_node
+from ...model.stage import solve_node, solve_pivoting
 
 ON_STOP = 1e-13  # of the terms of a predicted position: so near a stop it is on it
+SYMMETRIC = 1e-12  # of the largest entry: a compliance whose two halves differ by less is symmetric
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
 
@@ -52,6 +53,10 @@ def steps(
     law, r, r_before = np.empty((m, 3)), np.empty((S, m)), np.empty(m)
     law[:, KAPPA] = math.inf
     closed = np.zeros(m)
+    oblique = np.zeros(S, np.bool_)
+    for s in range(S):
+        at_node = compliance[s, s]
+        oblique[s] = m > 1 and np.max(np.abs(at_node - at_node.T)) > SYMMETRIC * np.max(np.abs(at_node))
     for k in range(path.shape[0]):
         new = path[k]
         # Arguments of the nodes from the old state, before any reaction.
@@ -103,7 +108,10 @@ def steps(
                 touched = touched or r[s, c] < lower or r[s, c] > upper
                 reactions[k, s, c] = 0.0
             if touched:
-                force = solve_node(r[s], compliance[s, s], law)
+                if oblique[s]:
+                    force = solve_pivoting(r[s], compliance[s, s], law)
+                else:
+                    force = solve_node(r[s], compliance[s, s], law)
                 for c in range(m):
                     reactions[k, s, c] = force[c]
                     if force[c] != 0.0:

@@ -24,7 +24,7 @@ from ...piecewise.measures import audit, contact_between, exact_ledger, path_of,
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
 from ...piecewise.tracer import compiled_beside, tracer_of
-from ...trajectory.records import ContactRecord
+from ...trajectory.records import ContactRecord, as_it_starts
 from ...trajectory.trajectory import Reference, Work, versions
 from ..registry import Request, output_times
 from .derivative import derivative
@@ -66,11 +66,19 @@ def solve_exact(
         return reference_of(system, solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
 
 
+def observed_paths(
+    system: System, solution: Motion, t: Array, start: tuple[Array, Array] | None = None
+) -> list[tuple[Array, Array]]:
+    """Position and velocity of every channel at the times t (k,), with those of the ``start`` at t = 0."""
+    channels = range(len(system.channels))
+    return [as_it_starts(system, i, t, *path_of(system, solution, t, i), start) for i in channels]
+
+
 def observations(
-    system: System, solution: Motion, t: Array, t_end: float, since: float
+    system: System, solution: Motion, t: Array, t_end: float, since: float, start: tuple[Array, Array] | None = None
 ) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
-    """Tip and tip velocity at the times t (k,), and the records of the contacts."""
-    seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
+    """Tip and tip velocity at the times t (k,), and the records of the contacts; start: see ``as_it_starts``."""
+    seen = observed_paths(system, solution, t, start)
     contacts = (record_of(system, solution, i, seen[i], t_end, since) for i in range(len(system.contacts)))
     return *seen[system.tip_channel], tuple(contacts)
 

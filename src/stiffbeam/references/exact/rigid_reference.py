@@ -21,7 +21,7 @@ from ..horizon import DISPLACEMENT_TOLERANCE, Watched, agree_until, scales_of, w
 from ..registry import Request
 from ..rigid_stops import REMEDY, at_rest, require_rigid
 from .impacting import RADIANS, Tracer
-from .piecewise import reference_of, refuse
+from .piecewise import observed_paths, reference_of, refuse
 from .rigid_motion import RigidMotion, held_spans, impacts_of
 
 # A negative number reverses the change of the start; every segment uses its size.
@@ -89,7 +89,7 @@ def observations(
     system: System, solution: RigidMotion, t: Array, t_end: float, since: float
 ) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
     """Tip and tip velocity at the times t (k,), and the records of the contacts."""
-    seen = [path_of(system, solution, t, channel) for channel in range(len(system.channels))]
+    seen = observed_paths(system, solution, t)
     R, held = solution.reactions(t, solution.piece_at(t)), held_spans(solution, t_end, since)
     contacts = tuple(
         ContactRecord(contact.stops, *seen[i], R[:, i], *_contact(solution, i, held[i], t_end, since))

@@ -15,7 +15,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate
-from ...trajectory.records import ContactRecord, Impacts, Ledger, last_before
+from ...trajectory.records import ContactRecord, Impacts, Ledger, as_it_starts, last_before
 from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
 from ..registry import Request, output_times
 from ..rigid_stops import require_rigid, require_smooth
@@ -161,10 +161,10 @@ class Solved:
             impacts = self.impacts(c)
             # The peak is 0 only where nothing touched: a blow has no finite force.
             peak = math.nan if impacts.count or motion.held[c] else 0.0
-            seen = self.observed(t, c)
+            seen = as_it_starts(system, c, t, *self.observed(t, c))
             share = motion.held[c] / t_end
             contacts.append(ContactRecord(contact.stops, *seen, R[:, c], impacts, share, peak, motion.pressed[c]))
-        tip, velocity = self.observed(t, system.tip_channel)
+        tip, velocity = as_it_starts(system, system.tip_channel, t, *self.observed(t, system.tip_channel))
         seconds = clock() - begun
         return Reference(
             t=t,
