@@ -39,10 +39,7 @@ DEFINED: dict[str, dict[str, str]] = {  # page: number: the file that holds it
         "93 %": ENGINE + "studies/doubt.py",
         "95 %": ENGINE + "measures/rates.py",
     },
-    "studies/guide/orbits.md": {
-        "1e13": ENGINE + "references/exact/orbit.py",
-        "1e-9": "tests/references/test_orbit.py",
-    },
+    "studies/guide/orbits.md": {"1e13": ENGINE + "references/exact/orbit.py", "1e-9": "tests/references/test_orbit.py"},
     "studies/guide/other_tools.md": {"1e-12": ENGINE + "references/__init__.py"},
     "studies/guide/records.md": {"130": "tests/cli/test_interrupts.py", "143": "tests/cli/test_interrupts.py"},
     "studies/guide/references.md": {"16": ENGINE + "references/adaptive/heyoka.py"},

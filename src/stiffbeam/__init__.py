@@ -48,9 +48,7 @@ def _draw(module: str, function: str) -> _Any:
 _DRAW |= {
     name: _draw(".figures.runs", f"plot_{name}")
     for name in ("run", "system", "impacts", "ensemble", "comparison", "advice", "scorecard")
-} | {
-    "film": _draw(".figures.animation", "animate"),
-}
+} | {"film": _draw(".figures.animation", "animate")}
 
 
 def _schemes() -> dict[str, type]:

@@ -78,17 +78,9 @@ from .testset.score import score as score
 from .testset.scorecard import Scorecard as Scorecard
 from .trajectory.ensemble import Ensemble as Ensemble
 from .trajectory.records import Impacts as Impacts
-from .trajectory.trajectory import (
-    Diverged as Diverged,
-)
-from .trajectory.trajectory import (
-    Reference as Reference,
-)
-from .trajectory.trajectory import (
-    SolverFailure as SolverFailure,
-)
-from .trajectory.trajectory import (
-    Trajectory as Trajectory,
-)
+from .trajectory.trajectory import Diverged as Diverged
+from .trajectory.trajectory import Reference as Reference
+from .trajectory.trajectory import SolverFailure as SolverFailure
+from .trajectory.trajectory import Trajectory as Trajectory
 
 __version__: str

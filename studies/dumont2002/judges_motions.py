@@ -249,8 +249,7 @@ def strongly_in_space(e: Evidence, *tables: int) -> Finding:
         for table in tables
     )
     return of_both(
-        f"{APART} on (3.12) and (3.5): {written}. Past the horizon two exact motions on one grid differ as much.",
-        *more,
+        f"{APART} on (3.12) and (3.5): {written}. Past the horizon two exact motions on one grid differ as much.", *more
     )
 
 

@@ -27,18 +27,7 @@ from .misprints import forced_order
 from .reading import Reading
 from .sample import Sample, above, below, every, no
 from .typeset import percent
-from .verdicts import (
-    FAILS,
-    HOLDS,
-    OPEN,
-    PARTLY,
-    UNTESTABLE,
-    Finding,
-    judge,
-    of_both,
-    plain_verdict,
-    shared_verdict,
-)
+from .verdicts import FAILS, HOLDS, OPEN, PARTLY, UNTESTABLE, Finding, judge, of_both, plain_verdict, shared_verdict
 
 # ---------------------------------------------------------------- costs and orders
 

@@ -39,11 +39,7 @@ KINDS = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
 
 
 def write_page(
-    file: Path,
-    tables: Mapping[int, Finished],
-    reading: Reading,
-    command: str,
-    across: Mapping[str, Any] | None = None,
+    file: Path, tables: Mapping[int, Finished], reading: Reading, command: str, across: Mapping[str, Any] | None = None
 ) -> Path:
     """Tables, what is measured of them, and where it comes from; ``across`` all of them where they are all made.
 

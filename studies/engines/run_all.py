@@ -43,6 +43,9 @@ shows too.
 An adapter needs NumPy, its engine and `problem_file.py`, which reads the TOML files.
 [CONTRIBUTING](../../CONTRIBUTING.md#add-an-external-engine) shows how to add an engine.
 
+The first line of the table names the version of the test set. No engine has run the problems that
+[later versions](../../reference/problems/README.md#how-the-answers-are-made-and-changed) added.
+
 ```text
 {card}
 ```
@@ -58,7 +61,7 @@ Results:
 * EXUDYN and Siconos compute the trapezoidal rule on every compliant problem that they can express. Their errors equal
   each other, those of GetFEM at the same time steps, and those of this package. The exception is kelvin-voigt, where
   the force jumps within a step.
-* EXUDYN's DOPRI5 meets its tolerance on all seventeen compliant problems.
+* EXUDYN's DOPRI5 meets its tolerance on all compliant problems of the table.
 * MuJoCo has a spring with a dead band, which is a compliant stop without any approximation. With RK4 it is more
   accurate at the same time step than the implicit rule wherever it is stable. Where it is unstable, it warns.
 * Siconos' Moreau-Jean converges on every rigid problem, with second order through the sticking phase.

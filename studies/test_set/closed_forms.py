@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import mpmath as mp
@@ -42,6 +43,71 @@ def kelvin_voigt(m: Any, kappa: Any, c: Any, u0: Any, v0: Any, t_end: float, sam
         "contact_time": (duration, "[pi - atan2(2 zeta r, 1 - 2 zeta^2)]/(w r), r = sqrt(1 - zeta^2)"),
         "naive_restitution": (mp.exp(-zeta * mp.pi / root), "of a damper that may pull, released at x = 0"),
     })  # fmt: skip
+
+
+def moving_dashpot(system: dict[str, Any], t_end: float, samples: int) -> Truth:
+    """One mass m on a spring k and a stop (kappa, c) at u + o(t) = g, o(t) = a sin(w t + phi), that pushes only.
+
+    In contact m u'' + c u' + (k + kappa) u = kappa (g - o) - c o'. The free motion has kappa = c = 0. Each is the sum
+    of a constant, the response to o and two exponentials. Contact begins at u + o = g, and ends where the force is 0.
+    """
+    contact = system["contacts"][0]
+    (m,), (k,) = system["mass"][0], system["stiffness"][0]
+    m, k, kappa, c, g = (mp.mpf(x) for x in (m, k, *(contact[x] for x in ("stiffness", "damping", "upper"))))
+    a, w, phi = (mp.mpf(contact["offset"][x]) for x in ("amplitude", "frequency", "phase"))
+
+    def turning(t: Any) -> Any:
+        return a * mp.expj(w * t + phi)  # its imaginary part is o
+
+    def path(t: Any, u: Any, v: Any, kappa: Any, c: Any) -> Callable[[Any], tuple[Any, Any]]:
+        response, rest = -(kappa + 1j * w * c) / (k + kappa - m * w**2 + 1j * w * c), kappa * g / (k + kappa)
+        root = mp.sqrt(c**2 / (4 * m**2) - (k + kappa) / m)
+        r, q = -c / (2 * m) + root, -c / (2 * m) - root
+        u -= mp.im(response * turning(t)) + rest
+        v -= mp.im(1j * w * response * turning(t))
+        one, two = (v - q * u) / (r - q), (r * u - v) / (r - q)
+
+        def at(s: Any) -> tuple[Any, Any]:
+            driven, left, right = response * turning(t + s), one * mp.exp(r * s), two * mp.exp(q * s)
+            return (mp.im(driven) + rest + mp.re(left + right),
+                    mp.im(1j * w * driven) + mp.re(r * left + q * right))  # fmt: skip
+
+        return at
+
+    t, closed, peak = mp.mpf(0), False, mp.mpf(0)
+    u, v = (mp.mpf(system[f"initial_{x}"][0]) for x in ("displacement", "velocity"))
+    spans, events = list[Span](), (list[Any](), list[Any]())
+    while True:
+        at = path(t, u, v, *((kappa, c) if closed else (0, 0)))
+        spans.append(Span(t, at))
+
+        def law(s: Any, t: Any = t, at: Any = at) -> tuple[Any, Any]:
+            """Depth and force; the stop pushes while both are positive."""
+            (u, v), o = at(s), turning(t + s)
+            depth = u + mp.im(o) - g
+            return depth, kappa * depth + c * (v + mp.im(1j * w * o))
+
+        def over(s: Any, law: Any = law, sign: int = 1 if closed else -1) -> Any:
+            return sign * min(law(s))
+
+        step = min(1 / mp.sqrt((k + kappa) / m), 1 / w) / 64
+        s = step
+        while over(s) > 0 and t + s < t_end:
+            s += step
+        if closed:
+            times = mp.linspace(0, s, 129)
+            top = max(times, key=lambda s: law(s)[1])
+            inside = 0 < top < s
+            peak = max(peak, law(mp.findroot(lambda s: mp.diff(lambda x: law(x)[1], s), top) if inside else top)[1])
+        if t + s >= t_end:
+            break
+        s = mp.findroot(over, (s - step, s), solver="anderson", tol=mp.mpf(10) ** -90)
+        t, (u, v) = t + s, at(s)
+        events[closed].append(t)
+        closed = not closed
+    tip, rate = from_spans(spans, t_end, samples)
+    how = "closed form of the oscillator between events, these by root finding (mpmath)"
+    return Truth(how, tip, rate, events[0], events[1], peak)
 
 
 def hunt_crossley(m: Any, kappa: Any, p: Any, dissipation: Any, u0: Any, v0: Any, t_end: float, samples: int) -> Truth:

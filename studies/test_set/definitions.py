@@ -8,7 +8,7 @@ from typing import Any
 
 import mpmath as mp
 import numpy as np
-from closed_forms import hunt_crossley, kelvin_voigt
+from closed_forms import hunt_crossley, kelvin_voigt, moving_dashpot
 from rigid import bouncing_ball, preloaded_chatter, rigid_motion, sticking, sticking_phase
 from systems import INF, along, aster, bar, drive, mass, nonsmooth_beam, nonsmooth_mode, paper
 from truth import Truth, piecewise
@@ -331,5 +331,15 @@ DEFINITIONS = [
                "loads": [{"vector": [1.0, 0.0], "amplitude": 2.0, "frequency": 1.5, "phase": 0.5}],
                "contacts": [{"row": [0.0, 1.0], "lower": -0.75, "upper": 1.0, "stiffness": 50.0}]},
         linear, base=2,
+    ),
+    Definition(
+        "moving-dashpot", "A mass on a spring against a stop that moves and has a dashpot", LAWS,
+        "A dashpot of the stop that acts against the velocity of the mass alone. The force depends on the velocity "
+        "relative to the stop, jumps at the entry, and never pulls.",
+        6.0, {"mass": [[1.0]], "stiffness": [[10.0]], "observe": [1.0],
+              "initial_displacement": [-0.5], "initial_velocity": [0.0],
+              "contacts": [{"row": [1.0], "upper": 0.25, "stiffness": 100.0, "damping": 4.0,
+                            "offset": {"amplitude": 0.5, "frequency": 2.0, "phase": 0.0}}]},
+        lambda problem: moving_dashpot(problem.data, problem.t_end, problem.samples), order_limit=1.0,
     ),
 ]  # fmt: skip

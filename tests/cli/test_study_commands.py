@@ -40,6 +40,40 @@ def test_bad_options_of_studies_are_refused_before_anything_is_written(arguments
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+RECORD = """
+[[case]]
+name = "short"
+dt = 1e-3
+t_end = 2.0
+[case.system]
+mass = [[1.0]]
+stiffness = [[10.0]]
+loads = [{ row = [1.0], sampled = { t = [0.0, 0.5, 1.0], values = [0.0, 5.0, 0.0] } }]
+contacts = [{ row = [1.0], upper = 0.1, stiffness = 1e3 }]
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["ensemble", "--members", "3"], ["impacts"], ["rigid"], ["energy"], ["converge"], ["precision"], ["gradient"],
+     ["sweep", "--parameter", "contacts[0].stops.stiffness", "--values", "1e3:2e3:3"]],
+)  # fmt: skip
+def test_a_record_shorter_than_the_run_is_bad_input_of_every_study(words, command, tmp_path):
+    (tmp_path / "short.toml").write_text(RECORD, encoding="utf-8")
+    code, out, err = command(words[0], "short.toml", *words[1:])
+    assert code == 2
+    assert out == ""
+    assert "within its samples, [0, 1], got 't = 2'" in err
+
+
+def test_a_quantity_that_is_named_twice_is_refused(command):
+    for words in (["advise", "table10", "--want", "tip=1e-3,tip=1e-2"],
+                  ["doubt", "table10", "--uncertain", "stiffness=0.1,stiffness=0.2"]):  # fmt: skip
+        code, _, err = command(*words)
+        assert code == 2
+        assert "once" in err
+
+
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_command_has_the_options_of_its_study_with_help_and_defaults(name):
     study = find_study(name)

@@ -77,10 +77,7 @@ initial_velocity = [0.0, 3.0]
     assert (problem.stiffness, problem.viscosity) == (300, 0.5)
     assert problem.stops == sb.Stops(upper=0.1, stiffness=1e6)
     assert problem.base == sb.Harmonic(0.2, 10, 0.5)
-    assert problem.loads[:2] == (
-        sb.PointLoad(0.5, sb.Harmonic(3.0, 2.0)),
-        sb.PointLoad(1, sb.Constant(-4)),
-    )
+    assert problem.loads[:2] == (sb.PointLoad(0.5, sb.Harmonic(3.0, 2.0)), sb.PointLoad(1, sb.Constant(-4)))
     assert problem.loads[2].time == sb.Constant(7.0)
     assert np.allclose(problem.loads[2].shape(x), [1.0, 1.5, 3.0], rtol=1e-15)
     assert np.allclose(problem.initial_displacement(x), 0.2 * np.sin(0.5) + 0.25 * x**2, rtol=1e-14)

@@ -182,9 +182,7 @@ def no_rename(*args):
 
 
 @pytest.mark.parametrize(
-    ("target", "failure"),
-    [("os.fsync", half_written), ("os.replace", no_rename)],
-    ids=["write", "rename"],
+    ("target", "failure"), [("os.fsync", half_written), ("os.replace", no_rename)], ids=["write", "rename"]
 )
 def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatch, target, failure):
     old = exact.save(tmp_path / "old.nc")
@@ -199,10 +197,7 @@ def test_a_failing_write_leaves_no_partial_file(run, exact, tmp_path, monkeypatc
 
 @pytest.mark.parametrize(
     ("ask", "field"),
-    [
-        (lambda t: t.states, "states"),
-        (lambda t: t.displacement(0.5), "displacement(x)"),
-    ],
+    [(lambda t: t.states, "states"), (lambda t: t.displacement(0.5), "displacement(x)")],
     ids=["states", "displacement"],
 )
 def test_a_loaded_run_asked_for_states_says_what_to_do(run, exact, tmp_path, ask, field):

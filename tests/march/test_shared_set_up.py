@@ -13,6 +13,7 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics.arrays import Recent, content
 from stiffbeam.march import block_march
+from stiffbeam.model import equations
 from stiffbeam.model import modes as modes_module
 from stiffbeam.model.time_functions import Superposition
 
@@ -129,3 +130,20 @@ def test_large_systems_are_not_kept():
     del system
     gc.collect()
     assert gone() is None
+
+
+def test_schemes_that_flow_exactly_share_the_exponential_of_a_step(monkeypatch):
+    """The same matrices and the same step: it takes most of a short run with coupling dashpots."""
+    calls, whole = [], equations.responses
+    monkeypatch.setattr(equations, "responses", lambda *given: calls.append(given[2]) or whole(*given))
+    C = np.array([[0.3, -0.1], [-0.1, 0.9]])
+    stop = sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e3))
+    K = np.array([[20.0, -10.0], [-10.0, 10.0]])
+    made = [sb.System.from_matrices(np.eye(2), K, C, contacts=[stop], initial_velocity=[0.0, v]) for v in (1.0, 2.0)]
+    for dt in (1.25e-3, 2.5e-3):
+        for system in made:
+            sb.integrate(system, sb.ExponentialFlow(), dt, 0.1, "conserving")
+            sb.integrate(system, sb.ExponentialFlow(), dt, 0.1)
+    assert calls == [1.25e-3, 2.5e-3]
+    sb.integrate(sb.System.from_matrices(np.eye(2), K, 2.0 * C, contacts=[stop]), sb.ExponentialFlow(), dt, 0.1)
+    assert calls == [1.25e-3, 2.5e-3, 2.5e-3]

@@ -28,6 +28,9 @@ def curves(axis) -> dict[str, np.ndarray]:
 
 def test_every_panel_of_a_case_holds_what_its_runs_hold():
     figure = sb.paper_figure(CASE)
+    head = " ".join(figure.get_suptitle().split())
+    assert head.startswith("table10 (non-dimensional): exact beside HHT(alpha=-0.1) beside SDIRK")
+    assert head.endswith("t = 0 to 1.5")
     assert tuple(axis.get_title(loc="left").partition(") ")[2] for axis in figure.axes) == TITLES
     displacement, portrait, contact, shear, delayed, spectrum = map(curves, figure.axes)
     scheme, form = CASE.runs[0]
@@ -61,7 +64,9 @@ def test_every_panel_of_a_case_holds_what_its_runs_hold():
 def test_panels_by_name_for_systems_without_drive_or_stops():
     free = sb.System.from_matrices([[1.0]], [[4.0]], observe=[1.0], initial_velocity=[1.0])
     run = sb.integrate(free, sb.Trapezoidal(), 0.01, 3.0)
-    assert len(sb.paper_figure(run).axes) == 3
+    whole = sb.paper_figure(run)
+    assert len(whole.axes) == 3
+    assert whole.get_suptitle().startswith("Trapezoidal, t = 0 to 3")
     assert len(sb.paper_figure([run], ["portrait"], (1.0, 2.0)).axes) == 1
     for name in ("contact", "delayed", "shears"):
         with pytest.raises(sb.InputError, match="panels"):

@@ -59,10 +59,7 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
         return quad(density, *band, points=[1.0], limit=200)[0] / (band[1] - band[0])
 
     u, v = np.sqrt(moment(0)), np.sqrt(moment(2))
-    known = {
-        "impact": v / u / (2 * np.pi) * np.exp(-0.5 * (gap / u) ** 2),
-        "contact": norm.sf(gap / u),
-    }
+    known = {"impact": v / u / (2 * np.pi) * np.exp(-0.5 * (gap / u) ** 2), "contact": norm.sf(gap / u)}
     inside = dict.fromkeys(known, 0)
     for seed in range(CASES):
         noise = sb.noise(4 * span, rms=1.0, band=band, seed=seed)

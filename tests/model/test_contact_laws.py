@@ -108,7 +108,9 @@ def test_impossible_restitutions_are_refused(e):
         sb.Stops.from_restitution(e, speed=1.0, upper=0.0, stiffness=1.0)
 
 
-def _agrees(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(412))
+@pytest.mark.fast(0, slow=12)
+def test_random_systems_against_another_solver(seed):
     system = random_system(seed)
     times = np.linspace(0.0, 3.0, 61)
     want, _ = Witness(system).solve(times)
@@ -132,18 +134,6 @@ def _agrees(seed: int) -> None:
 def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
     offset = system.contacts[0].offset
     return np.zeros(len(times)) if offset is None else offset.value(times)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
-def test_random_systems_against_another_solver(seed):
-    _agrees(seed)
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("seed", range(12, 412))
-def test_more_random_systems_against_another_solver(seed):
-    _agrees(seed)
 
 
 @pytest.mark.parametrize("law", LAWS)

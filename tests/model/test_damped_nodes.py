@@ -26,13 +26,7 @@ class Node:
         self.inverse, self.lag, self.C_bb, (self.p, self.f) = 1.0 / mass, C[:n, n], C[n, n], system.loads[0]
         self.pull = np.hstack([K[:, :n], C[:, :n], K[:, n:]])  # of (q, q', b), but for C_ib b'
         contact = system.contacts[0]
-        self.stops, self.offset, self.s, self.n, self.side = (
-            contact.stops,
-            contact.offset,
-            contact.row[-1],
-            n,
-            0,
-        )
+        self.stops, self.offset, self.s, self.n, self.side = (contact.stops, contact.offset, contact.row[-1], n, 0)
 
     def moved(self, t):
         """o and o'."""
@@ -127,7 +121,9 @@ def start_of(condensed):
     return np.concatenate([condensed.q0, condensed.v0, [0.0]])
 
 
-def _agrees(seed):
+@pytest.mark.parametrize("seed", range(300))
+@pytest.mark.fast(1, slow=29)
+def test_a_damped_node_is_a_kelvin_voigt_stop_where_it_has_relaxed(seed):
     system, beta = damped_node(seed)
     condensed = system.massless_contacts(damping="relaxed")
     t, start = np.linspace(0.0, 3.0, 61), start_of(condensed)
@@ -138,19 +134,6 @@ def _agrees(seed):
     assert found.contacts[0].impacts.count == len(entries)
     # The witness's own 1e-9 as in other tests of it, and what is left of the last contact when the next begins.
     assert error < 1e-9 + np.exp(-flight / beta)
-
-
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast(1)
-def test_a_damped_node_is_a_kelvin_voigt_stop_where_it_has_relaxed(seed):
-    _agrees(seed)
-
-
-@pytest.mark.parametrize(
-    "seed", [pytest.param(s, marks=pytest.mark.slow if s < 30 else pytest.mark.campaign) for s in range(6, 300)]
-)
-def test_more_damped_nodes(seed):
-    _agrees(seed)
 
 
 @pytest.mark.slow

@@ -70,9 +70,7 @@ def test_the_stop_stiffness_in_newtons_per_metre_balances_the_tip_force():
     gap, kappa = 0.004, 2e4
     force = 2.0 * TIP_STIFFNESS * gap  # twice what closes the gap
     problem = sb.BeamProblem.from_physical(
-        **STRIP,
-        stops=sb.Stops(-gap, gap, stiffness=kappa),
-        loads=(sb.PointLoad(LENGTH, sb.Constant(force)),),
+        **STRIP, stops=sb.Stops(-gap, gap, stiffness=kappa), loads=(sb.PointLoad(LENGTH, sb.Constant(force)),)
     )
     system = sb.semidiscretise(problem, 20)
     row, stops = system.contacts[0].row, system.contacts[0].stops

@@ -87,7 +87,7 @@ def test_this_installation_has_compiled_callbacks():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_start_on_a_stop_is_no_warning_of_the_library(method, capfd):
+def test_a_start_on_a_stop_is_no_warning_of_the_library(method, in_python, capfd):
     """An event function that is zero for the first step made SUNDIALS write to the terminal."""
     still = sb.System.from_matrices(
         [[0.05]],
@@ -95,7 +95,8 @@ def test_a_start_on_a_stop_is_no_warning_of_the_library(method, capfd):
         loads=[([1.0], sb.Sampled([0.0, 0.01, 0.012, 0.03], [0.0, 0.0, -150.0, -150.0]))],
         contacts=[sb.Contact([1.0], sb.Stops(lower=-8e-3, upper=0.0, stiffness=5e6, damping=100.0))],
     )
-    assert sb.reference(still, 0.03, method).impacts.count > 0
+    for solve in (sb.reference, in_python):
+        assert solve(still, 0.03, method).impacts.count > 0
     assert capfd.readouterr() == ("", "")
 
 
@@ -125,6 +126,23 @@ def test_both_ways_give_the_same_bits(in_python, name, method):
         np.testing.assert_array_equal(one.impacts.times, other.impacts.times)
         np.testing.assert_array_equal(one.impacts.impulses, other.impacts.impulses)
         assert one.impulse == other.impulse
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_messages_of_the_library_are_not_printed_where_python_is_called(method, in_python, monkeypatch, capfd):
+    """The error has them. What a function of the user prints is there."""
+    monkeypatch.setattr(sundials, "MAX_STEPS", 2)
+
+    def load(t):
+        print("called")
+        return np.sin(t)
+
+    system = chain(2, [sb.Contact([0.0, 1.0], sb.Stops(upper=0.0, stiffness=1e3))], [([0.0, 1.0], load)])
+    with pytest.raises(sb.SolverFailure, match="max_num_steps"):
+        in_python(system, 5.0, method)
+    out, err = capfd.readouterr()
+    assert set(out.splitlines()) == {"called"}
+    assert err == ""
 
 
 def test_a_callable_load_is_called_from_python():

@@ -314,3 +314,15 @@ def test_a_search_that_is_led_astray_starts_again(monkeypatch):
     assert len(calls) > 7
     assert np.allclose(other.flips, branch.flips, rtol=0.0, atol=1e-10)
     assert len(other.flips) == 1
+
+
+def test_a_branch_that_ends_where_its_start_meets_a_rigid_stop_says_so():
+    """Newton's method then goes beyond the stop by rounding."""
+
+    def resting(w):
+        load = ([1.0], sb.Harmonic(1.0, w, np.pi / 2))
+        stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.0))
+        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+
+    branch = sb.continuation(resting, "frequency", np.linspace(1.5, 0.9, 12), lambda w: 2 * np.pi / w)
+    assert branch.end.endswith("the period starts on a stop, where the flow has no derivative")

@@ -41,41 +41,21 @@ def _agrees(system: sb.System) -> None:
             assert np.allclose(x, y, rtol=1e-6, atol=1e-7, equal_nan=True), name
 
 
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.fast(1)
+@pytest.mark.parametrize("seed", range(408))
+@pytest.mark.fast(1, slow=27)
 def test_random_systems_against_another_solver(seed):
     _agrees(kelvin_voigt_system(seed))
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(8, 408)],
-)
-def test_more_random_systems_against_another_solver(seed):
-    _agrees(kelvin_voigt_system(seed))
-
-
-def _free_agrees(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(403))
+@pytest.mark.fast(1, slow=27)
+def test_bodies_that_nothing_holds_against_another_solver(seed):
     system = free_system(seed)
     _agrees(system)
     run, many = (sb.reference(system, 3.0, method=m, t_eval=TIMES) for m in ("exact", "multiprecision"))
     assert run.horizon == many.horizon == 3.0
     assert np.max(np.abs(many.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
     assert np.array_equal(many.solution.sides, run.solution.sides)
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.fast(1)
-def test_bodies_that_nothing_holds_against_another_solver(seed):
-    _free_agrees(seed)
-
-
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(seed, marks=pytest.mark.slow if seed < 28 else pytest.mark.campaign) for seed in range(3, 403)],
-)
-def test_more_bodies_that_nothing_holds(seed):
-    _free_agrees(seed)
 
 
 @pytest.mark.fast(4)

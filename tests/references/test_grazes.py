@@ -24,10 +24,7 @@ def oscillator(depth, how):
     contacts = [sb.Contact([1.0], sb.Stops(upper=1 - depth, stiffness=50))]
     if how == "alone":
         return sb.System.from_matrices(np.eye(1), np.eye(1), contacts=contacts, initial_velocity=[1])
-    contacts = [
-        sb.Contact([1.0, 0.0], contacts[0].stops),
-        sb.Contact([0.0, 1.0], sb.Stops(lower=-2, stiffness=3)),
-    ]
+    contacts = [sb.Contact([1.0, 0.0], contacts[0].stops), sb.Contact([0.0, 1.0], sb.Stops(lower=-2, stiffness=3))]
     start = [1, Fraction(3, 10)]
     return sb.System.from_matrices(np.eye(2), np.diag([1.0, 2.0]), contacts=contacts, initial_velocity=start)
 

@@ -86,8 +86,7 @@ def test_a_stop_that_turns_twice_between_two_samples_is_not_stepped_over():
 
 
 @pytest.mark.parametrize(
-    "first",
-    [pytest.param(k, marks=pytest.mark.slow if k < 20 else pytest.mark.campaign) for k in range(0, 500, 20)],
+    "first", [pytest.param(k, marks=pytest.mark.slow if k < 20 else pytest.mark.campaign) for k in range(0, 500, 20)]
 )
 def test_random_systems_with_sampled_loads_are_right(first):
     """In twenties, of which processes share the 500: off by at most 1.1e-7, energy 1.2e-13, 4887 impacts."""

@@ -240,6 +240,15 @@ def test_the_time_a_run_stays_within_an_error():
         sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
 
 
+def test_a_run_whose_tip_is_off_from_its_first_step_on_says_so():
+    stop = sb.Contact([1.0], sb.Stops(upper=5.0, stiffness=400.0))
+    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[stop], initial_velocity=[1.0])
+    advice = sb.advise(system, {"impacts": 0.05}, t_end=3.0, schemes=[sb.Trapezoidal()], most_steps=64)
+    assert advice.trusted_until == 0.0
+    assert "after one step its tip is not within 0.001" in str(advice)
+    assert "to t = 0 " not in str(advice)
+
+
 def test_the_command(command):
     arguments = ("--t-end", "0.05", "--want", "tip=0.05", "--schemes", "hht,bdf2", "--most-steps", "4096")
     code, out, err = command("advise", "table10", *arguments, "--json", "-")

@@ -102,10 +102,7 @@ def test_what_the_study_refuses(options, words):
 def test_laws_and_drives_without_an_exact_period_are_refused():
     record = sb.Sampled(np.array([0.0, 30.0]), np.array([0.0, 1.0]))
     hertz = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0, exponent=1.5))
-    for load, contact, words in (
-        (([1.0], record), STOP, "have one drive frequency"),
-        (LOAD, hertz, "a linear law"),
-    ):
+    for load, contact, words in ((([1.0], record), STOP, "have one drive frequency"), (LOAD, hertz, "a linear law")):
         system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[contact])
         with pytest.raises(sb.InputError, match=words):
             study("orbits", system, **OPTIONS)

@@ -373,3 +373,23 @@ def test_a_transient_that_is_too_short_is_said(transient, left):
     answer = study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), 0.05), transient=transient, **options).answer
     assert f"{100 * np.exp(-0.025 * transient * 2 * np.pi / 4.4):.2g} %" == left or not left
     assert (f"Without contact {left} of a free vibration" in answer.notes) == bool(left)
+
+
+def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
+    """It is 0 where nothing touches the stop, and not a number elsewhere."""
+    stop = sb.Contact([1.0], sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], sb.Harmonic(1.0, 2.8))], contacts=[stop])
+    for method in ("moreau-jean", "exact"):
+        records = study(
+            "sweep", system, dt=1e-2, t_end=20.0, parameter="loads[0].time.frequency", values=[1.1, 3.0],
+            method=method, periods=5, transient=3,
+        )  # fmt: skip
+        assert {row["count"] for row in records.found if row["kind"] == "contact"} == {0, 5}
+        assert [line["over all values"] for line in records.answer.table] == [
+            "impacts per period",
+            "time in contact, %",
+        ]
+        assert len(records.figure().axes) == 2  # section and impacts
+    many = study("ensemble", system, dt=1e-2, t_end=4.0, members=3, schemes=["moreau-jean"])
+    rows = [row | {"peak_force": 0.0 if row.get("member") else np.nan} for row in many.found]
+    assert "–" in str(many.study.answer(rows, many.case).table[0]["largest force"])

@@ -159,6 +159,34 @@ def events(file, force, start, stop, release=None, restitution=None, rtol=1e-13,
     return *path, np.array(entries)
 
 
+def test_a_stop_that_moves_and_has_a_dashpot():
+    """Runge-Kutta of order 8 between the zeros of depth and force, relative to the moving stop."""
+    file, contact = FILES["moving-dashpot"], CONTACT["moving-dashpot"]
+    w, grid = contact["offset"]["frequency"], times_of(file)
+
+    def pushed(t, y):
+        """Depth and force of the stop."""
+        depth = y[0] + 0.5 * np.sin(w * t) - 0.25
+        return depth, 100.0 * depth + 4.0 * (y[1] + 0.5 * w * np.cos(w * t))
+
+    t, y, path, found = 0.0, [-0.5, 0.0], np.full((2, len(grid)), np.nan), ([], [])
+    while t < file["t_end"]:
+        closed = len(found[0]) > len(found[1])
+        change = lambda t, y, closed=closed: pushed(t, y)[closed]  # noqa: E731
+        change.terminal, change.direction = True, -1.0 if closed else 1.0
+        rhs = lambda t, y, closed=closed: [y[1], -10.0 * y[0] - closed * pushed(t, y)[1]]  # noqa: E731
+        run = solve_ivp(rhs, (t, file["t_end"]), y, "DOP853", rtol=1e-13, atol=1e-15, events=change, dense_output=True,
+                        first_step=1e-9)  # fmt: skip
+        inside = (grid > t) & (grid <= run.t[-1])
+        path[:, inside] = run.sol(grid[inside])
+        t, y = float(run.t[-1]), run.y[:, -1]
+        if run.status == 1:
+            found[closed].append(t)
+    assert np.allclose(path, [numbers(file, "tip"), numbers(file, "tip_velocity")], rtol=0.0, atol=1e-11)
+    for times, name in zip(found, ("impacts", "releases"), strict=True):
+        assert np.allclose(times, numbers(file, name), rtol=0.0, atol=1e-12)
+
+
 def test_a_kelvin_voigt_stop():
     file = FILES["kelvin-voigt"]
     law = lambda d, v: d + 0.2 * v  # noqa: E731
@@ -309,7 +337,9 @@ def test_the_sticking_phase():
     assert np.allclose(numbers(file, "tip")[np.isin(times_of(file), held)], u1(held - flight), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [*SMALL, *RIGID, "elastic-bar", "bouncing-bar", "aster-beam", "stop-along-the-beam"])
+@pytest.mark.parametrize(
+    "name", [*SMALL, *RIGID, "elastic-bar", "bouncing-bar", "aster-beam", "stop-along-the-beam", "moving-dashpot"]
+)
 @pytest.mark.fast(9)
 def test_the_exact_reference_meets_the_answers(name):
     known = sb.problem(name)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_score import moreau_jean, newmark
+from test_score import PAGE, moreau_jean, newmark
 from test_score_exact_motions import ball
 
 import stiffbeam as sb
@@ -104,8 +105,8 @@ def spoilt(kind):
             u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
         if kind == "velocity 5 % too large":
             v *= 1.05
-        if kind.endswith("before"):  # by a step, or by half of one
-            v[1:] = v[:-1] if "half" not in kind else 0.5 * (v[1:] + v[:-1])
+        for x in {"velocity": [v], "motion": [u, v]}[kind.split()[0]] if kind.endswith("before") else []:
+            x[1:] = x[:-1] if "half" not in kind else 0.5 * (x[1:] + x[:-1])
         if kind == "ends in NaN where steps are short" and len(t) > 1000:
             u[-1] = np.nan
         return (t, u, v) if kind != "in reverse" else (t[::-1], u[::-1], v[::-1])
@@ -119,6 +120,8 @@ def spoilt(kind):
      ("velocity 5 % too large", NOT_FALLING, "not velocity"),
      ("velocity of the step before", LOW_ORDER, "the velocity is that of 1.00 steps before its time"),
      ("velocity of half a step before", LOW_ORDER, "the velocity is that of 0.50 steps before its time"),
+     ("motion of the step before", LOW_ORDER, "chain: the motion is that of 1.00 steps before its time"),
+     ("motion of half a step before", CONVERGES, "the motion is that of 0.50 steps before its time"),
      ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
      ("in reverse", FAILED, "sort the rows by time")],
 )  # fmt: skip
@@ -146,6 +149,17 @@ def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
     assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
 
 
+@pytest.mark.parametrize(("rate", "outcome"), [("c.offset.rate(t)", CONVERGES), ("0.0", NOT_FALLING)])
+def test_a_dashpot_that_ignores_the_motion_of_its_stop_is_found(rate, outcome):
+    """The page's integrator, with and without it."""
+    (block,) = re.findall(r"```python\n(.*?)\n\nproblems = ", PAGE, re.DOTALL)
+    names = {}
+    exec(block.replace("c.offset.rate(t)", rate), names)
+    (entry,) = sb.score(names["central_differences"], "moving-dashpot").entries
+    assert entry.outcome == outcome
+    assert entry.best.impacts == 2
+
+
 def test_a_run_that_grows_beyond_its_square_is_left_out():
     """Its errors overflow, without a warning; the finer ones are judged."""
 
@@ -156,6 +170,26 @@ def test_a_run_that_grows_beyond_its_square_is_left_out():
     card = sb.score(solve, "bilinear-gap")
     assert card.entries[0].outcome == CONVERGES
     assert "in 60 steps it overflowed at t = " in str(card)
+
+
+def test_a_method_whose_coarse_steps_overflow_is_judged_by_shorter_ones():
+    """Of its ten steps only the shortest holds."""
+
+    def solve(system, dt, t_end):
+        t, u, v = newmark(system, dt, t_end)
+        return t, u * (np.inf if len(t) < 1500 else 1.0), v
+
+    card = sb.score(solve, "bilinear-gap")
+    assert card.entries[0].outcome == CONVERGES
+    assert [run.level for run in card.entries[0].runs] == [1920, 3840, 7680]
+    assert "in 60 to 1440 steps it overflowed at t = " in str(card)
+    assert "judged by 1920 to 7680 steps" in str(card)
+
+
+def test_no_scheme_is_late_as_a_whole():
+    """The errors of right schemes are no shift in time."""
+    card = sb.score(["BDF2", "HHT(alpha=-0.3)", "moreau-jean"], ["free-oscillator", "bilinear-gap", "bouncing-ball"])
+    assert "before its time" not in str(card)
 
 
 def test_runs_with_like_steps_are_not_judged():

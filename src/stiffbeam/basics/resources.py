@@ -255,10 +255,14 @@ Show = Callable[[str, int, int], None]
 
 @dataclass
 class Talk:
-    """Amount of progress output: nothing with ``--quiet``, one line for each phase with ``--verbose``."""
+    """Amount of progress output: nothing with ``--quiet``, one line for each phase with ``--verbose``.
+
+    kept: True once a part is finished and stored that the same command, run again, does not compute again.
+    """
 
     quiet: bool = False
     verbose: bool = False
+    kept: bool = False
 
 
 TALK = Talk()

@@ -10,6 +10,7 @@ import signal
 import sys
 from typing import Any, NoReturn
 
+from ..basics.resources import TALK
 from . import compare, reference, tools
 from .application import app
 
@@ -82,7 +83,8 @@ def main() -> None:
     except (KeyboardInterrupt, SystemExit) as stop:
         if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
             raise
-        print("stiffbeam: interrupted; finished parts are kept, run the same command again", file=sys.stderr)
+        kept = "finished parts are kept, " if TALK.kept else ""
+        print(f"stiffbeam: interrupted; {kept}run the same command again", file=sys.stderr)
         if stopped:  # at once: what the compiler had half made can crash the end of the interpreter
             sys.stdout.flush()
             sys.stderr.flush()

@@ -9,7 +9,7 @@ import sys
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -359,13 +359,7 @@ def advise(
     from ..studies.runner import Journal
 
     chosen = find_case(case)
-    wanted: dict[str, float] | None = None if want is None else {}
-    for item in filter(None, (want or "").split(",")):
-        name, _, value = (part.strip() for part in item.partition("="))
-        try:
-            wanted[name] = float(value)  # type: ignore[index]
-        except ValueError:
-            raise InputError("--want", item, "read quantity=error", "for example tip=1e-3") from None
+    wanted = None if want is None else _numbers("--want", want, "quantity=error", "tip=1e-3")
     parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
     if form is not None and form != chosen.forms[0] and chosen.uncertain:
@@ -408,12 +402,14 @@ def doubt(
     case.finer holds a finer model. The result names the largest source of each quantity.
     """
     from ..files.cases import find_case
+    from ..model.uncertain import Uncertain
     from ..schemes.labels import parse_run
     from ..studies.doubt import doubt as find
 
     chosen = find_case(case)
     if uncertain is not None:
-        chosen = replace(chosen, uncertain=dict(map(_tolerance, uncertain.split(","))))
+        tolerances = _numbers("--uncertain", uncertain, "path=tolerance", "stiffness=0.01")
+        chosen = replace(chosen, uncertain={path: Uncertain(tolerance=x) for path, x in tolerances.items()})
     check_json(json_file)
     parsed = None if scheme is None else parse_run(scheme)[0]
     with progress() as show:
@@ -422,12 +418,15 @@ def doubt(
         say(str(result))
 
 
-def _tolerance(item: str) -> tuple[str, Any]:
-    """Path and distribution of "path=tolerance"."""
-    from ..model.uncertain import Uncertain
-
-    path, _, value = (part.strip() for part in item.rpartition("="))
-    try:
-        return path, Uncertain(tolerance=float(value))
-    except ValueError:
-        raise InputError("--uncertain", item, "read path=tolerance", "for example stiffness=0.01") from None
+def _numbers(flag: str, text: str, form: str, example: str) -> dict[str, float]:
+    """The numbers of "name=number,..." by name."""
+    read: dict[str, float] = {}
+    for item in filter(None, text.split(",")):
+        name, _, value = (part.strip() for part in item.rpartition("="))
+        if name in read:
+            raise InputError(flag, text, f"name {name} once", "leave one of its numbers out")
+        try:
+            read[name] = float(value)
+        except ValueError:
+            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
+    return read

@@ -186,8 +186,7 @@ def score(
     ] = None,
     problem: Annotated[str | None, option("comma-separated names; all by default", "problems")] = None,
     trajectory: Annotated[
-        list[Path] | None,
-        option("score this file instead: columns t, u and, if known, v; repeat for other time steps"),
+        list[Path] | None, option("score this file instead: columns t, u and, if known, v; repeat for other time steps")
     ] = None,
     show: Annotated[bool, typer.Option("--list", help="list the problems, or print the file of one --problem")] = False,
     latex: Annotated[bool, option("one --problem as a LaTeX table")] = False,

@@ -7,6 +7,7 @@ force, T the period of the drive and a its angular frequency; k^2, kappa, d and 
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +23,7 @@ from ..march.integrate import integrate
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
+from .chart import heading, log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
 from .runs import (
     TICKS,
     draw_stops,
@@ -82,6 +83,7 @@ def paper_figure(
     >>> len(figure.axes)
     2
     """
+    case: Case | None = None
     if isinstance(runs, Case):
         system, case = runs.system(), runs
         marched = [integrate(system, x, case.dt, case.t_end) for x, form in case.runs if form == system.form]
@@ -114,7 +116,12 @@ def paper_figure(
     contacts = (shown_contacts(solutions) or [0]) if panels is None else range(len(system.contacts))[:MOST]
     plan = [(name, i) for name in names for i in (contacts if name in AT_CONTACT else [0])]
     lines = (len(plan) + 1) // 2
-    figure = new_figure(3.7 * lines + 0.6, width=10.5 if len(plan) > 1 else 5.6)
+    width = 10.5 if len(plan) > 1 else 5.6
+    methods = dict.fromkeys(short(x.provenance["method"]) for x in solutions)
+    title = f"{' beside '.join(methods)}, t = {system.units.measure(f'{start:g} to {end:g}', 'time')}"
+    note = f" ({system.units.note})" if system.units.note else ""
+    title = f"{title}{note}" if case is None else heading(case, title)
+    figure = new_figure(3.7 * lines + 0.6, textwrap.fill(title, round(9 * width)), width)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
     # An odd number of panels leaves one place empty.
     for axis in axes[len(plan) :]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.resources import Show
+from ..basics.resources import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import in_closed_form, times_of
@@ -96,6 +96,7 @@ def cached_reference(
             store.freeze(result, "", file)
         else:
             result.save(file)
+        TALK.kept = True
         storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:
         if error.field != "file":

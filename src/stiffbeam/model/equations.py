@@ -21,7 +21,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from ..basics.arrays import Array, freeze, same
+from ..basics.arrays import MOST, Array, Recent, content, freeze, same
 from ..basics.validation import InputError
 from .contact import Contact, polar
 from .time_functions import LoadFunction, evaluate, offset_rate, offset_values
@@ -153,19 +153,30 @@ class Matrices(SecondOrder):
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
         if ("flow", t) not in self._factors:
-            n = len(self._mass)
-            inverse = np.linalg.inv(self._mass)
-            # Velocities in units of the fastest motion, so that the two halves are of one size.
-            fastest = np.sqrt(np.max(np.abs(inverse @ self._stiffness), initial=0.0)) or 1.0 / t
-            top = np.hstack([np.zeros((n, n)), fastest * np.eye(n)])
-            A = np.vstack([top, -np.hstack([inverse @ self._stiffness / fastest, inverse @ self._damping])])
-            B = np.vstack([np.zeros((n, n)), inverse / fastest])
-            self._factors["flow", t] = (fastest, *responses(A, B, t))
+            # Other schemes and treatments of contact run with the same steps on the same matrices.
+            matrices = self._mass, self._damping, self._stiffness
+            kept = _FLOWS if len(self._mass) <= MOST else Recent(0)
+            self._factors["flow", t] = kept.get((t, *map(content, matrices)), lambda: _flow(*matrices, t))
         fastest, E, P, Q = self._factors["flow", t]
         state = np.concatenate([y[0], y[1] / fastest], axis=-1)
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
         n = len(self._mass)
         return np.array([new[..., :n], new[..., n:] * fastest])
+
+
+_FLOWS: Recent[tuple[float, Array, Array, Array]] = Recent(8)
+
+
+def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[float, Array, Array, Array]:
+    """The speed that velocities are divided by, and the ``responses`` of (q, v) and of forces on q over t."""
+    n, inverse = len(mass), np.linalg.inv(mass)
+    # Velocities in units of the fastest motion, so that the two halves are of one size.
+    fastest = np.sqrt(np.max(np.abs(inverse @ stiffness), initial=0.0)) or 1.0 / t
+    top = np.hstack([np.zeros((n, n)), fastest * np.eye(n)])
+    A = np.vstack([top, -np.hstack([inverse @ stiffness / fastest, inverse @ damping])])
+    B = np.vstack([np.zeros((n, n)), inverse / fastest])
+    E, P, Q = (x.copy() for x in responses(A, B, t))  # without the matrix that they are parts of
+    return fastest, E, P, Q
 
 
 LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out

@@ -226,12 +226,7 @@ def march_apart(members: EnsembleMembers) -> bool:
 
 
 def perturbed_members(
-    system: System,
-    members: int,
-    size: float = SPREAD,
-    seed: int = 1,
-    scale: float | None = None,
-    t_end: float = np.inf,
+    system: System, members: int, size: float = SPREAD, seed: int = 1, scale: float | None = None, t_end: float = np.inf
 ) -> EnsembleMembers:
     """Return copies of a system whose initial data differ by a small random part of its motion.
 

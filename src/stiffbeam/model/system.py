@@ -24,15 +24,7 @@ from .contact import Contact, Stops, channel_position
 from .equations import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
-from .time_functions import (
-    Constant,
-    Derivative,
-    Harmonic,
-    LoadFunction,
-    Superposition,
-    evaluate,
-    load_function,
-)
+from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -336,10 +328,7 @@ class System:
             "v0": nothing if initial_velocity is None else initial_velocity, "units": units,
         }  # fmt: skip
         return cls(
-            mass=mass,
-            damping=np.zeros_like(mass) if damping is None else damping,
-            stiffness=stiffness,
-            **options,
+            mass=mass, damping=np.zeros_like(mass) if damping is None else damping, stiffness=stiffness, **options
         )
 
     def __repr__(self) -> str:

@@ -326,11 +326,11 @@ class Advice:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
             until, least = units.measure(self.trusted_until, "time", ".4g"), self.want.get("tip", WANT["tip"])
-            lines.append(f"at every moment to t = {until} its tip is within {least:g} max|u| of the exact one")
+            near = f"within {least:g} max|u| of the exact one"
+            to = f"at every moment to t = {until} its tip is {near}"
+            lines.append(to if self.trusted_until > 0.0 else f"already after one step its tip is not {near}")
         if self.doubt is not None:
-            lines.append(
-                f"sources of uncertainty of this run, from {self.doubt.members} systems within the tolerances:"
-            )
+            lines.append(f"sources of uncertainty, from {self.doubt.members} systems within the tolerances:")
             lines += [*(budget.verdict for budget in self.budgets), *self.doubt.remarks]
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)

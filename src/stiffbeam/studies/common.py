@@ -34,8 +34,7 @@ from .interface import Rows, Study
 # What the options of several studies are and mean; the commands read it here.
 Schemes = Annotated[list[str] | None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
 Integrators = Annotated[
-    list[str] | None,
-    "comma-separated schemes, reference solvers and functions module:function; default: all schemes",
+    list[str] | None, "comma-separated schemes, reference solvers and functions module:function; default: all schemes"
 ]
 Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
 Forms = Annotated[list[str] | None, "comma-separated; default: all that the case supports"]

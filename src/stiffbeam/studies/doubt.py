@@ -338,13 +338,7 @@ def doubts(
 
 
 def doubt_until_ranked(
-    case: Case,
-    scheme: Scheme,
-    dt: float,
-    contact: str,
-    wanted: Sequence[str],
-    members: int,
-    show: Show,
+    case: Case, scheme: Scheme, dt: float, contact: str, wanted: Sequence[str], members: int, show: Show
 ) -> Doubt:
     """The budget of a scheme from FEW members, and from twice as many as long as they leave a ``wanted`` quantity
     without a rank."""

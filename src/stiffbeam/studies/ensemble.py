@@ -168,10 +168,12 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
 
 
 def distribution(rows: Rows, method: str, quantity: str) -> Array:
-    """The values of ``quantity``, of one contact, over the members that reached the end and have it."""
+    """The values of ``quantity``, of one contact, over the members that reached the end and have it. A rigid stop has
+    a largest force, 0, only where nothing touches it, which is no distribution."""
     group = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
     values = np.array([r[quantity] for r in group], float)
-    return values[np.isfinite(values)]
+    known = np.isfinite(values)
+    return values[known & (np.all(known) | (quantity != "peak_force"))]
 
 
 def difference(a: Array, b: Array) -> tuple[float, float]:

@@ -28,7 +28,7 @@ from ..basics.storage import write_whole
 from ..basics.text import cells_of, html_table, plain
 from ..basics.validation import InputError, integer, near, positive
 from ..figures.chart import Axis, Panel, Picture, heading, png, render, save_figure, short, with_nan
-from ..model.time_functions import stays_at_rest
+from ..model.time_functions import covered, stays_at_rest
 from ..references import substitute
 from ..references.registry import BEST
 
@@ -144,7 +144,7 @@ class Study:
         are not given.
 
         Raises InputError for an option that the study does not have or that is out of range, and for a case without
-        the stops or the motion that the study asks about.
+        the stops or the motion that the study asks about, or whose records end before it does.
         """
         parameters = inspect.signature(self.points).parameters
         known = {name: option.default for name, option in parameters.items() if name != "case"}
@@ -165,6 +165,8 @@ class Study:
                     integer(name, number, LEAST[name])
         defaults = {"dt": case.dt, "t_end": case.t_end, "form": case.forms[0]}
         options = {name: value for name, value in defaults.items() if name in known} | options
+        if "t_end" in known or self.needs_motion or self.needs_stops:
+            covered(case.system(options.get("form")).time_functions, options.get("t_end", case.t_end))
         # Every halving doubles the steps: what takes too long is refused before the first run.
         if "halvings" in known:
             steps = options.get("t_end", case.t_end) / options["dt"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.resources import TALK, Show, silent
 from ..basics.storage import read_netcdf, write_whole
 from ..basics.text import plain
 from ..basics.validation import InputError, positive
@@ -164,6 +164,7 @@ def remake(folder: Path, only: list[str] | None = None, progress: Show = silent)
         solution = reference(system_of(case, form), case.t_end, "multiprecision")
         entry = freeze(solution, case_text(name), file) | {"tables": tables}
         note(folder, entry)
+        TALK.kept = True
         written.append(file.name)
     return written
 

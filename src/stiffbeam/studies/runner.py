@@ -22,7 +22,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..basics.resources import Show, cores, displayed
+from ..basics.resources import TALK, Show, cores, displayed
 from ..basics.storage import source_hash
 from ..basics.validation import InputError, integer
 from ..files.cases import Case, case_of, find_case
@@ -376,6 +376,7 @@ class Journal:
                     continue  # a scheme of one's own that has changed since
                 if not all("failed" in row for row in rows):  # what failed may work now
                     self.finished[_key(point)] = rows
+            TALK.kept |= bool(self.finished)
             if len(whole) < len(text):
                 os.truncate(self.file, len(whole))  # never rewritten: a kill here must not lose the rest
 
@@ -408,6 +409,7 @@ class Journal:
             except OSError as error:
                 remedy = f"{error.strerror}; finished points are kept, run the same command again"
                 raise InputError("journal", str(self.file), "be a file that can be written to", remedy) from None
+            TALK.kept = True
         self.finished[_key(point)] = kept
         return kept
 

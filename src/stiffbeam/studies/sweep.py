@@ -36,7 +36,7 @@ from ..measures.report import percent
 from ..model.members import paths_of
 from ..model.natural_modes import modes
 from ..model.system import System
-from ..model.time_functions import Drive
+from ..model.time_functions import Drive, covered
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes.scheme import RigidScheme
@@ -122,6 +122,7 @@ def points(
     period = drive_period(system_of(case, form), parameter)
     once = period is None
     if once:
+        covered(system_of(case, form).time_functions, case.t_end)
         for name, stated in (("periods", periods), ("transient", transient)):
             if stated is not None:
                 remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
@@ -285,6 +286,11 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     return rows
 
 
+def _rigid(system: System, contacts: Rows) -> bool:
+    """True for the rows of a rigid stop, which has impulses and no largest force: 0 where nothing touches it."""
+    return bool(contacts) and system.contacts[int(contacts[0]["contact_number"]) - 1].stops.rigid
+
+
 def _ways(rows: Rows) -> Mapping[str, Rows]:
     """The rows of each direction of a continued sweep; all of them under "" otherwise."""
     ways = {way: [row for row in rows if row.get("direction") == way] for way in WAYS}
@@ -325,9 +331,7 @@ def answer(rows: Rows, case: Case) -> Answer:
     )
     table, system = [], system_of(case, first["form"])
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        rigid = bool(contacts) and system.contacts[int(contacts[0]["contact_number"]) - 1].stops.rigid
-        # A rigid stop has impulses, no peak forces: 0 where nothing touches it.
-        for name, words, quantity, scale in columns[: 2 if rigid else 3]:
+        for name, words, quantity, scale in columns[: 2 if _rigid(system, contacts) else 3]:
             known = [r for r in contacts if np.isfinite(r[name])]
             ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
             texts = [
@@ -459,12 +463,12 @@ def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
     across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
     force = case.units.label(r"peak force $|\sigma|$", "force")
     counted, over = _rate(group, case)
+    quantities = [("count", counted), ("fraction", "share of time in contact")]
+    quantities += [] if _rigid(system_of(case, group[0]["form"]), group) else [("peak_force", force)]
     return [
         Panel(label + place, across, up, [Map(x, y, _measured(group, quantity, over), label)])
-        for quantity, label in (
-            ("count", counted), ("fraction", "share of time in contact"), ("peak_force", force)
-        )
-    ]  # fmt: skip
+        for quantity, label in quantities
+    ]
 
 
 def _measured(rows: Rows, quantity: str, over: float) -> Array:

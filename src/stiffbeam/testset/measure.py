@@ -23,6 +23,7 @@ from .problem import Problem
 PAIRED = 8  # impacts that are held against the known ones
 TINY = 1e-300  # a velocity that changes by less is constant
 ALIKE = 0.05  # of a motion: what may be left of it where it is another one but for a factor
+UNSHIFTED = 0.2  # of the error of a motion: what may be left of it where it is a shift in time
 SLACK = 2.0**-23  # of t_end: single precision may end before it
 CLOCKS = (1e3, 1e6, 1e9)  # milliseconds, microseconds, nanoseconds in place of seconds
 
@@ -56,6 +57,7 @@ class Errors:
     is 1 or there is none. clock: its times over those of the known motion, where it is that but for them, NaN else.
     rate: what the tip's velocity has to be multiplied by to be the rate of its position, less 1. lag: the steps by
     which the velocity is behind that rate. gradient: the largest relative error of the derivatives of the tip at t_end.
+    shift: the steps by which u as a whole is behind u_known, NaN where that is not most of its error.
     What the motion does not give is NaN, or -1 impacts.
     """
 
@@ -71,6 +73,7 @@ class Errors:
     clock: float = float("nan")
     gradient: float = float("nan")
     lag: float = float("nan")
+    shift: float = float("nan")
 
 
 def motion_of(problem: Problem, t: Any, u: Any, v: Any = None, t_end: float | None = None) -> Motion:
@@ -131,7 +134,7 @@ def errors_of(problem: Problem, motion: Motion) -> Errors:
     return Errors(rms, float(np.max(off)), count, late, peak, _energy_error(problem, motion),
                   _factor(seen, known), _velocity_error(problem, motion), _rate(motion),
                   _clock(problem, motion) if rms > ALIKE else float("nan"), _gradient(problem, motion),
-                  _lag(motion))  # fmt: skip
+                  _lag(motion), _shift(problem, motion, seen))  # fmt: skip
 
 
 def _velocity_error(problem: Problem, motion: Motion) -> float:
@@ -164,6 +167,17 @@ def _lag(motion: Motion) -> float:
     moving = np.abs(gained) >= max(float(np.median(np.abs(gained))), TINY)
     off = np.diff(motion.u) - 0.5 * (motion.v[1:] + motion.v[:-1]) * dt
     return float(np.median((off / dt)[moving] / gained[moving])) if np.any(moving) else float("nan")
+
+
+def _shift(problem: Problem, motion: Motion, seen: Array) -> float:
+    """The s of least squares in u_known(t) - u(t) = s dt v_known(t), dt a step of equal ones; NaN where that leaves
+    more than ``UNSHIFTED`` of the difference."""
+    off, steps = problem.answers["tip"].value - seen, np.diff(motion.t)
+    if "tip_velocity" not in problem.answers or np.ptp(steps) > 1e-6 * np.max(steps) or not np.any(off):
+        return float("nan")
+    rate = problem.answers["tip_velocity"].value * np.median(steps)
+    s = float(off @ rate / (rate @ rate))
+    return s if np.linalg.norm(off - s * rate) < UNSHIFTED * np.linalg.norm(off) else float("nan")
 
 
 def _factor(seen: Array, known: Array) -> float:
@@ -381,12 +395,8 @@ def _columns(cells: list[str], where: str) -> list[str]:
     """t, u and v in the order of a line of names."""
     columns = [_known(cell) for cell in cells]
     if sorted(columns) not in COLUMNS:
-        raise InputError(
-            "--trajectory",
-            f"{where}: {' '.join(cells)!r}",
-            "name t, u and perhaps v, each once",
-            "such as t,u,v; decimals have a point",
-        )
+        rule, remedy = "name t, u and perhaps v, each once", "such as t,u,v; decimals have a point"
+        raise InputError("--trajectory", f"{where}: {' '.join(cells)!r}", rule, remedy)
     return columns
 
 
@@ -422,7 +432,8 @@ class Entry:
 
     order: observed, through the errors above rounding. expected: the lesser of its order on smooth motion and the
     ``order_limit`` of the problem; NaN if it is unknown. past: past the horizon, the deviation at each of the steps in
-    standard deviations of the exact ensemble. missed: errors besides the tip's that do not converge.
+    standard deviations of the exact ensemble. missed: errors besides the tip's that do not converge; "motion" where it
+    is late as a whole.
     """
 
     integrator: str
@@ -464,9 +475,9 @@ def verdict(entry: Entry, smooth: float) -> Entry:
 
     smooth: the order of the integrator on smooth motion. A fixed-step error must fall (``_falls``), and the order
     through all steps, its 95 % interval included, come within ``ORDER_SLACK`` of what is expected; the errors of impact
-    times, peak force, energy and velocity must fall as well (``_missed``), and the velocity must be that of its time
-    (``_is_late``); the error of an adaptive solver must stay within ``TIMES_TOLERANCE`` times its tolerance. Steps that
-    span less than a factor of four are not judged.
+    times, peak force, energy and velocity must fall as well (``_missed``), and velocity and tip must be those of their
+    time (``_late_by``). The error of an adaptive solver must stay within ``TIMES_TOLERANCE`` times its tolerance. Steps
+    that span less than a factor of four are not judged.
     """
     levels = np.array([run.level for run in entry.runs])
     errors = np.array([run.errors.tip_rms for run in entry.runs])
@@ -488,23 +499,24 @@ def verdict(entry: Entry, smooth: float) -> Entry:
         return replace(entry, outcome=NOT_FALLING)
     if missed := _missed(entry, levels):
         return replace(entry, outcome=NOT_FALLING, missed=missed)
-    if _is_late(entry):
-        lag, reasons = entry.runs[-1].errors.lag, [entry.reason] if entry.reason else []
-        reasons.append(f"the velocity is that of {abs(lag):.2f} steps {'before' if lag > 0.0 else 'after'} its time")
-        return replace(entry, outcome=LOW_ORDER, missed=("velocity",), reason="; ".join(reasons))
     low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - ORDER_SLACK
-    return replace(entry, outcome=LOW_ORDER if low else CONVERGES)
+    # Half a step is the rule for methods of order 1, and on rigid stops, where all are of order 1.
+    second = entry.problem.order_limit >= 2.0 and order.slope - order.interval > 1.0 + STAGGERED
+    reasons, late = [entry.reason] if entry.reason else [], list[str]()
+    for name, what, allowed in (("lag", "velocity", STAGGERED if second else LATE), ("shift", "motion", STAGGERED)):
+        if abs(steps := _late_by(entry, name)) > allowed:
+            reasons.append(
+                f"the {what} is that of {abs(steps):.2f} steps {'before' if steps > 0.0 else 'after'} its time"
+            )
+            late += [what] if what == "velocity" or low or abs(steps) > LATE else []
+    outcome = LOW_ORDER if low or late else CONVERGES
+    return replace(entry, outcome=outcome, missed=tuple(late), reason="; ".join(dict.fromkeys(reasons)))
 
 
-def _is_late(entry: Entry) -> bool:
-    """Return True if the velocity is behind the rate of the tip by the same part of a step in the finest runs.
-
-    Half a step is the rule for methods of order 1, and on rigid stops, where all are of order 1.
-    """
-    lags = np.array([run.errors.lag for run in entry.runs[-max(3, len(entry.runs) // 3) :]])
-    second = entry.problem.order_limit >= 2.0 and entry.order.slope - entry.order.interval > 1.0 + STAGGERED
-    allowed = STAGGERED if second else LATE
-    return bool(np.min(np.abs(lags)) > allowed and np.ptp(lags) < (STEADY - 1.0) * np.min(np.abs(lags)))
+def _late_by(entry: Entry, name: str) -> float:
+    """Steps by which the finest runs are late, by ``lag`` or ``shift`` of their errors; 0 unless all are late alike."""
+    lags = np.array([getattr(run.errors, name) for run in entry.runs[-max(3, len(entry.runs) // 3) :]])
+    return float(lags[-1]) if np.ptp(lags) < (STEADY - 1.0) * np.min(np.abs(lags)) else 0.0
 
 
 def _missed(entry: Entry, levels: Array) -> tuple[str, ...]:

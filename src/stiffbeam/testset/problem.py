@@ -20,7 +20,7 @@ from ..model.system import System
 from ..model.time_functions import LoadFunction, TimeFunction
 
 # Of the test set: the first number changes when an answer does, the second when problems or answers are added.
-VERSION = "3.2"
+VERSION = "3.3"
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ import numpy as np
 from ..basics.resources import Show, displayed
 from ..basics.validation import InputError
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .integrators import DEFAULT, RECORDED, Integrator, Made
+from .integrators import DEFAULT, FUNCTION, RECORDED, SCHEME, Integrator, Made
 from .integrators import integrators as integrators_of
 from .measure import (
     FAILED,
     NOT_TAKEN,
+    SPAN,
     Entry,
     Run,
     errors_of,
@@ -43,7 +44,7 @@ def score(
     A fixed-step integrator makes one run at each of the problem's ``steps``, an adaptive one at relative tolerances of
     1e-4, 1e-6 and 1e-8. An integrator that refuses a problem is "not taken". One that breaks off, raises or returns a
     wrong shape is "failed", with the reason, and the others go on. A step at which it overflows is left out if shorter
-    ones do not overflow.
+    ones do not overflow; shorter ones are added, until those that hold span a factor of four.
 
     Parameters
     ----------
@@ -133,12 +134,14 @@ def _problems(given: Any) -> list[Problem]:
 
 def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -> Entry:
     runs: list[Run] = []
+    overflowed: list[float] = []  # the steps at which it does
     outcome = reason = ""
     past: tuple[dict[str, float], ...] = ()
     try:
-        if not len(levels := runner.levels(each)):
+        if not (levels := list(runner.levels(each))):
             raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
-        for level in levels:
+        while levels:
+            level = levels.pop(0)
             try:
                 made = runner.solve(each, level, each.t_end)
                 run = _run(each, made)
@@ -147,7 +150,14 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
                 runs.append(run)
                 reason = reason or _uncounted(each, made, runs[-1])
             except Diverged as error:  # in so few steps, or where fewer went through in steps too short for it
-                reason, outcome = f"in {level:g} steps {error}", FAILED if runs else ""
+                overflowed.append(level)
+                reason, outcome = f"in {_range(overflowed)} steps {error}", FAILED if runs else ""
+            # Shorter steps in the place of those that overflowed, so that the others can be judged.
+            more = runner.kind in (SCHEME, FUNCTION) and not (levels or outcome)
+            if overflowed and runs and more and runs[0].level > SPAN * level:
+                levels.append(2 * level)
+        if overflowed and runs and not outcome:
+            reason += f"; judged by {_range([run.level for run in runs])} steps"
         if not runs:
             outcome = FAILED
         if statistics and each.statistics is not None and not runner.adaptive and runner.kind != RECORDED:
@@ -160,6 +170,11 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
         outcome, reason = FAILED, f"{type(error).__name__}: {error}"
     entry = Entry(runner.label, each, tuple(runs), outcome, reason, runner.order, runner.adaptive, past)
     return verdict(entry, smooth)
+
+
+def _range(levels: Sequence[float]) -> str:
+    """The least to the largest of ``levels``."""
+    return " to ".join(f"{x:g}" for x in dict.fromkeys((min(levels), max(levels))))
 
 
 def _run(each: Problem, made: Made) -> Run:

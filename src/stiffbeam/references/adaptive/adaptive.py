@@ -124,12 +124,7 @@ def reference_from(
             contact_record(rhs, i, t, positions[:, i], velocities[:, i], result.contacts, result.end, t_end)
             for i in range(len(system.contacts))
         ),
-        work=Work(
-            steps=0,
-            seconds=clock() - begun,
-            march_seconds=result.seconds,
-            counters=result.counters,
-        ),
+        work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
         provenance=provenance,
         system=system,
         evaluate=answers.channel,

@@ -14,10 +14,15 @@ once against the library's own functions. The user data is the address of six nu
 from __future__ import annotations
 
 import ctypes
+import os
+import re
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, NamedTuple
+from io import StringIO
+from typing import IO, Any, NamedTuple, cast
 
 import numpy as np
 from numba import types
@@ -31,6 +36,8 @@ from ..registry import KEEP, RESTART, Request
 from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
+WARNINGS = "SUNLOGGER_WARNING_FILENAME"
+MESSAGE = re.compile(r"\n\[\w+, Error: -?\d+\] .*\n", re.DOTALL)  # as scikit-sundae prints one
 MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
 
 
@@ -90,14 +97,52 @@ def called_from_python(ida: bool, adams: bool, rhs: RightHandSide, rtol: float, 
         if ida:
             options = phase_options(rhs, phase, roots_with_rate)
             solver: Any = IDA(defect, rtol=rtol, atol=atol, jacfn=iteration_matrix, **options)
-            solver.init_step(phase.start, phase.z, rhs.rate(phase.start, phase.z))
+            begun = phase.start, phase.z, rhs.rate(phase.start, phase.z)
         else:
             options = phase_options(rhs, phase, roots) | {"method": "Adams" if adams else "BDF"}
             solver = CVODE(right, rtol=rtol, atol=atol, jacfn=slopes, **options)
-            solver.init_step(phase.start, phase.z)
-        return solver
+            begun = phase.start, phase.z
+        return _Quiet(solver, *begun)
 
     return start
+
+
+class _Quiet:
+    """A solver of scikit-sundae, started at a time and state, that prints no messages of SUNDIALS: its statuses have
+    them. What functions of the user print passes.
+
+    Warnings go to the log that the environment names at the start, errors through Python's ``print``.
+    """
+
+    def __init__(self, solver: Any, *begun: Any) -> None:
+        self.solver, chosen = solver, WARNINGS in os.environ  # a user may have named a log
+        if not chosen:
+            os.environ[WARNINGS] = os.devnull
+        try:
+            solver.init_step(*begun)
+        finally:
+            if not chosen:
+                del os.environ[WARNINGS]
+
+    def step(self, target: float, tstop: float) -> Any:
+        """Integrate to ``target``, not beyond ``tstop``, or to an event."""
+        with redirect_stdout(cast(IO[str], _Output(sys.stdout or StringIO()))):
+            return self.solver.step(target, tstop=tstop)
+
+
+class _Output:
+    """A stream without SUNDIALS' messages, each of which is followed by a line break."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self.stream, self.left_out = stream, False
+
+    def write(self, text: str) -> int:
+        """Write what is no message."""
+        after, self.left_out = self.left_out, MESSAGE.fullmatch(text) is not None
+        return len(text) if self.left_out or (after and text == "\n") else self.stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
 
 
 def phase_options(rhs: RightHandSide, phase: Phase, roots: Callable[..., None]) -> dict[str, Any]:

@@ -548,7 +548,9 @@ def continuation(
     guess : as for ``periodic_orbit``
     grazings : bool
         Locate where a compliant stop is touched for the first or last time, also if the stability does not change.
-        Limitation: if one touch of a contact begins and another ends between two points, neither is located.
+        Limitation: if one touch of a contact begins and another ends between two points, neither is located. A damped
+        stop that lets go and presses again within one contact is no grazing: where these two events vanish from
+        ``.events``, the force touches 0 and the multipliers are continuous.
     most : int
         Number of orbits after which the branch ends; by default 20 for each of the values.
     progress : as for ``reference``

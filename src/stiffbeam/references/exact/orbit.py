@@ -34,7 +34,7 @@ from ...piecewise.regimes import Known
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
-from ..rigid_stops import require_rigid
+from ..rigid_stops import beyond_stops, require_rigid
 from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, solve_exact
@@ -53,6 +53,7 @@ ROUNDING = 1e-13  # relative: below it shooting is not improved
 REPEATS = 1e-9  # of a turn, by which a load may miss the period
 NEAR_GRAZE = 1e3  # times the closure: a graze of a rigid or damped stop that is closer is one
 ALONE = 1e-9  # distance of a multiplier from 1 below which an orbit has neighbours of its period, or is none
+START = "the period starts on a stop, where the flow has no derivative"
 SETTLE = 60  # periods that are run for a guess where none is stated
 
 
@@ -195,14 +196,14 @@ class PeriodMap:
             moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
             try:
                 solution: Any = ImpactTracer(moved).solve(self.period)
-            except InputError as error:  # a state of Newton's method beyond a stop
-                reason = f"a state on the way has no motion: {error}"
-                raise SolverFailure("periodic_orbit", 0.0, reason, "give a closer guess") from error
+            except InputError as error:  # a state of Newton's method beyond a stop, or on it but for rounding
+                on_stop = beyond_stops(moved) < CLOSED * float(np.max(np.abs(z) * np.repeat([1.0, self.period], n)))
+                reason = START if on_stop else f"a state on the way has no motion: {error}"
+                raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase, or give a closer guess") from error
             if solution.stuck:
                 reason = "a chatter ends on the way, where the flow has no derivative"
-                raise SolverFailure(
-                    "periodic_orbit", solution.stuck[0][0], reason, "take restitution 0, or another guess"
-                )
+                t, remedy = solution.stuck[0][0], "take restitution 0, or another guess"
+                raise SolverFailure("periodic_orbit", t, reason, remedy)
         else:
             solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
         return solution

@@ -36,11 +36,7 @@ def solve(request: Request) -> Reference:
 
 
 def solve_exact(
-    system: System,
-    t_end: float,
-    t_eval: Array | None = None,
-    known: Known | None = None,
-    since: float = 0.0,
+    system: System, t_end: float, t_eval: Array | None = None, known: Known | None = None, since: float = 0.0
 ) -> Reference:
     """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
 

@@ -118,11 +118,7 @@ def _contact(
         impulses[kept] += so_far[until] - so_far[since_then]
         total += float(so_far[-1])
     impacts = Impacts.at(
-        times,
-        [e.side for e in events],
-        "event",
-        ends=ends,
-        impulses=np.where(np.isnan(ends), np.nan, impulses),
+        times, [e.side for e in events], "event", ends=ends, impulses=np.where(np.isnan(ends), np.nan, impulses)
     )
     share = sum(b - a for a, b, _ in held) / (t_end - since)
     return impacts, share, math.nan if events or held else 0.0, total
