@@ -13,6 +13,8 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics import compiling
 from stiffbeam.march import warm
+from stiffbeam.march.kernels.accounts import account
+from stiffbeam.march.replay import rehearse as rehearse_ledger
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.piecewise import motion
 from stiffbeam.piecewise.tracer import rehearse
@@ -155,14 +157,16 @@ def test_a_program_that_embeds_python_is_not_started_again(program, monkeypatch)
     assert not compiling.begin("pass")
 
 
-def test_what_is_compiled_beside_is_what_reads_a_motion():
+def test_what_is_compiled_beside_is_what_is_called():
     """A kernel for arrays of another kind would be compiled again, after the wait for it."""
-    kernels = motion.states, motion.observe, motion.press, motion.grow
+    kernels = motion.states, motion.observe, motion.press, motion.grow, account
     rehearse()
+    rehearse_ledger()
     known = [list(kernel.signatures) for kernel in kernels]
     reference = sb.reference(sb.paper_case(10).system(), 0.05)
     assert reference.horizon == 0.05
     assert reference.state_at is not None
     reference.state_at(np.zeros(1))
+    assert sb.integrate(sb.paper_case(10).system(), sb.BDF2(), 1e-4, 0.05).energy.loss[-1] != 0.0
     assert all(known)
     assert [list(kernel.signatures) for kernel in kernels] == known

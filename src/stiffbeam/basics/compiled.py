@@ -91,9 +91,16 @@ def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
 
 def is_compiled(kernel: Any) -> bool:
     """True where a kernel is compiled, in this process or on disk."""
-    function = kernel.py_func
-    file = Path(function.__code__.co_filename)
-    return bool(kernel.signatures) or any(directory(file).rglob(f"{file.stem}.{function.__name__}-*.nbi"))
+    if kernel not in _COMPILED:
+        function = kernel.py_func
+        file = Path(function.__code__.co_filename)
+        if not kernel.signatures and not any(directory(file).rglob(f"{file.stem}.{function.__name__}-*.nbi")):
+            return False
+        _COMPILED.add(kernel)
+    return True
+
+
+_COMPILED: set[Any] = set()  # kernels, so that the disk is looked at once
 
 
 @lru_cache

@@ -6,10 +6,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from . import storage
+from .compiled import is_compiled
 from .resources import stopped_clock
 
 _beside: subprocess.Popen[bytes] | None = None
@@ -47,3 +50,16 @@ def wait() -> None:
         with stopped_clock():
             _beside.wait()
         _beside = None
+
+
+@contextmanager
+def beside(kernel: Any, rehearse: Callable[[], None]) -> Generator[None]:
+    """Have ``kernel`` at the end of the context. If it is not on disk, ``rehearse``, a function of a module, compiles
+    it, with whatever else it calls, in a process beside this one."""
+    code = f"from {rehearse.__module__} import {rehearse.__name__}; {rehearse.__name__}()"
+    begun = not is_compiled(kernel) and begin(code)
+    try:
+        yield
+    finally:
+        if begun:
+            wait()

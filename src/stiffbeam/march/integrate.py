@@ -29,9 +29,10 @@ from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for
 from .direct_march import Piece, direct_pieces
+from .kernels.accounts import account
 from .kernels.blocks import OVERFLOW
 from .probe import InModes, Together
-from .replay import block_ledger, replay
+from .replay import block_ledger, rehearse, replay
 from .rigid_march import rigid_pieces
 
 DIRECT, RIGID = "direct", "rigid steps"
@@ -393,9 +394,10 @@ def integrate(
         compiling.wait()
     if plan.stepper is not None:
         march = plan.stepper.start([plan.system], plan.steps, every)
-        for done in march.advance():
-            if progress is not None and not march.state.diverged[0]:
-                progress(done)
+        with compiling.beside(account, rehearse):
+            for done in march.advance():
+                if progress is not None and not march.state.diverged[0]:
+                    progress(done)
         run = march.seen(0)
     else:
         run = seen_directly(plan, system, every, progress)

@@ -4,17 +4,13 @@ follow."""
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
-from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics import compiling
 from ..basics.arrays import Array
-from ..basics.compiled import is_compiled
 from ..basics.resources import Forecast
 from ..model.contact import Contact, Stops
 from ..model.system import System
@@ -23,7 +19,7 @@ from ..trajectory.trajectory import SolverFailure
 from .exponential_search import Cells, pass_samples, search
 from .follow import DONE, FULL, LET_GO, UNKNOWN, follow, next_side, pressed, side_of, watched
 from .linear import Complex, Perturbation, Regime, phasors, spin_of
-from .motion import Motion, observe
+from .motion import Motion
 from .regimes import Known, Regimes, Source
 from .search import REMEDY
 from .search import search as leap
@@ -193,17 +189,6 @@ def rehearse() -> None:
     motion.observed(np.zeros(1), np.ones(1))
     motion.press(system, 0, none, none, np.zeros(0, np.int64))
     motion.grow(system, np.zeros(2), np.ones((1, 1)), np.ones((1, 1)), 1.0)
-
-
-@contextmanager
-def compiled_beside() -> Generator[None]:
-    """Have the kernels that read a motion at the end; those not on disk are compiled in a process beside this one."""
-    begun = not is_compiled(observe) and compiling.begin(f"from {__name__} import rehearse; rehearse()")
-    try:
-        yield
-    finally:
-        if begun:
-            compiling.wait()
 
 
 def refuse_accumulation(start: float, end: float, fastest: float, drive: Drive) -> None:

@@ -19,6 +19,7 @@ from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
 from ..march.choice import CONTACTS
 from ..march.integrate import integrate
+from ..march.replay import rehearse as rehearse_ledger
 from ..march.warm import COMPILING, any_law, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
 from ..model.contact import Stops
@@ -254,23 +255,22 @@ def _references(
 
 
 def rehearse(by_law: bool = False) -> None:
-    """Compile what a comparison asks: adaptive references, then the steps of a run, and samples of a path.
+    """Compile what a comparison asks, in the order in which it asks: what reads an exact motion, Kvaerno's method, the
+    energy balance and the steps of a run, and samples of a path.
 
-    The comparison itself compiles what follows an exact motion, and the energy balance of a run: as long takes what is
-    compiled here.
-    Programs of JAX are for one shape of system each: the standard input has that of the comparison and its time step,
-    pickled, or nothing.
+    The comparison itself compiles what follows an exact motion and the functions that SUNDIALS calls, which takes as
+    long. Programs of JAX are for one shape of system each: the standard input has that of the comparison and its time
+    step, pickled, or nothing.
     """
     rehearse_motion()
-    stops = Stops(lower=-0.1, upper=0.1, stiffness=1e3, exponent=1.5 if by_law else 1.0)
-    system = semidiscretise(BeamProblem(stiffness=1.0, stops=stops, base=Harmonic(0.2, 10.0)), cells=4)
-    tried = [(system, 0.1, method) for method in COMPARED[1:-1]]
     if given := sys.stdin.buffer.read():
-        tried.append((*pickle.loads(given), COMPARED[-1]))
-    for of_system, t_end, method in tried:
         with suppress(InputError, SolverFailure):  # a library that is missing is told of by the comparison itself
-            solve(of_system, t_end, method, None, RTOL, None)
-    run = integrate(system, HHT(-0.1), 1e-3, 0.1)
+            system, dt = pickle.loads(given)
+            solve(system, dt, COMPARED[-1], None, RTOL, None)
+    stops = Stops(lower=-0.1, upper=0.1, stiffness=1e3, exponent=1.5 if by_law else 1.0)
+    small = semidiscretise(BeamProblem(stiffness=1.0, stops=stops, base=Harmonic(0.2, 10.0)), cells=4)
+    rehearse_ledger()
+    run = integrate(small, HHT(-0.1), 1e-3, 0.1)
     sampled_impacts(run.t, run.tip, run.tip_velocity, stops)
 
 
