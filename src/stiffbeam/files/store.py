@@ -437,6 +437,8 @@ class _SolvedAgain:
         self._again = again
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # what copies and pickles ask for
+            raise AttributeError(name)
         return getattr(self._again().solution, name)
 
 
