@@ -47,6 +47,11 @@ def printable(text: str) -> str:
     return "".join(x if x.isprintable() else ascii(x)[1:-1] for x in " ".join(text.split()))
 
 
+def several(count: int, noun: str) -> str:
+    """A number of things: "1 contact", "2 contacts"."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def sentence(parts: Sequence[str], between: Sequence[str], most: int = LONGEST) -> str:
     """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make ``most`` letters."""
     parts = [printable(part) for part in parts]

@@ -52,7 +52,7 @@ class Case:
     >>> import stiffbeam as sb
     >>> case = sb.paper_case(10)
     >>> case.cells, case.dt, case.system()
-    (25, 0.0001, <System, displacement: 25 unknowns, 2 loads, 1 contacts>)
+    (25, 0.0001, <System, displacement: 25 unknowns, 2 loads, 1 contact>)
     """
 
     name: str

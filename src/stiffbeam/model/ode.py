@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.compiled import called_from_c
+from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from .right_hand_side import RightHandSide, numbers_of, rate_of_state
 from .right_hand_side_kernels import floats, integers, right_hand_side
@@ -82,7 +83,7 @@ class ODE:
 
     def __repr__(self) -> str:
         form = "" if self.form == FORMS[0] else f", {self.form}"
-        return f"<ODE of {self.system!r}: {self._n} unknowns, {len(self.events)} events{form}>"
+        return f"<ODE of {self.system!r}: {several(self._n, 'unknown')}, {several(len(self.events), 'event')}{form}>"
 
     def rhs(self, t: float, y: ArrayLike) -> Array:
         """Return f(t, y), (n,)."""

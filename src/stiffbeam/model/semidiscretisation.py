@@ -105,7 +105,7 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     >>> import stiffbeam as sb
     >>> problem = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(upper=0.1, stiffness=5e6))
     >>> sb.semidiscretise(problem, cells=25)
-    <System, displacement: 25 unknowns, 0 loads, 1 contacts>
+    <System, displacement: 25 unknowns, 0 loads, 1 contact>
     """
     itself("problem", problem, BeamProblem)
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts
+from ..basics.text import DRAW, html_facts, several
 from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
@@ -239,7 +239,7 @@ class System:
     >>> import stiffbeam as sb
     >>> stops = sb.Stops(upper=0.1, stiffness=1e4)
     >>> sb.System.from_matrices([[1.0]], [[4.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
-    <System, matrices: 1 unknowns, 0 loads, 1 contacts>
+    <System, matrices: 1 unknown, 0 loads, 1 contact>
     """
 
     mass: Array
@@ -332,7 +332,8 @@ class System:
         )
 
     def __repr__(self) -> str:
-        return f"<System, {self.form}: {self.size} unknowns, {len(self.loads)} loads, {len(self.contacts)} contacts>"
+        parts = {"unknown": self.size, "load": len(self.loads), "contact": len(self.contacts)}
+        return f"<System, {self.form}: {', '.join(several(count, noun) for noun, count in parts.items())}>"
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the start of the motion between the stops; return ``ax``, or the new Figure.

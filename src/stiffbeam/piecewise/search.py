@@ -63,7 +63,7 @@ MOST = 1e12  # evaluations to the end, as it goes: a day of a small system
 DECAYED = 750.0  # exp(-that) is no number any more
 FAINT = 10_000  # evaluations of a gap that moves, but never out of its own rounding
 SHORTEST = 1e-30  # step, of t_end: so that time goes on at t = 0 too
-REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together"
+REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
 
 
 @inner

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
+from ..basics.text import several
 from ..basics.validation import InputError, numbers, one_of
 from ..files.reader import SystemReader
 from ..model.sampled import Sampled
@@ -237,7 +238,7 @@ def problem(name: str) -> Problem:
     --------
     >>> import stiffbeam as sb
     >>> sb.problem("bouncing-ball").system
-    <System, matrices: 1 unknowns, 1 loads, 1 contacts>
+    <System, matrices: 1 unknown, 1 load, 1 contact>
     """
     return _named("problems", name)
 
@@ -310,7 +311,7 @@ class FrozenOrbit:
 
     def __repr__(self) -> str:
         kind = "stable" if self.stable else "unstable"
-        return f"<FrozenOrbit {self.name}: {self.title}; {kind}, {len(self.itinerary)} events>"
+        return f"<FrozenOrbit {self.name}: {self.title}; {kind}, {several(len(self.itinerary), 'event')}>"
 
     @cached_property
     def system(self) -> System:
@@ -449,6 +450,6 @@ def frozen_orbit(name: str) -> FrozenOrbit:
     --------
     >>> import stiffbeam as sb
     >>> sb.frozen_orbit("impact-oscillator")
-    <FrozenOrbit impact-oscillator: One mass and a rigid stop; unstable, 1 events>
+    <FrozenOrbit impact-oscillator: One mass and a rigid stop; unstable, 1 event>
     """
     return _named("orbits", name)
