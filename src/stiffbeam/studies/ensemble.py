@@ -185,7 +185,7 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
     variance = sum(of_means)
     if not variance:
         return off, 0.0
-    freedom = variance**2 / sum(v**2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
+    freedom = 1.0 / sum((v / variance) ** 2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
     return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
 
 
