@@ -292,7 +292,8 @@ class Ledger:
     def supplied(self) -> Array:
         """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have supplied.
 
-        The input at one time would not do: it returns to zero whenever a load takes back its work.
+        The input at one time would not do: it returns to zero whenever a load takes back its work. Its largest between
+        two times is not seen: outputs at every step (``every=1``) leave out least.
         """
         return supplied(self.energy[0], self.input)
 
