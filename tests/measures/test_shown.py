@@ -118,6 +118,24 @@ def test_titles_state_the_answer(things):
     assert impacts.take(slice(0, 1)).plot().get_suptitle().startswith("1 impact, ")
 
 
+def test_one_thing_has_no_plural():
+    load = ([1.0], sb.Harmonic(2.0, 2.2, phase=0.3))
+    system = sb.System.from_matrices(
+        [[1.0]], [[4.0]], [[0.4]], loads=[load], contacts=[sb.Contact([1.0], sb.Stops(upper=0.2, stiffness=300.0))]
+    )
+    orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
+    assert f"{len(orbit.event_times)} events," in repr(orbit)
+    assert "1 event," in repr(replace(orbit, event_times=orbit.event_times[:1]))
+    proof = orbit.prove()
+    assert "with 1 event exists" in repr(replace(proof, event_times=proof.event_times[:1]))
+    run = sb.reference(system, float(orbit.event_times[0]) + 2.0)
+    once = run.impacts.take(slice(0, 1))
+    assert "1 event impact<" in once._repr_html_()
+    record = replace(run.contacts[0], impacts=once)
+    assert ": 1 impact, in contact" in repr(record)
+    assert ", 1 impact>" in repr(replace(run, contacts=(record,)))
+
+
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
     """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
     system = sb.System.from_matrices(

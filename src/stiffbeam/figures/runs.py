@@ -319,7 +319,7 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
                      textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
     shown = shown_contacts([run])
     for colour, record, i in zip(COLOURS, (run.contacts[i] for i in shown), shown, strict=False):
-        label = f"contact {i + 1}: {record.impacts.count} impacts"
+        label = f"contact {i + 1}: {several(record.impacts.count, 'impact')}"
         force.plot(run.t, record.force, lw=0.9, color=colour, label=label)
     if shown:
         force.legend(frameon=False, fontsize=8.5)
@@ -460,7 +460,7 @@ def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axe
 
 def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The tip of every member where it was kept; else what the first contact bears against the varied parameter."""
-    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {len(many)} members")
+    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
     units = many.units
     style: dict[str, Any] = {"color": look(many.provenance["method"])["color"]}
     if len(many.t):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts, sentence
+from ..basics.text import DRAW, html_facts, sentence, several
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, Renamed, integer, numbers, positive
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
@@ -185,11 +185,9 @@ class Trajectory:
         return state
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__} {self.label}: {len(self.t)} times to "
-            f"{self.units.measure(f'{self.t[-1]:g}', 'time')}, {sum(c.impacts.count for c in self.contacts)} impacts"
-            f"{self._trust()}>"
-        )
+        end = self.units.measure(f"{self.t[-1]:g}", "time")
+        impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
+        return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}{self._trust()}>"
 
     def _trust(self) -> str:
         """The horizon, for the repr; "" for a run."""
@@ -393,7 +391,7 @@ class Trajectory:
         measure, dt = self.units.measure, self.provenance.get("dt")
         counts = [
             (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
-             f"{c.impact_count} impacts, {100.0 * c.fraction:.3g} % of the time, "
+             f"{several(c.impact_count, 'impact')}, {100.0 * c.fraction:.3g} % of the time, "
              f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
             for i, c in enumerate(self.contacts)
         ]  # fmt: skip

@@ -30,6 +30,7 @@ from scipy.optimize import brentq
 
 from ...basics.arrays import Array
 from ...basics.resources import Show, afford, displayed, silent
+from ...basics.text import several
 from ...basics.validation import InputError, integer, numbers
 from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
@@ -148,8 +149,8 @@ class Branch:
         plural = {"torus": "tori"}
         kinds = [f"{n} {plural.get(kind, kind + 's') if n != 1 else kind}" for kind, n in counted.items()]
         return (
-            f"<Branch over {self.parameter}: {len(self.values)} orbits from {self.values[0]:g} to {self.values[-1]:g},"
-            f" {np.count_nonzero(self.stable)} stable, {', '.join(kinds) or 'no bifurcation'}>"
+            f"<Branch over {self.parameter}: {several(len(self.values), 'orbit')} from {self.values[0]:g} to "
+            f"{self.values[-1]:g}, {np.count_nonzero(self.stable)} stable, {', '.join(kinds) or 'no bifurcation'}>"
         )
 
     @property
