@@ -17,6 +17,8 @@ from ..basics.resources import afford
 from ..basics.validation import (
     InputError,
     Renamed,
+    bound,
+    instance,
     integer,
     itself,
     near,
@@ -273,6 +275,8 @@ def perturbed_members(
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
     if scale is not None:
         positive("scale", scale)
+    if not bound("t_end", t_end) > 0.0:
+        raise InputError("t_end", t_end, "be > 0", "for example 1.0")
     basis, motion = undamped_modes(system), scales(system, t_end, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
@@ -325,6 +329,8 @@ def varied_members(
     """
     require_system(system)
     short = {"frequency": frequency, "amplitude": amplitude}
+    if parameters is not None:
+        instance("parameters", parameters, Mapping, 'for example {"stops.stiffness": [1e4, 2e4]}')
     columns = dict(parameters or {}) or {name: x for name, x in short.items() if x is not None}
     chosen = [parameters, frequency, amplitude, stops]
     if sum(x is not None for x in chosen) != 1 or (stops is None and not columns):

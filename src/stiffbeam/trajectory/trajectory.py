@@ -18,7 +18,7 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts, sentence, several
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, integer, numbers, positive
+from ..basics.validation import InputError, Renamed, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
 from .schema import arrays_of, frame_of, named, output_index, save, values_of
@@ -405,7 +405,7 @@ class Trajectory:
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
         impact; options: see ``figures.animation.animate``."""
-        return DRAW["film"]([self, *beside], file, **options)
+        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
 
     def save(self, file: str | Path) -> Path:
         """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
@@ -549,7 +549,7 @@ class Reference(Trajectory):
         if self.derive is None:
             rule = 'be of method "exact" and solved in this process for a derivative'
             raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
-        paths = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+        paths = (wrt,) if isinstance(wrt, str) else tuple(sequence("wrt", wrt, "name parameters"))
         if not paths or not all(isinstance(path, str) for path in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
         times = self.t if t is None else np.atleast_1d(numbers("t", t))
