@@ -77,7 +77,8 @@ def test_an_argument_of_another_type_is_named(argument, wrong):
 
 @pytest.mark.parametrize("progress", ["bar", 0, []])
 def test_progress_of_ensembles_is_a_function(progress):
-    for call in (sb.integrate_ensemble, sb.reference_ensemble):
-        arguments = (chain(), sb.HHT(), 1e-2, 0.1) if call is sb.integrate_ensemble else (chain(), 0.1)
-        with pytest.raises(sb.InputError, match="progress must be a function"):
-            call(*arguments, [chain(), chain()], progress=progress)
+    members = [chain(), chain()]
+    with pytest.raises(sb.InputError, match="progress must be a function"):
+        sb.integrate_ensemble(chain(), sb.HHT(), 1e-2, 0.1, members, progress=progress)
+    with pytest.raises(sb.InputError, match="progress must be a function"):
+        sb.reference_ensemble(chain(), 0.1, members, progress=progress)

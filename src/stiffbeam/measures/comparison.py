@@ -246,8 +246,9 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     Parameters
     ----------
     run : Trajectory or sequence of arrays
-        A scheme's run with every step on output, another reference, one made by ``Trajectory.from_arrays``, or arrays
-        (t, tip) or (t, tip, tip velocity), (k,) each. Times need not be equidistant: means are means over time.
+        A scheme's run with every step on output, another reference, or arrays (t, tip) or (t, tip, tip velocity), (k,)
+        each. Tables and pictures call arrays "own"; ``Trajectory.from_arrays(t, tip, system=system, name="Abaqus")``
+        gives a run another name. Times need not be equidistant: means are means over time.
         Quantities that arrays do not hold are NaN, and ``missing`` gives the reason.
     reference : Reference
         With a horizon. Every measure is taken to the smaller of the horizon and the end of the run.
