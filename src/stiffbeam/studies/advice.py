@@ -507,7 +507,7 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
     chosen = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"] if schemes is None else list(schemes)
     if not chosen or not contacts:
         remedy = "leave out what is empty, to try all"
-        raise InputError("schemes", chosen or contacts, "be at least one, with one way to treat contact", remedy)
+        raise InputError("schemes", chosen and contacts, "be at least one, with one way to treat contact", remedy)
     for scheme in chosen:
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
