@@ -25,7 +25,7 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     no horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
-        states = run[1:] if len(run) == 3 and np.ndim(run[1]) == 2 else None
+        states = (run[1], run[2]) if len(run) == 3 and np.ndim(run[1]) == 2 else None
         tips = run[1:] if states is None else ()
         run = Trajectory.from_arrays(run[0], *tips, system=reference.system, states=states)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
