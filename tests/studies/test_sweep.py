@@ -375,6 +375,29 @@ def test_a_transient_that_is_too_short_is_said(transient, left):
     assert (f"Without contact {left} of a free vibration" in answer.notes) == bool(left)
 
 
+def test_what_a_transient_leaves_is_that_of_the_values_varied():
+    """Not of the case: e^(-decay T n) at the worst value, with the slower root of an overdamped motion."""
+    options = {"method": "exact", "periods": 3, "transient": 4, "dt": 1e-2, "t_end": 1.0}
+    period = 2.0 * np.pi / 2.6
+
+    def notes(damping: float, **varied) -> str:
+        return study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), damping), **options, **varied).answer.notes
+
+    def left(decay: float, length: float = period) -> str:
+        return f"Without contact {100 * np.exp(-4 * decay * length):.2g} % of a free vibration"
+
+    never = "Nothing damps this system"
+    assert left(0.05) in notes(0.5, parameter="damping.scale", values=[0.2, 1.0])
+    assert left(0.5 * (5.0 - np.sqrt(21.0))) in notes(5.0, parameter="stops[0].upper", values=[0.5])
+    faster = {"parameter": "stops[0].upper", "values": [2.6, 5.2], "couple": {"loads[0].time.frequency": "x"}}
+    assert left(0.05, 0.5 * period) in notes(0.1, **faster)
+    assert never not in notes(0.0, parameter="stops[0].damping", values=[0.1, 1.0])
+    assert never not in notes(0.0, parameter="damping[0][0]", values=[1.0, 2.0])
+    assert f"{never} at 1 of 2 values" in notes(0.0, parameter="stops[0].damping", values=[0.0, 1.0])
+    assert f"{never}, so" in notes(0.0, parameter="stops[0].upper", values=[0.5, 0.6])
+    assert f"{never} at 1 of 2 values" in notes(0.1, parameter="damping.scale", values=[0.0, 1.0])
+
+
 def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
     """It is 0 where nothing touches the stop, and not a number elsewhere."""
     stop = sb.Contact([1.0], sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8))

@@ -26,7 +26,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, content
 from ..basics.validation import InputError, integer, near, number, one_of, positive
 from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
@@ -210,11 +210,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system, scheme = system_of(case, point["form"]), method_of(point)
     if point.get("start") == LAST:
         return _continued(system, point)
+    decays: dict[tuple[Any, ...], float] = {}
     for value in point["values"]:
         named = dict(zip(names_of(point), value, strict=True))
         try:
             setup = setup_of(system, point, value, scheme)
-            groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
+            row = named | ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
+            groups.setdefault(setup.kind, []).append((row, setup))
         except InputError as error:
             rows.append(named | {"refused": str(error)})
     for group in groups.values():
@@ -230,6 +232,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 def _continued(system: System, point: Point) -> list[Row]:
     """Rows of the values one after the other, each from the last state of the one before."""
     rows: list[Row] = []
+    decays: dict[tuple[Any, ...], float] = {}
     state: tuple[Array, Array] | None = None
     for k, value in enumerate(point["values"]):
         row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
@@ -238,7 +241,7 @@ def _continued(system: System, point: Point) -> list[Row]:
             # The state is that at the end of the value before; the first value starts as the case does.
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
-            row |= {"dt": setup.dt} if setup.scheme else {}
+            row |= ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
             many = _march(point, [setup])
             rows += _rows(point, row, many, 0)
             if np.isnan(many.diverged[0]):
@@ -246,6 +249,28 @@ def _continued(system: System, point: Point) -> list[Row]:
         except (InputError, SolverFailure) as error:
             rows.append(row | {"refused" if isinstance(error, InputError) else "failed": str(error)})
     return rows
+
+
+def _free(setup: Setup, point: Point, decays: dict[tuple[Any, ...], float]) -> Row:
+    """Entries of a row on free motions: ``lossless`` where nothing damps the system, and ``left``, the share of the
+    amplitude of the slowest that is left after the transient, 0 where no motion is damped.
+
+    ``decays`` keeps the slowest decay of each linear part."""
+    if "t_end" in point:
+        return {}
+    system, stops = setup.system, [contact.stops for contact in setup.system.contacts]
+    lossy = any(x.damping or x.dissipation or x.restitution not in (None, 1.0) for x in stops)
+    if not system.damped:
+        return {"lossless": not lossy, "left": 0.0}
+    linear = tuple(content(matrix) for matrix in (system.mass, system.damping, system.stiffness))
+    if linear not in decays:
+        natural = modes(system)
+        ratio = np.maximum(natural.damping_ratio, 0.0)  # NaN for a rigid motion
+        over = np.sqrt(np.maximum(ratio**2 - 1.0, 0.0))
+        # Of an overdamped motion the slower of its two decays.
+        decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
+        decays[linear] = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
+    return {"lossless": False, "left": float(np.exp(-decays[linear] * setup.period * point["transient"]))}
 
 
 def _last(point: Point, setup: Setup, end: float) -> tuple[Array, Array]:
@@ -340,16 +365,18 @@ def answer(rows: Rows, case: Case) -> Answer:
                 for row in ends
             ]
             table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
-    lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
     notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
     if "t_end" in first:
         notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
-    elif not system.damped and not any(lossy):
-        notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
-    elif (left := _left(system, rows)) > SAME:
+    free = {tuple(row[name] for name in names): (row.get("lossless"), row.get("left", 0.0)) for row in rows}
+    lossless, left = (list(x) for x in zip(*free.values(), strict=True))
+    if any(lossless):
+        where = "" if all(lossless) else f" at {sum(map(bool, lossless))} of {len(free)} values"
+        notes += f" Nothing damps this system{where}, so its transient never ends: another start gives another answer."
+    if max(left) > SAME:
         notes += (
-            f" Without contact {percent(left)} of a free vibration is left after that transient, so slow changes may"
-            " look like longer periods: raise transient."
+            f" Without contact {percent(max(left))} of a free vibration is left after that transient, so slow changes"
+            " may look like longer periods: raise transient."
         )
     most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
     ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
@@ -379,20 +406,6 @@ def _periodicity(rows: Rows) -> list[str]:
     if short:
         words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
-
-
-def _left(system: System, rows: Rows) -> float:
-    """Share of the amplitude of the slowest free vibration that is left after the transient, at most over the values;
-    0 where every vibration is free of damping."""
-    first, natural = rows[0], modes(system)
-    decay = natural.damping_ratio * natural.omega
-    decay = decay[np.isfinite(decay) & (decay > 0.0)]
-    period = drive_period(system, first["parameter"])
-    if period is None or not len(decay):
-        return 0.0
-    if first["parameter"].rpartition(".")[2] == "frequency":
-        period = 2.0 * np.pi / max(row[first["parameter"]] for row in rows)
-    return float(np.exp(-np.min(decay) * period * first["transient"]))
 
 
 def _bare(rows: Rows) -> list[Row]:
