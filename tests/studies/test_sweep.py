@@ -398,6 +398,15 @@ def test_what_a_transient_leaves_is_that_of_the_values_varied():
     assert f"{never} at 1 of 2 values" in notes(0.1, parameter="damping.scale", values=[0.0, 1.0])
 
 
+def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
+    """Not for a field of the ensemble beneath it, at every value anew."""
+    options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}
+    hertz = driven(sb.Stops(upper=0.5, stiffness=9.0, exponent=1.5), 0.5)
+    with pytest.raises(sb.InputError, match="name a scheme, or transient=0"):
+        study("sweep", hertz, transient=2, **options)
+    assert study("sweep", hertz, transient=0, **options).answer.startswith("CVODE Adams over frequency")
+
+
 def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
     """It is 0 where nothing touches the stop, and not a number elsewhere."""
     stop = sb.Contact([1.0], sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8))

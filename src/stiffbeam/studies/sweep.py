@@ -37,7 +37,7 @@ from ..model.members import paths_of
 from ..model.natural_modes import modes
 from ..model.system import System
 from ..model.time_functions import Drive, covered
-from ..references import best_reference
+from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
@@ -182,6 +182,9 @@ def points(
         periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
+    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+        remedy = "name a scheme, or transient=0: an adaptive solver records contacts from the start only"
+        raise InputError("method", EXACT, "be a scheme where a transient precedes a motion without closed form", remedy)
     shared |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
