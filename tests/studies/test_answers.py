@@ -9,7 +9,7 @@ import pytest
 
 from stiffbeam.files.cases import paper_case
 from stiffbeam.schemes import registered
-from stiffbeam.studies import converge, impacts, precision, study
+from stiffbeam.studies import converge, impacts, precision, rigid, study
 from stiffbeam.studies.chaos import exponents
 from stiffbeam.studies.ensemble import difference
 
@@ -120,3 +120,10 @@ def test_intervals_of_few_members_hold_with_95_percent(count):
     assert np.mean([abs(x) <= width for x, width in off]) > 0.93
     assert 0.93 < np.mean([abs(x - 3.0) <= width for x, width in means]) < 0.97
     assert difference(np.ones(3), np.zeros(3)) == (1.0, 0.0)
+
+
+def test_the_limit_of_rigid_stops_begins_above_the_last_stiffness_with_other_impacts():
+    """Not at the first row: 4 has their number by chance, and factors may be in any order."""
+    counts = {64.0: 3, 256.0: 3, 4.0: 3, 1.0: 1, 16.0: 2}
+    rows = [{"kappa": kappa, "impacts": count, "rigid_impacts": 3} for kappa, count in counts.items()]
+    assert [row["kappa"] for row in rigid.same_impacts(rows)] == [64.0, 256.0]
