@@ -10,7 +10,7 @@ import pytest
 from stiffbeam.files.cases import paper_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import converge, impacts, precision, rigid, study
-from stiffbeam.studies.chaos import exponents
+from stiffbeam.studies.chaos import exponents, stated
 from stiffbeam.studies.ensemble import difference
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
@@ -127,3 +127,10 @@ def test_the_limit_of_rigid_stops_begins_above_the_last_stiffness_with_other_imp
     counts = {64.0: 3, 256.0: 3, 4.0: 3, 1.0: 1, 16.0: 2}
     rows = [{"kappa": kappa, "impacts": count, "rigid_impacts": 3} for kappa, count in counts.items()]
     assert [row["kappa"] for row in rigid.same_impacts(rows)] == [64.0, 256.0]
+
+
+@pytest.mark.parametrize(("pairs", "told"), [(2, False), (5, False), (6, True)])
+def test_few_pairs_tell_no_exponent(pairs, told):
+    """All of n pairs on one side of their median: 2^(1 - n) by chance, 6 % of five."""
+    rows = [{"method": "exact", "exponent": 1.0 + 0.1 * k, "late": 2.0} for k in range(pairs)]
+    assert ("exact" in stated(rows)) == told
