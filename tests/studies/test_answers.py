@@ -134,3 +134,12 @@ def test_few_pairs_tell_no_exponent(pairs, told):
     """All of n pairs on one side of their median: 2^(1 - n) by chance, 6 % of five."""
     rows = [{"method": "exact", "exponent": 1.0 + 0.1 * k, "late": 2.0} for k in range(pairs)]
     assert ("exact" in stated(rows)) == told
+
+
+@pytest.mark.parametrize(("t_end", "words"), [(0.1, "inside its horizon"), (0.8, "past its horizon")])
+def test_the_single_exact_motion_of_impacts_is_past_its_horizon_only_there(t_end, words):
+    options = {"schemes": ["HHT(alpha=-0.1)"], "halvings": 1, "members": 2, "sensitivity": False}
+    found = study("impacts", SMALL, t_end=t_end, **options)
+    ends = {row["horizon"] for row in found.rows if "horizon" in row}
+    assert (ends == {t_end}) == (words == "inside its horizon")
+    assert f"by float64 {words}, has" in found.answer.notes
