@@ -39,6 +39,7 @@ from ..model.system import System
 from ..model.time_functions import Drive, covered
 from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
+from ..references.exact.piecewise import refuse
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
@@ -183,8 +184,11 @@ def points(
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
     if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
-        remedy = "name a scheme, or transient=0: an adaptive solver records contacts from the start only"
-        raise InputError("method", EXACT, "be a scheme where a transient precedes a motion without closed form", remedy)
+        try:
+            refuse(ends[0].system, transient * ends[0].period)
+        except InputError as error:
+            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
+            raise InputError(error.field, error.value, error.rule, remedy) from None
     shared |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
