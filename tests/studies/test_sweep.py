@@ -398,6 +398,27 @@ def test_what_a_transient_leaves_is_that_of_the_values_varied():
     assert f"{never} at 1 of 2 values" in notes(0.1, parameter="damping.scale", values=[0.0, 1.0])
 
 
+def test_the_period_of_a_motion_is_that_of_its_size():
+    """With its stop at 0 a mass moves in proportion to the load, so that its period is the same at all amplitudes."""
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.8))
+    contact = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=25.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    options = {"method": "exact", "periods": 12, "transient": 80, "dt": 1e-2, "t_end": 1.0}
+    answer = study("sweep", system, parameter="amplitude", values=[0.0, 1e-4, 1.0], **options).answer
+    assert "every period of the drive at 1 of 3 values, every 2 to 8 periods at 2" in answer
+
+
+def test_a_section_near_zero_is_compared_with_the_motion():
+    """What is left of the start, 4e-4 of the motion, is 2 % of a section that the drive passes near 0."""
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=0.37))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.004]], loads=[load], observe=[1.0])
+    options = {"method": "exact", "periods": 12, "transient": 230, "dt": 1e-2, "t_end": 1.0}
+    records = study("sweep", system, values=[0.37], **options)
+    (section,) = sections(records.rows).values()
+    assert np.ptp(section) > 1e-3 * np.max(np.abs(section))
+    assert "every period of the drive at 1 of 1 values" in records.answer
+
+
 def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
     """Not for a field of the ensemble beneath it, at every value anew."""
     options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}

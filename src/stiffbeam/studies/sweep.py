@@ -63,7 +63,8 @@ from .parameters import (
 )
 
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
-SAME = 1e-3  # of the largest |u|: section points closer than this are one
+SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
+REST = 1e-6  # of the largest motion: a smaller one has this size
 BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
 # up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
@@ -313,7 +314,10 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
         statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
         rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
     if point["second"] is None and "t_end" not in point:
-        section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
+        tips, speeds = (x[i, point["transient"] + 1 :] for x in (many.tip, many.tip_velocity))
+        # u alone may be near 0 at these times: the response to a sine without damping is.
+        named = named | {"size": float(np.max(np.hypot(tips, speeds * float(many.t[1]) / (2.0 * np.pi))))}
+        section = enumerate(tips.tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
     return rows
 
@@ -336,6 +340,17 @@ def sections(rows: Rows) -> dict[float, Array]:
         if row["kind"] == "section":
             tips.setdefault(row[row["parameter"]], array("d")).append(row["tip"])
     return {value: np.array(tips[value]) for value in sorted(tips)}
+
+
+def sizes(rows: Rows) -> dict[float, float]:
+    """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
+    every: dict[float, float] = {}
+    for row in rows:
+        if row["kind"] == "section":
+            size = row.get("size", abs(row["tip"]))  # journals of former versions
+            every[row[row["parameter"]]] = max(size, every.get(row[row["parameter"]], 0.0))
+    least = REST * max(every.values(), default=0.0)
+    return {value: max(size, least) for value, size in every.items()}
 
 
 def repeats_after(section: Array, size: float) -> int | None:
@@ -396,15 +411,15 @@ def _periodicity(rows: Rows) -> list[str]:
     if len(ways := _ways(rows)) > 1:
         up, down = (sections(ways[way]) for way in WAYS)
         both = [value for value in up if value in down]
-        size = max((float(np.max(np.abs(x))) for x in (*up.values(), *down.values())), default=0.0)
-        apart = sum(_apart(up[value], down[value]) > SAME * size for value in both)
+        size = sizes(rows)
+        apart = sum(_apart(up[value], down[value]) > SAME * size[value] for value in both)
         words = f"there and back the last periods differ at {apart} of {len(both)} values"
         return [words, *(f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way])))]
     by_value = sections(rows)
     if not by_value:
         return []
-    size = max(float(np.max(np.abs(section))) for section in by_value.values())
-    repeats = [repeats_after(section, size) for section in by_value.values()]
+    size = sizes(rows)
+    repeats = [repeats_after(section, size[value]) for value, section in by_value.items()]
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
         f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values, every 2 to "
