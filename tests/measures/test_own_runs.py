@@ -33,6 +33,7 @@ def test_arrays_with_states_give_every_measure_of_the_run_itself(measured):
     assert np.array_equal(own.displacement(1.0), run.displacement(1.0))
     without_tip = sb.Trajectory.from_arrays(run.t, system=system, states=run.states)
     assert np.max(np.abs(without_tip.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
+    assert sb.compare([run.t, *run.states], ref).to_dict() == sb.compare(without_tip, ref).to_dict()
 
 
 def test_thinned_times_are_told_from_the_impacts_that_they_cannot_show(measured):

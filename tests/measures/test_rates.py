@@ -99,6 +99,8 @@ def test_work_of_a_prescribed_motion(damping):
         return sum(quad(lambda t: force(t) * abs(size * np.cos(omega * t)), *span, limit=200)[0] for span in spans)
 
     works = [work(0.6, 2), work(0.7, 3)]
+    spans = [(n * np.pi + first, n * np.pi + last) for n in range(4)]
+    rms = np.sqrt(sum(quad(lambda t: force(t) ** 2, *span, limit=200)[0] for span in spans) / t_end)
     if not damping:  # twice the energy of the deepest point, once in and once out
         assert works[0] == pytest.approx(4 * 400.0 * 0.2**2, rel=1e-9)
     system, tangents = pressed(damping), [[0.0, 1.0]]
@@ -111,12 +113,17 @@ def test_work_of_a_prescribed_motion(damping):
         result = sb.contact_rates(run, tangents=tangents)
         rates = [result.rates[0][x].value * t_end for x in ("normal_work", "sliding_work")]
         np.testing.assert_allclose(rates, works, rtol=tolerance, err_msg=name)
+        force_rms = result.rates[0]["force_rms"]
+        assert force_rms.value == pytest.approx(rms, rel=tolerance), name
+        assert force_rms.low <= force_rms.value <= force_rms.high
         frame = result.impacts_to_dataframe()
         assert len(frame) == 4
         assert frame["impact_normal_work"].sum() == pytest.approx(rates[0])
         np.testing.assert_allclose(frame["impact_normal_work"], works[0] / 4, rtol=10 * tolerance)
         assert result.sources[0].startswith("events" if name == "exact" else "every step")
     assert "normal work rate" in str(result)
+    assert "force rms" in str(result)
+    assert result.to_dataframe()["force_rms"].iloc[0] == result.rates[0]["force_rms"].value
     assert result.to_dataframe()["sliding_work_rate"].iloc[0] == pytest.approx(works[1] / t_end, rel=1e-3)
 
 
@@ -193,7 +200,7 @@ def test_what_is_not_known_is_said(tmp_path):
     )  # fmt: skip
     exact = sb.reference(ball, 2.0)
     rates = sb.contact_rates(exact).rates[0]
-    assert np.isnan(rates["normal_work"].value)
+    assert np.isnan([rates["normal_work"].value, rates["force_rms"].value]).all()
     assert rates["impulse"].value * 2.0 == pytest.approx(exact.contacts[0].impulse)
     for wrong in ([[1.0]], [[1.0, 0.0], None]):
         with pytest.raises(sb.InputError, match="tangents"):

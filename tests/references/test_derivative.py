@@ -258,6 +258,27 @@ def test_beam_parameters_that_are_not_linear_in_its_matrices(table10):
         assert np.allclose(change.tip[:, p], difference, rtol=1e-6, atol=1e-6 * np.max(np.abs(difference)))
 
 
+@pytest.mark.parametrize("form", ["displacement", "velocity-curvature", "hermite"])
+def test_the_place_of_a_stop_beside_and_on_a_node(table10, form):
+    """Rows of linear elements have a kink on a node, and no derivative there; those of cubic ones have one slope."""
+
+    def tip(place: float) -> sb.Reference:
+        stops = dataclasses.replace(table10.stops, lower=-0.05, upper=0.05, stiffness=5e4, position=place)
+        system = sb.semidiscretise(dataclasses.replace(table10, stops=stops), 8, form)
+        return sb.reference(system, 0.1, t_eval=[0.0, 0.1])
+
+    for place in (0.501, 0.52, 0.5):
+        if place == 0.5 and form != "hermite":
+            with pytest.raises(sb.InputError, match="smooth"):
+                tip(place).derivative(["stops[0].position"])
+            continue
+        change = tip(place).derivative(["stops[0].position"])
+        difference = (tip(place + 1e-6).tip[-1] - tip(place - 1e-6).tip[-1]) / 2e-6
+        assert change.bounds[0] < 1e-6
+        assert change.tip[-1, 0] == pytest.approx(difference, rel=1e-6)
+        assert abs(difference) > 0.1  # the stop is hit
+
+
 def change_of_speed(problem: sb.BeamProblem, base: sb.Harmonic) -> object:
     """The initial velocity of a beam that starts with its base's."""
     if problem.initial_velocity is None:

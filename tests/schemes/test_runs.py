@@ -51,6 +51,7 @@ def test_a_run_may_leave_out_what_has_a_default():
         ("hhtt", "scheme must be a registered scheme, got 'hhtt': did you mean HHT?"),
         ("xyz", "known: BDF2, SDIRK, HHT"),
         ("", "scheme must read name(parameter=value, ...)@form, got ''"),
+        ("mine_1e-05.csv", "compared in Python, by sb.compare([t, tip], reference)"),
         ("HHT(alpha=-0.1", "scheme must read name(parameter=value, ...)@form"),
         ("HHT@displacement@displacement", "e.g. HHT(alpha=-0.1)@displacement"),
         ("HHT(alpha=small)", "scheme must give alpha a number, true or false, got 'HHT(alpha=small)'"),

@@ -176,6 +176,21 @@ def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
     assert advice.trusted_until <= advice.horizon
 
 
+def test_means_that_scatter_too_much_are_refused_before_any_run(table10):
+    """12 exact motions do not know the mean to 1e-3, and no scheme is run for it; as many as are said would."""
+    system = sb.semidiscretise(table10, 8)
+    shared = {"t_end": 1.0, "schemes": [sb.HHT(alpha=-0.1)], "members": 12, "most_steps": 2**11}
+    advice = sb.advise(system, {"impulse": 1e-3}, **shared)
+    assert advice.recommendation is None
+    assert not advice.candidates
+    needed = int(advice.unattainable["impulse"].split("about ")[1].split()[0])
+    # Two means over so many members, Student's factor replaced by the normal law's: within a rounding to one digit.
+    assert 1.96 * advice.scatter["impulse"] * (2.0 / needed) ** 0.5 == pytest.approx(1e-3, rel=0.3)
+    both = sb.advise(system, {"impulse": 1e-3, "impacts": 3.0}, **shared)
+    assert set(both.unattainable) == {"impulse"}
+    assert both.recommendation is not None
+
+
 def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, monkeypatch):
     """What was probed is read and not run again; the answer is that of a search in one go, line by line."""
     case, system = sb.paper_case(10), bouncing_chain()
@@ -306,7 +321,8 @@ def test_the_advised_run_has_the_wanted_work_rate():
     spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
     system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
     schemes, wanted = [sb.HHT(alpha=-0.1), sb.Trapezoidal()], 0.01
-    advice = sb.advise(system, {"normal_work": wanted}, t_end=30.0, schemes=schemes, contacts=("implicit",))
+    want = {"normal_work": wanted, "force_rms": wanted}
+    advice = sb.advise(system, want, t_end=30.0, schemes=schemes, contacts=("implicit",))
     run = advice.run()
     depth = max(np.roots([404.0, -80.0, 3.0])) - 0.1
     impacts = sb.reference(system, 30.0).impacts
@@ -314,6 +330,10 @@ def test_the_advised_run_has_the_wanted_work_rate():
     work = np.trapezoid(400.0 * np.maximum(0.0, run.tip - 0.1) * np.abs(run.tip_velocity), run.t)
     assert abs(work / (400.0 * depth**2 * impacts.count) - 1.0) <= wanted * 1.01
     assert advice.recommendation.errors["normal_work"] <= wanted
+    exact = sb.reference(system, 30.0)
+    t = np.linspace(0.0, 30.0, 300_001)
+    squares = [np.trapezoid(np.maximum(0.0, u - 0.1) ** 2, x) for u, x in ((run.tip, run.t), (exact.at(t)[0], t))]
+    assert abs((squares[0] / squares[1]) ** 0.5 - 1.0) <= wanted * 1.01
     rigid = replace(system, contacts=(sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5)),))
     with pytest.raises(sb.InputError, match="compliant stops"):
         sb.advise(rigid, {"normal_work": 0.1}, t_end=1.0)
@@ -326,14 +346,16 @@ def test_work_rates_past_the_horizon_are_means():
     Two means over 24 members differ by .12 sqrt(2/24) = .035 or so, whatever the rounding of a machine makes of them.
     """
     system = sb.semidiscretise(sb.paper_case(10).problem, 8)
-    want = {"normal_work": 0.2, "impacts": 0.2}
+    want = {"normal_work": 0.2, "force_rms": 0.2, "impacts": 0.2}
     advice = sb.advise(system, want, t_end=1.0, schemes=[sb.ExponentialFlow(), sb.Trapezoidal()], members=24)
     assert advice.members == 24
     run = advice.recommendation
     members = sb.perturbed_members(system, 24, 1e-3, t_end=1.0)
-    rates = [
-        np.mean([sb.contact_rates(solve(x)).rates[0]["normal_work"].value for x in members])
+    runs, exact = (
+        [sb.contact_rates(solve(x)).rates[0] for x in members]
         for solve in (lambda x: sb.integrate(x, run.scheme, run.dt, 1.0), lambda x: sb.reference(x, 1.0))
-    ]
-    assert abs(rates[0] / rates[1] - 1.0) <= want["normal_work"]
-    assert 0.0 < advice.scatter["normal_work"] < 1.0
+    )
+    for name in ("normal_work", "force_rms"):
+        one, other = (np.mean([rates[name].value for rates in ensemble]) for ensemble in (runs, exact))
+        assert abs(one / other - 1.0) <= want[name]
+        assert 0.0 < advice.scatter[name] < 1.0

@@ -52,12 +52,22 @@ def test_its_answer_names_the_flip(records):
     assert len(portraits.get_lines()) == 3
 
 
+BOTH = ("stable", "unstable")
+
+
 def test_bifurcations_at_one_value_are_one_line(records):
     """As on the mirrored branches of a symmetric system."""
     twice = [*records.rows, *(row | {"branch": 9} for row in records.rows if row["kind"] == "bifurcation")]
     answer = records.study.answer(twice, records.case)
     assert answer.verdict.endswith("flip at 2.59107: stable below, unstable above, on 2 branches.")
     assert len(answer.table) == len(records.answer.table)
+
+
+def test_a_fold_that_two_branches_pass_in_opposite_directions_is_one_line(records):
+    row = next(row for row in records.rows if row["kind"] == "bifurcation")
+    folds = [row | {"what": "fold", "below": a, "above": b} for a, b in (BOTH, BOTH[::-1])]
+    (line,) = records.study.answer([r for r in records.rows if r["kind"] != "bifurcation"] + folds, records.case).table
+    assert line["orbits"] == "stable and unstable orbits meet, on 2 branches"
 
 
 def test_couplings_and_paths_reach_the_branch():

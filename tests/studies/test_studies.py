@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 import stiffbeam as sb
 import stiffbeam.studies
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.chart import EXACT, look, short
+from stiffbeam.figures import chart
+from stiffbeam.figures.chart import EXACT, in_lines, look, short
 from stiffbeam.files.cases import paper_case, parse_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import STUDIES, Records, find_study, study
@@ -158,6 +159,23 @@ def test_a_beam_without_stops_is_studied_too(name):
 def test_a_study_of_contact_wants_stops(name):
     with pytest.raises(InputError, match="have stops"):
         study(name, parse_case(FREE, "free.toml"))
+
+
+def test_runs_of_other_programs_differ_in_colour(monkeypatch):
+    """Their labels alone would give the first and the last one colour."""
+    monkeypatch.setattr(chart, "_COLOUR_OF", {})
+    labels = ["mine:midpoint", "mine:sundae", "mine:dfx"]
+    colours = [look(label)["color"] for label in labels]
+    assert len(set(colours)) == 3
+    assert colours == [look(label)["color"] for label in labels]
+
+
+def test_a_line_of_a_title_does_not_begin_with_a_sign():
+    title = "Schemes lose 47 % (BDF2) of the energy to t = 3, the exact flow none"
+    for width in range(14, 60):
+        lines = in_lines(title, width).splitlines()
+        assert " ".join(lines) == title
+        assert not any(line.startswith(("%", "=")) or line.endswith("=") for line in lines)
 
 
 def test_a_scheme_looks_the_same_everywhere_and_unlike_the_others():

@@ -131,6 +131,13 @@ def test_an_error_that_stays_is_found_however_small_beside_those_of_coarse_steps
     assert says in str(card)
 
 
+def test_an_error_that_is_the_same_at_every_step_is_said_to_be():
+    """As of an adaptive solver whose tolerance does not depend on the step."""
+    card = sb.score(lambda system, dt, t_end: sb.integrate(system, sb.Trapezoidal(), t_end / 2000, t_end), "hertz")
+    assert card.entries[0].outcome == NOT_FALLING
+    assert str(card).endswith("a fixed tolerance, or another system?")
+
+
 @pytest.mark.parametrize(
     ("kind", "outcome"),
     [("", CONVERGES), ("damping left out", NOT_FALLING),

@@ -333,7 +333,7 @@ def advise(
     want: Annotated[
         str | None,
         option(
-            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work; "
+            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; "
             "default: tip=1e-3,impacts=0.05,peak_force=0.05"
         ),
     ] = None,

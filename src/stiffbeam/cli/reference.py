@@ -184,7 +184,9 @@ def score(
             autocompletion=completion("integrators"),
         ),
     ] = None,
-    problem: Annotated[str | None, option("comma-separated names; all by default", "problems")] = None,
+    problem: Annotated[
+        str | None, option("comma-separated names; default: all, in minutes for a function in Python", "problems")
+    ] = None,
     trajectory: Annotated[
         list[Path] | None, option("score this file instead: columns t, u and, if known, v; repeat for other time steps")
     ] = None,

@@ -48,6 +48,7 @@ EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands 
 LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items() if scheme.look is not None}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
 _FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
+_COLOUR_OF: dict[str, int] = {}  # of the other names that this process has drawn
 
 
 def look(label: str) -> dict[str, Any]:
@@ -55,7 +56,7 @@ def look(label: str) -> dict[str, Any]:
 
     The exact motion is black. A scheme has its colour by name; other parameters than its default's change
     dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are
-    grey, a user's own scheme has a colour chosen by its label.
+    grey. A user's scheme has a colour chosen by its label, or the next one that no other label has in this process.
     """
     if label in EXACT:
         return {"color": "black", "linestyle": "-", "marker": "*"}
@@ -78,11 +79,14 @@ def look(label: str) -> dict[str, Any]:
 
 
 def look_of_name(name: str) -> tuple[int, int, int]:
-    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else chosen by the name's checksum."""
+    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else by the name's checksum and _COLOUR_OF."""
     if name in LOOKS:
         return LOOKS[name]
     rest, colour = divmod(crc32(name.encode()), len(COLOURS))
-    return colour, *_FREE[rest % len(_FREE)]
+    if name not in _COLOUR_OF:
+        free = [c for c in range(len(COLOURS)) if c not in _COLOUR_OF.values()]
+        _COLOUR_OF[name] = min(free or [colour], key=lambda c: (c - colour) % len(COLOURS))
+    return _COLOUR_OF[name], *_FREE[rest % len(_FREE)]
 
 
 def dashed(i: int) -> Any:
@@ -241,6 +245,12 @@ def heading(case: Case, text: str) -> str:
     note = case.units.note
     name = case.name.replace("$", r"\$")  # no formula of matplotlib's
     return f"{name}{f' ({note})' if note else ''}: {text}"
+
+
+def in_lines(title: str, width: int) -> str:
+    """A title in lines of at most ``width`` letters, none of which begins with the % of a number or an equals sign."""
+    held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
+    return textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " ")
 
 
 def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
@@ -491,7 +501,7 @@ def render(picture: Picture, title: str, units: Units, words: Callable[[str], st
     """Draw a picture. words: a function that every text passes through."""
     figure = new_figure(picture.height)
     width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
-    figure.suptitle("\n".join(textwrap.wrap(title, width, break_on_hyphens=False)), fontsize=11)
+    figure.suptitle(in_lines(title, width), fontsize=11)
     # So many columns that each line of panels divides them evenly.
     columns = lcm(*map(len, picture.lines))
     grid = figure.add_gridspec(len(picture.lines), columns, height_ratios=picture.heights, width_ratios=picture.widths)

@@ -7,7 +7,6 @@ force, T the period of the drive and a its angular frequency; k^2, kappa, d and 
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +22,7 @@ from ..march.integrate import integrate
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..references import best_reference
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import heading, log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
+from .chart import heading, in_lines, log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
 from .runs import (
     TICKS,
     draw_stops,
@@ -118,10 +117,10 @@ def paper_figure(
     lines = (len(plan) + 1) // 2
     width = 10.5 if len(plan) > 1 else 5.6
     methods = dict.fromkeys(short(x.provenance["method"]) for x in solutions)
-    title = f"{' beside '.join(methods)}, t = {system.units.measure(f'{start:g} to {end:g}', 'time')}"
+    title = f"{', '.join(methods)}, t = {system.units.measure(f'{start:g} to {end:g}', 'time')}"
     note = f" ({system.units.note})" if system.units.note else ""
     title = f"{title}{note}" if case is None else heading(case, title)
-    figure = new_figure(3.7 * lines + 0.6, textwrap.fill(title, round(9 * width)), width)
+    figure = new_figure(3.7 * lines + 0.6, in_lines(title, round(9 * width)), width)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
     # An odd number of panels leaves one place empty.
     for axis in axes[len(plan) :]:

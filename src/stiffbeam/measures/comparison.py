@@ -247,8 +247,9 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     ----------
     run : Trajectory or sequence of arrays
         A scheme's run with every step on output, another reference, one made by ``Trajectory.from_arrays``, or arrays
-        (t, tip) or (t, tip, tip velocity), (k,) each. Times need not be equidistant: means are means over time.
-        Quantities that arrays do not hold are NaN, and ``missing`` gives the reason.
+        (t, tip) or (t, tip, tip velocity), (k,) each, or (t, q, v), q and v (k, n) of all unknowns. Times need not be
+        equidistant: means are means over time. Quantities that arrays do not hold are NaN, and ``missing`` gives the
+        reason.
     reference : Reference
         With a horizon. Every measure is taken to the smaller of the horizon and the end of the run.
 
@@ -302,7 +303,7 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     energy = run.energy if run.has_energy else None
     # Whatever the run lacks is NaN in the result, with its reason here.
     missing = [
-        f"{c.place or 'contact'}: its position is not the tip's, and the run came without states"
+        f"{c.place or 'contact'}: its position is not the tip's, and the run came without states: pass [t, q, v]"
         for c, record in zip(contacts, run.contacts, strict=True)
         if record.impacts.kind == "unknown"
     ]

@@ -19,16 +19,18 @@ from ..trajectory.trajectory import Reference, Trajectory
 
 
 def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
-    """``run``, or its arrays (t, tip) or (t, tip, tip velocity) as a run of the reference's system.
+    """``run``, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v) as a run of the reference's system.
 
     Raises InputError where they are something else or of two systems, with what differs, and where the reference has
     no horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
-        run = Trajectory.from_arrays(*run, system=reference.system)
+        states = (run[1], run[2]) if len(run) == 3 and np.ndim(run[1]) == 2 else None
+        tips = run[1:] if states is None else ()
+        run = Trajectory.from_arrays(run[0], *tips, system=reference.system, states=states)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
-        rule = "be given a run, or its arrays (t, tip) or (t, tip, tip velocity), and a reference, in this order"
+        rule = "be given a run, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v), and then a reference"
         several = isinstance(run, (tuple, list)) and any(isinstance(each, Trajectory) for each in run)
         remedy = "reference() makes one"
         if isinstance(run, (str, Path)):

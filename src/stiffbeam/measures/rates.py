@@ -2,6 +2,7 @@
 
     normal work rate     1/(T - s) int_s^T |F| |v| dt      v = velocity of the contact point against its stops
     sliding work rate    1/(T - s) int_s^T |F| |w| dt      w = tangent . q', the sliding velocity
+    force rms            (1/(T - s) int_s^T F^2 dt)^(1/2)
 
 Archard's law gives the worn volume as a wear coefficient times the sliding work. Limitation: there is no friction. The
 sliding velocity is that of the motion without a tangential force, and F is the normal force.
@@ -44,8 +45,11 @@ ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other h
 CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the work where panels are halved, and where the refinement ends
 GRADED = 8.0 ** -np.arange(1, 5)  # panels begin there in a contact, for forces that die out fast after its beginning
 SAMPLES, BISECTIONS = np.linspace(0.0, 1.0, 65), 30  # of the search for v = 0 in a contact
-RATES = {"impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power"}
-NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction"}  # of the columns
+RATES = {
+    "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
+    "force_rms": "force",
+}  # fmt: skip
+NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction", "force_rms": "force_rms"}
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
 Nodes = tuple[Array, Array, Array, Array, Array]
 
@@ -102,7 +106,7 @@ class ContactRates:
     since, t_end : float
     rates : sequence of dict
         For each contact the Mean of ``impact`` (impacts per time), ``impulse`` (integral of |sigma| per time),
-        ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time).
+        ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
     impact_work : sequence of array (2, impacts)
         For each contact normal and sliding work of every impact, in the order of ``Impacts.to_dataframe``.
     sources : sequence of str
@@ -181,9 +185,9 @@ class ContactRates:
 def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
-    """Rates of impacts, impulse, normal work and sliding work, and the fraction of the time in contact, at every
-    contact, each with its 95 % interval. Limitation: the interval of a run of less than 40 periods of its slowest
-    motion is too narrow, see ``stationary_mean``.
+    """Rates of impacts, impulse, normal work and sliding work, the fraction of the time in contact and the rms of the
+    force, at every contact, each with its 95 % interval. Limitation: the interval of a run of less than 40 periods of
+    its slowest motion is too narrow, see ``stationary_mean``.
 
     Parameters
     ----------
@@ -200,7 +204,7 @@ def contact_rates(
     Returns
     -------
     ContactRates
-        Works at rigid stops, whose forces are impulses, are NaN.
+        Works and force rms at rigid stops, whose forces are impulses, are NaN.
 
     Raises
     ------
@@ -239,7 +243,7 @@ def contact_rates(
     rates, works, reactions = [], [], _reactions(run) if run.contacts else None
     for i, (contact, (window, impact)) in enumerate(zip(run.contacts, (x.totals for x in sums), strict=True)):
         if contact.stops.rigid:
-            # Rigid stops have impulses, no forces: works are NaN.
+            # Rigid stops have impulses, no forces: works and force rms are NaN.
             window[2:], impact[:] = np.nan, np.nan
             sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
@@ -248,30 +252,32 @@ def contact_rates(
         series = dict(zip(RATES, (counts, *window), strict=True))
         means = {name: _rate(x / width) for name, x in series.items()}
         share = means["contact"]  # of the time: at most all of it
-        rates.append(means | {"contact": replace(share, high=float(np.minimum(1.0, share.high)))})
+        means |= {"contact": replace(share, high=float(np.minimum(1.0, share.high)))}
+        rates.append(means | {"force_rms": _root(means["force_rms"])})
         works.append(impact)
     return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
 
 
 class _Sums:
-    """Integrals at one contact: impulse, time in contact, normal and sliding work over every part of the run between
-    the edges, and both works over every impact."""
+    """Integrals at one contact: impulse, time in contact, normal and sliding work and F^2 over every part of the run
+    between the edges, and both works over every impact."""
 
     def __init__(self, edges: Array, impacts: Array) -> None:
         self.edges, self.impacts = edges, impacts
-        self.totals = np.zeros((4, len(edges) - 1)), np.zeros((2, len(impacts)))
+        self.totals = np.zeros((5, len(edges) - 1)), np.zeros((2, len(impacts)))
 
     def add(self, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> None:
         """Add the nodes of a quadrature in time."""
         size, parts = weights * np.abs(force), len(self.edges) - 1
-        columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding))
+        works = size * np.abs(v), size * np.abs(sliding)
+        columns = (size, np.where(force != 0.0, weights, 0.0), *works, size * np.abs(force))
         # Entry 0 of the sums, nodes before the first edge, is cut off.
         place = np.clip(np.searchsorted(self.edges, t, "right") - 1, -1, parts - 1)
         for total, column in zip(self.totals[0], columns, strict=True):
             total += np.bincount(place + 1, column, parts + 1)[1:]
         # Here entry 0 are the nodes before the first contact.
         row = np.searchsorted(self.impacts, t, "right")
-        for total, column in zip(self.totals[1], columns[2:], strict=True):
+        for total, column in zip(self.totals[1], works, strict=True):
             total += np.bincount(row, column, len(self.impacts) + 1)[1:]
 
 
@@ -288,6 +294,13 @@ def _rate(series: Array) -> Mean:
         return Mean(*5 * (float("nan"),))
     mean = stationary_mean(series)
     return replace(mean, low=max(0.0, mean.low))
+
+
+def _root(mean: Mean) -> Mean:
+    """Square root of a mean, with the roots of its ends; the deviation to first order."""
+    value = mean.value**0.5
+    deviation = 0.5 * mean.deviation / value if value else 0.0
+    return Mean(value, mean.low**0.5, mean.high**0.5, mean.effective, deviation)
 
 
 def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> list[Array | None]:

@@ -246,7 +246,7 @@ def perturbed_members(
     seed : int
         Members k are the first k of any larger ensemble.
     scale : float, optional
-        V; needed where time functions are callables and the start is at rest at zero.
+        V; needed where time functions are callables, the start is at rest at zero and ``t_end`` is not passed.
     t_end : float
         Length of the runs. A motion that is slower counts as none.
 
@@ -277,7 +277,7 @@ def perturbed_members(
     basis, motion = undamped_modes(system), scales(system, t_end, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
-        raise InputError("scale", motion.speed, rule, "give the scale, a modal velocity")
+        raise InputError("scale", motion.speed, rule, "give t_end, or the scale, a modal velocity")
     # A stream for each member, so that more members leave the first ones as they are.
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)

@@ -25,9 +25,10 @@ from .time_functions import Constant, Harmonic, LoadFunction, parts, require_clo
 
 EXACT = 1e-13  # of the largest entry per width: two differences of a quadratic agree to that
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16))  # of the parameter: the largest at which the system exists
-NARROW = 2.0**-6  # of the parameter, for data that are no quadratic
+NARROW = tuple(2.0**-k for k in (6, 9, 12, 16, 20, 24))  # of the parameter, for data that are no quadratic
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
 ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
+ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0])  # of the values less that at the middle
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
 OF_STOPS = re.compile(r"(?:contacts\[(\d+)\]\.stops|stops(?:\[(\d+)\])?)\.(lower|upper|stiffness|damping|restitution)")
 DATA_OF_STOPS = {"stiffness": "kappa", "damping": "c"}  # names in SystemData, where they differ
@@ -237,16 +238,21 @@ def slope_of(
     else:
         # No width fits on both sides: the value is at the end of the range.
         return _one_sided(base, at, centre, scale, name, problem)
-    # Four steps, the last as far as the width at which the system exists.
-    steps = np.arange(1, 5) * min(NARROW, width / 4.0) * scale
-    pairs = np.array([(at(h) - at(-h)) / steps[0] for h in steps])
-    best, other = ORDER_8 @ pairs, ORDER_6 @ pairs
-    size = np.max(np.abs(best), initial=1e-300)
-    bound = float(np.max(np.abs(best - other)) / size)
-    if bound > SMOOTH:
-        rule = f"be a parameter in which the system's data are smooth (two differences disagree by {bound:.1g})"
-        raise InputError("wrt", name, rule, "take another parameter")
-    return base.of_vector(best), bound
+    # Data that are smooth only close to the value, as within an element, need narrower steps.
+    bound = bend = np.inf
+    for narrow in NARROW:
+        # Four steps to each side, the last as far as the width at which the system exists.
+        steps = np.arange(1, 5) * min(narrow, width / 4.0) * scale
+        ahead, behind = (np.array([at(way * h) - centre for h in steps]) / steps[0] for way in (1.0, -1.0))
+        best, other, kink = ORDER_8 @ (ahead - behind), ORDER_6 @ (ahead - behind), ONE_SIDED @ (ahead + behind)
+        size = np.max(np.abs(best), initial=1e-300)
+        bound = float(np.max(np.abs(best - other)) / size)
+        # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
+        bend = float(np.max(np.abs(kink)) / size)
+        if max(bound, bend) <= SMOOTH:
+            return base.of_vector(best), bound
+    rule = f"be a parameter in which the system's data are smooth (two differences disagree by {max(bound, bend):.1g})"
+    raise InputError("wrt", name, rule, "take a value beside it, or another parameter")
 
 
 def slope_of_period(period: Callable[[float], float], value: float) -> float:

@@ -59,7 +59,10 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     )
     match = re.fullmatch(pattern, text)
     if not match:
-        raise InputError("scheme", text, "read name(parameter=value, ...)@form", "e.g. HHT(alpha=-0.1)@displacement")
+        remedy = "e.g. HHT(alpha=-0.1)@displacement"
+        if re.search(r"\.(csv|txt|nc|mat|json)$", text):
+            remedy = "the columns of a file are compared in Python, by sb.compare([t, tip], reference)"
+        raise InputError("scheme", text, "read name(parameter=value, ...)@form", remedy)
     parameters: dict[str, Any] = {}
     # Arguments by name only, as a label is written.
     for item in filter(None, (match["args"] or "").split(",")):

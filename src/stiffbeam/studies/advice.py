@@ -4,7 +4,7 @@
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
-    error(normal_work) likewise, of the rate of int |sigma| |v| dt, measured only if it is wanted
+    error(normal_work) likewise, of the rate of int |sigma| |v| dt; like force_rms measured only if it is wanted
 
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
@@ -25,7 +25,7 @@ alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
@@ -61,7 +61,7 @@ from .budget import Budget
 from .common import label_of
 from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
-from .ensemble import difference
+from .ensemble import difference, too_uncertain
 
 if TYPE_CHECKING:
     import pandas
@@ -70,13 +70,12 @@ if TYPE_CHECKING:
 
     from .runner import Journal
 
-
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
-WORK = "normal_work"  # a run that is asked for it is integrated twice, for the force at every step
-QUANTITIES = ("tip", *(name for name, _ in COLUMNS), WORK)
+RATES = ("normal_work", "force_rms")  # a run that is asked for them is integrated twice, for the force at every step
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS), *RATES)
 
 
 @dataclass(frozen=True)
@@ -166,9 +165,7 @@ def _probe(
     """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
     dt, work = t_end / steps, steps * len(scheme.nodes)
     point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
-    point["members"] = criterion.members
-    if criterion.work is not None:
-        point["work"] = True
+    point |= {"members": criterion.members} | ({} if criterion.rates is None else {"rates": True})
     if journal is not None:
         point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
         if rows := journal.rows(point):
@@ -378,8 +375,8 @@ def advise(
     system : System or Case
         As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
     want : mapping of str to float, optional
-        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work. By default 1e-3,
-        0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
+        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work, force_rms. By
+        default 1e-3, 0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
@@ -441,10 +438,11 @@ def advise(
     exact = best_reference(system, positive("t_end", t_end), progress=progress)
     # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
-    work = WORK in wanted
-    criterion = Statistics(system, t_end, members, work, show) if past else Motion(exact, work)
+    rates = any(name in wanted for name in RATES)
+    criterion = Statistics(system, t_end, members, rates, show) if past else Motion(exact, rates)
     until = system.units.measure(exact.horizon, "time", ".4g")
     cannot = {"tip": PAST.format(until)} if past and "tip" in wanted else {}
+    cannot |= too_uncertain(criterion.scatter, members, wanted)
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
@@ -498,7 +496,7 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name in ("peak_force", WORK) and rigid:
+        if name in ("peak_force", *RATES) and rigid:
             raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
@@ -507,7 +505,7 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
     chosen = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"] if schemes is None else list(schemes)
     if not chosen or not contacts:
         remedy = "leave out what is empty, to try all"
-        raise InputError("schemes", chosen or contacts, "be at least one, with one way to treat contact", remedy)
+        raise InputError("schemes", chosen and contacts, "be at least one, with one way to treat contact", remedy)
     for scheme in chosen:
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
@@ -520,9 +518,9 @@ class Motion:
     members = 0
     scatter: Mapping[str, float] = {}
 
-    def __init__(self, exact: Reference, work: bool) -> None:
+    def __init__(self, exact: Reference, rates: bool) -> None:
         self.exact = exact
-        self.work = _work_rates(exact) if work else None
+        self.rates = _rates([exact]) if rates else None
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -534,15 +532,16 @@ class Motion:
         errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
         for name in ("peak_force", "impulse"):
             errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        if self.work is not None:
-            errors[WORK] = max(map(_relative, _work_rates(run), self.work), default=0.0)
+        if self.rates is not None:
+            rates = zip(RATES, _rates([run])[..., 0], self.rates[..., 0], strict=True)
+            errors |= {name: max(map(_relative, of_run, exact)) for name, of_run, exact in rates}
         return errors, run.work.march_seconds
 
 
 class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
-    def __init__(self, system: System, t_end: float, members: int, work: bool, show: Show) -> None:
+    def __init__(self, system: System, t_end: float, members: int, rates: bool, show: Show) -> None:
         self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
         what = f"advise: {members} exact motions"
@@ -551,10 +550,9 @@ class Statistics:
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS
         }
-        # By contact and member.
-        self.work = np.transpose([_work_rates(best_reference(x, t_end)) for x in self.systems]) if work else None
-        if self.work is not None:
-            self.scatter[WORK] = max(map(_deviation, self.work), default=0.0)
+        self.rates = _rates(best_reference(x, t_end) for x in self.systems) if rates else None
+        if self.rates is not None:
+            self.scatter |= {x: max(map(_deviation, y)) for x, y in zip(RATES, self.rates, strict=True)}
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -568,17 +566,19 @@ class Statistics:
         for name, column in COLUMNS:
             pairs = zip(many.contacts, self.exact.contacts, strict=True)
             errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
-        if self.work is not None:
-            rates = np.transpose([_work_rates(integrate(x, scheme, dt, t_end, contact)) for x in self.systems])
+        if self.rates is not None:
+            runs = _rates(integrate(x, scheme, dt, t_end, contact) for x in self.systems)
             with np.errstate(all="ignore"):  # a run may have grown to 1e200
-                errors[WORK] = float(np.nan_to_num(max(map(_mean_error, rates, self.work)), nan=np.inf))
+                worst = [max(map(_mean_error, *pair)) for pair in zip(runs, self.rates, strict=True)]
+            errors |= dict(zip(RATES, np.nan_to_num(worst, nan=np.inf).tolist(), strict=True))
         return errors, many.work.march_seconds / len(self.systems)
 
 
-def _work_rates(run: Trajectory) -> list[float]:
-    """Normal work rate at every contact, infinite where the run has grown beyond numbers."""
+def _rates(runs: Iterable[Trajectory]) -> Array:
+    """Each of RATES by contact and run, (2, m, k), infinite where the run has grown beyond numbers."""
     with np.errstate(all="ignore"):
-        return [float(np.nan_to_num(each[WORK].value, nan=np.inf)) for each in contact_rates(run).rates]
+        rates = [[[each[name].value for name in RATES] for each in contact_rates(run).rates] for run in runs]
+        return np.transpose(np.nan_to_num(rates, nan=np.inf))
 
 
 def _relative(value: float, exact: float) -> float:

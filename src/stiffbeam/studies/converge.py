@@ -172,7 +172,7 @@ def _shown(order: Order | None) -> str:
 
 
 REASONS = {"impacts differ": "o", "error above 10 %": "^", "motion not resolved": "s", "rounding": "v",
-           "past the horizon": "D", "its octave has one of these": "p"}  # fmt: skip
+           "past the horizon": "D", "beside one of these, in its octave": "p"}  # fmt: skip
 
 
 def picture(records: Records) -> Picture:
@@ -197,7 +197,7 @@ def picture(records: Records) -> Picture:
 def reason_of(row: Row, rows: Rows) -> str:
     """Reason why a point does not enter the slope of its scheme; "" if it does."""
     octave = [r for r in rows if (r["scheme"], r["octave"]) == (row["scheme"], row["octave"])]
-    return row["left_out"] or ("its octave has one of these" if any(r["left_out"] for r in octave) else "")
+    return row["left_out"] or ("beside one of these, in its octave" if any(r["left_out"] for r in octave) else "")
 
 
 def _points(group: Rows, order: Order) -> list[Curve]:

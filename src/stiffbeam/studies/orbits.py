@@ -290,7 +290,7 @@ def _said(row: Row) -> str:
     """The orbits on both sides of a bifurcation, in words."""
     below, above, branches = row["below"], row["above"], row.get("branches", "")
     if row["what"] == "fold":
-        both = "two unstable" if below == above == "unstable" else f"{below} and {above}"
+        both = "two unstable" if below == above == "unstable" else " and ".join(sorted((below, above)))
         return f"{both} orbits meet{branches}"
     return (f"{below} on both sides" if below == above else f"{below} below, {above} above") + branches
 

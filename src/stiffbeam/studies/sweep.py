@@ -347,7 +347,7 @@ def sizes(rows: Rows) -> dict[float, float]:
     every: dict[float, float] = {}
     for row in rows:
         if row["kind"] == "section":
-            size = row.get("size", abs(row["tip"]))  # journals of former versions
+            size = row["size"] if "size" in row else abs(row["tip"])  # journals of former versions
             every[row[row["parameter"]]] = max(size, every.get(row[row["parameter"]], 0.0))
     least = REST * max(every.values(), default=0.0)
     return {value: max(size, least) for value, size in every.items()}

@@ -349,7 +349,8 @@ def _words(e: Entry) -> str:
         few = "" if len(e.runs) > 3 else f"; {len(e.runs)} time steps may mislead: score more of them"
         return f"{where}: the tip converges, but not {', '.join(e.missed)}{few}"
     first, last = (shown_error(run.errors.tip_rms) for run in (e.runs[0], e.runs[-1]))
-    return f"{where}: the error does not fall, {first} to {last}"
+    hint = "; a fixed tolerance, or another system?" if first == last and not e.adaptive else ""
+    return f"{where}: the error does not fall, {first} to {last}{hint}"
 
 
 def _remark(e: Entry) -> str:

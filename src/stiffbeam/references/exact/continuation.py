@@ -375,7 +375,7 @@ class _Follower:
             factor = LONGER if count <= FAST else SHORTER if count >= SLOW else 1.0
             step = min(step * factor, LONGEST * self.first_step)
             if len(points) >= self.most:
-                end = f"at {point.value:.10g} after {self.most} orbits: start again from there"
+                end = f"at {point.value:.10g} after {self.most} orbits: start again from there, or allow more"
         if len(points) < 2:
             raise SolverFailure("continuation", start.value, end.partition(" ")[2], "take closer values")
         values, states, multipliers, events = (np.array(x) for x in zip(*points, strict=True))

@@ -319,8 +319,8 @@ def _isolated(mapping: PeriodMap, z: Array, closure: float, residual: float) -> 
     multipliers = np.linalg.eigvals(monodromy(tangent))
     # At a fold the defect is quadratic in the distance from the orbit, and the multiplier linear.
     if np.min(np.abs(multipliers - 1.0)) < max(ALONE, residual**0.5):
-        reason = "a multiplier is 1 but for rounding: a fold, a motion of its own, or a drive in resonance"
-        raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or change a parameter")
+        reason = "a multiplier is 1 but for rounding: a fold, a free (rigid-body) motion, or a drive in resonance"
+        raise SolverFailure("periodic_orbit", mapping.period, reason, "hold what is free, damp or change the system")
 
 
 def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, residual: float) -> Orbit:
