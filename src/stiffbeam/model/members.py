@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from numbers import Real
@@ -390,7 +391,18 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         except LookupError as error:
             known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
+    if len(values) > 1:
+        require_kept(system, values)
     return system
+
+
+def require_kept(system: System, values: Mapping[str, float]) -> None:
+    """Raise InputError where a later of several paths has changed the number of an earlier one: "contacts[0].stops" and
+    "stops[0]" are the same."""
+    for path, value in values.items():
+        with suppress(LookupError):  # a short name, or of several contacts one with another number
+            if path.rpartition(".")[2] != SCALE and value_at(system, path) != value:
+                raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
 
 
 IN_FILES = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names that case files use too
