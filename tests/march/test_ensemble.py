@@ -209,6 +209,21 @@ def test_a_system_at_rest_at_zero_is_perturbed_in_proportion_to_its_load():
     assert sb.perturbed_members(system(lambda t: np.sin(3.0 * t)), 1, scale=1.0)[0].v0[0] != 0.0
 
 
+def test_a_function_in_python_has_the_scale_of_its_samples():
+    """A load beside a constant one, and the motion of a stop: the members are those of the samples."""
+    t = np.linspace(0.0, 7.0, 4001)  # as many as ``scales`` takes
+    for f in (lambda t: np.sin(3.0 * t), lambda t: np.where(t < 2.0, 5.0 * t, 0.0)):
+        pair = [f, sb.Sampled(t, f(t))]
+        for arguments in (
+            lambda g: {"loads": [([1.0], sb.Constant(2.0)), ([1.0], g)], "observe": [1.0]},
+            lambda g: {"contacts": [sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=9.0), offset=g)]},
+        ):
+            systems = [sb.System.from_matrices([[1.0]], [[4.0]], **arguments(g)) for g in pair]
+            one, other = (sb.perturbed_members(system, 2, t_end=7.0) for system in systems)
+            assert np.array_equal(one[1].v0, other[1].v0)
+            assert one[1].v0[0] != 0.0
+
+
 def test_a_member_that_overflows_leaves_the_others_alone():
     case = sb.paper_case(11)
     system = sb.semidiscretise(case.problem, case.cells)

@@ -115,6 +115,18 @@ def test_windows_and_matching_hold_for_all_contacts():
     assert matched_until(run, exact, 6.0) == min(apart)
 
 
+@pytest.mark.parametrize("impacts", [1, 2, 3, 4])
+def test_a_window_ends_between_impacts_of_several_contacts_at_one_time(impacts):
+    """Three equal stops at one unknown are hit together: an end at their impact would be decided by rounding."""
+    load, stop = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.0)), sb.Stops(upper=0.2, stiffness=50.0)
+    contacts = [sb.Contact([1.0], stop)] * 3
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.05]], loads=[load], contacts=contacts)
+    exact = sb.reference(system, 30.0)
+    distinct = exact.contacts[0].impacts.times
+    last = -(-impacts // 3)
+    assert first_impacts_end(exact, impacts) == pytest.approx(0.5 * (distinct[last - 1] + distinct[last]), rel=1e-9)
+
+
 def test_the_four_panels_zoom_on_every_contact():
     system = two_contacts()
     exact, run = sb.reference(system, 6.0), sb.integrate(system, sb.HHT(), 1e-3, 6.0)

@@ -243,3 +243,23 @@ def test_a_path_is_on_an_axis_with_its_unit():
     assert named(case, "stops.exponent") == "stops.exponent"
     hertz = case_of(sb.semidiscretise(replace(beam, units=units, stops=replace(stops, exponent=1.5)), 6), 1e-3, 1.0)
     assert named(hertz, "stops.stiffness") == "stops.stiffness"
+
+
+def test_two_paths_to_one_number_are_refused():
+    """The later one won, and the results had the values of both."""
+    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.2, stiffness=50.0))
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    for one, other in (
+        ("stops[0].upper", "contacts[0].stops.upper"), ("stops.upper", "stops[0].upper"),
+        ("initial_displacement[0]", "q0[0]"),
+    ):  # fmt: skip
+        with pytest.raises(sb.InputError, match="be the only one to set its number"):
+            sb.varied_members(system, {one: [0.1], other: [0.3]})
+        assert len(sb.varied_members(system, {one: [0.1], other: [0.1]})) == 1
+    grid = {"parameter": "stops[0].upper", "values": [0.1, 0.2], "second_values": [0.3, 0.4]}
+    for second in ("contacts[0].stops.upper", "clearance"):
+        with pytest.raises(sb.InputError, match="be the only one to set its number"):
+            sb.study("sweep", system, dt=1e-2, t_end=1.0, second=second, **grid)
+    kept = sb.varied_members(system, {"damping.scale": [2.0], "damping[0][0]": [1.0], "stops[0].upper": [0.4]})
+    assert kept[0].damping[0, 0] == 1.0

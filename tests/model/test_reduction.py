@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -142,6 +143,19 @@ def test_what_cannot_be_reduced_is_refused():
         sb.reduce_model(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=1)
     with pytest.raises(sb.InputError, match="rank of the mass matrix, 2"):
         sb.reduce_model(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), observe=np.eye(4)[0], modes=2)
+
+
+def test_a_support_too_soft_for_its_deflections_is_refused_as_none():
+    """Of springs of 1e-13 beside 1 every static deflection is the rigid motion, and the rest of it rounding, which
+    may or may not be independent: no LinAlgError then."""
+    n = 30
+    chain = np.diag(np.r_[1.0, np.full(n - 2, 2.0), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
+    load, stop = np.eye(n)[-1], sb.Stops(upper=0.1, stiffness=10.0)
+    for spring in (0.0, 1e-14, 1e-13):
+        allowed = suppress(sb.InputError) if spring else pytest.raises(sb.InputError, match="hold the system")
+        with allowed:
+            sb.reduce_model(np.eye(n), chain + spring * np.eye(n), loads=[(load, sb.Constant(1.0))],
+                            contacts=[sb.Contact(load, stop)], modes=5)  # fmt: skip
 
 
 def test_two_thousand_unknowns_of_which_every_second_has_no_mass():

@@ -117,6 +117,18 @@ def test_the_slow_motion_under_coupled_damping_is_the_lowest_complex_mode():
     assert rate == pytest.approx(slowest, rel=1e-6)
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.5 * np.pi, 1.0])
+@pytest.mark.parametrize("length", [1.0, 1e-3, 1e3])
+def test_the_lowest_mode_of_the_slow_motion_has_the_size_of_the_steady_one(length, phase):
+    """In any units, and whatever the phase of the drive: without damping the response to a sine begins at 0."""
+    load = ([0.0, 1.0], sb.Harmonic(amplitude=length, frequency=0.7, phase=phase))
+    stiffness = np.array([[2.0, -1.0], [-1.0, 2.0]])
+    slow = smooth_motion(sb.System.from_matrices(np.eye(2), stiffness, loads=[load], observe=[1.0, 0.0]))
+    steady = np.linalg.solve(stiffness - 0.49 * np.eye(2), [0.0, length])
+    lowest = slow.q0 - steady * np.sin(phase)
+    np.testing.assert_allclose(np.abs(lowest), np.max(np.abs(steady)), rtol=1e-12)
+
+
 def test_modes_that_damping_couples_are_late_as_the_trapezoidal_rule_makes_them():
     """Each complex eigenvalue is multiplied by (1 + lambda dt/2)/(1 - lambda dt/2) a step, to rounding."""
     system, _, _ = BENCHES["free oscillator with a dashpot, no stops"]()

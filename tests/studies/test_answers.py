@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffbeam.files.cases import paper_case
+import stiffbeam as sb
+from stiffbeam.files.cases import case_of, paper_case
 from stiffbeam.schemes import registered
-from stiffbeam.studies import converge, impacts, precision, study
-from stiffbeam.studies.chaos import exponents
+from stiffbeam.studies import converge, impacts, precision, rigid, study
+from stiffbeam.studies.chaos import exponents, stated
 from stiffbeam.studies.ensemble import difference
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
@@ -120,3 +121,39 @@ def test_intervals_of_few_members_hold_with_95_percent(count):
     assert np.mean([abs(x) <= width for x, width in off]) > 0.93
     assert 0.93 < np.mean([abs(x - 3.0) <= width for x, width in means]) < 0.97
     assert difference(np.ones(3), np.zeros(3)) == (1.0, 0.0)
+
+
+def test_the_limit_of_rigid_stops_begins_above_the_last_stiffness_with_other_impacts():
+    """Not at the first row: 4 has their number by chance, and factors may be in any order."""
+    counts = {64.0: 3, 256.0: 3, 4.0: 3, 1.0: 1, 16.0: 2}
+    rows = [{"kappa": kappa, "impacts": count, "rigid_impacts": 3} for kappa, count in counts.items()]
+    assert [row["kappa"] for row in rigid.same_impacts(rows)] == [64.0, 256.0]
+
+
+@pytest.mark.parametrize(("pairs", "told"), [(2, False), (5, False), (6, True)])
+def test_few_pairs_tell_no_exponent(pairs, told):
+    """All of n pairs on one side of their median: 2^(1 - n) by chance, 6 % of five."""
+    rows = [{"method": "exact", "exponent": 1.0 + 0.1 * k, "late": 2.0} for k in range(pairs)]
+    assert ("exact" in stated(rows)) == told
+
+
+@pytest.mark.parametrize(("t_end", "words"), [(0.1, "inside its horizon"), (0.8, "past its horizon")])
+def test_the_single_exact_motion_of_impacts_is_past_its_horizon_only_there(t_end, words):
+    options = {"schemes": ["HHT(alpha=-0.1)"], "halvings": 1, "members": 2, "sensitivity": False}
+    found = study("impacts", SMALL, t_end=t_end, **options)
+    ends = {row["horizon"] for row in found.rows if "horizon" in row}
+    assert (ends == {t_end}) == (words == "inside its horizon")
+    assert f"by float64 {words}, has" in found.answer.notes
+
+
+def test_the_amplitude_at_the_drive_is_that_of_each_members_drive():
+    """|1/(1 - w^2 + i w)| in the last periods of a damped mass, w uncertain: not at the frequency of the case."""
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.0))
+    far = sb.Contact(np.ones(1), sb.Stops(upper=9.0, stiffness=50.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[1.0]], loads=[load], contacts=[far])
+    case = replace(case_of(system, 1e-2, 400.0), uncertain={"loads[0].time.frequency": sb.Uncertain(tolerance=0.2)})
+    w = np.array([x.loads[0][1].frequency for x in sb.uncertain_members(system, case.uncertain, 3)])
+    rows = study("ensemble", case, members=3, schemes=["ExponentialFlow"]).rows
+    for method in ("exact", "ExponentialFlow"):
+        amplitudes = [row["drive_amplitude"] for row in rows if row["method"] == method and row["kind"] == "member"]
+        np.testing.assert_allclose(amplitudes, 1.0 / np.abs(1.0 - w**2 + 1j * w), rtol=0.03)

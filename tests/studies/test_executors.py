@@ -85,6 +85,26 @@ def test_a_pool_that_keeps_dying_is_given_up_and_says_how_to_go_on(tmp_path):
         run_study(replace(find_study("sweep"), evaluate=die), TABLE10, tmp_path, jobs=2, **MANY)
 
 
+SCRIPT = """
+import stiffbeam as sb
+sb.study("modes", "table10", schemes=["BDF2", "SDIRK"], jobs=2, dt=1e-3)
+"""
+
+
+def test_a_script_read_from_a_pipe_is_told_to_use_one_process():
+    """No process could read it again: before, they died one after the other, for want of memory it was said."""
+    done = subprocess.run([sys.executable, "-"], input=SCRIPT, capture_output=True, text=True, timeout=300)
+    assert "jobs must be 1 in a script read from <stdin>, got 2: save the script as a file" in done.stderr
+
+
+@pytest.mark.slow
+def test_a_script_whose_processes_call_it_again_is_told_how_to_write_it(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=300)
+    assert 'does a script call it under if __name__ == "__main__"?' in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the children in /proc")
 def test_a_sweep_whose_process_is_killed_loses_no_finished_point(tmp_path, serial):

@@ -375,6 +375,59 @@ def test_a_transient_that_is_too_short_is_said(transient, left):
     assert (f"Without contact {left} of a free vibration" in answer.notes) == bool(left)
 
 
+def test_what_a_transient_leaves_is_that_of_the_values_varied():
+    """Not of the case: e^(-decay T n) at the worst value, with the slower root of an overdamped motion."""
+    options = {"method": "exact", "periods": 3, "transient": 4, "dt": 1e-2, "t_end": 1.0}
+    period = 2.0 * np.pi / 2.6
+
+    def notes(damping: float, **varied) -> str:
+        return study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), damping), **options, **varied).answer.notes
+
+    def left(decay: float, length: float = period) -> str:
+        return f"Without contact {100 * np.exp(-4 * decay * length):.2g} % of a free vibration"
+
+    never = "Nothing damps this system"
+    assert left(0.05) in notes(0.5, parameter="damping.scale", values=[0.2, 1.0])
+    assert left(0.5 * (5.0 - np.sqrt(21.0))) in notes(5.0, parameter="stops[0].upper", values=[0.5])
+    faster = {"parameter": "stops[0].upper", "values": [2.6, 5.2], "couple": {"loads[0].time.frequency": "x"}}
+    assert left(0.05, 0.5 * period) in notes(0.1, **faster)
+    assert never not in notes(0.0, parameter="stops[0].damping", values=[0.1, 1.0])
+    assert never not in notes(0.0, parameter="damping[0][0]", values=[1.0, 2.0])
+    assert f"{never} at 1 of 2 values" in notes(0.0, parameter="stops[0].damping", values=[0.0, 1.0])
+    assert f"{never}, so" in notes(0.0, parameter="stops[0].upper", values=[0.5, 0.6])
+    assert f"{never} at 1 of 2 values" in notes(0.1, parameter="damping.scale", values=[0.0, 1.0])
+
+
+def test_the_period_of_a_motion_is_that_of_its_size():
+    """With its stop at 0 a mass moves in proportion to the load, so that its period is the same at all amplitudes."""
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.8))
+    contact = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=25.0))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    options = {"method": "exact", "periods": 12, "transient": 80, "dt": 1e-2, "t_end": 1.0}
+    answer = study("sweep", system, parameter="amplitude", values=[0.0, 1e-4, 1.0], **options).answer
+    assert "every period of the drive at 1 of 3 values, every 2 to 8 periods at 2" in answer
+
+
+def test_a_section_near_zero_is_compared_with_the_motion():
+    """What is left of the start, 4e-4 of the motion, is 2 % of a section that the drive passes near 0."""
+    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=0.37))
+    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.004]], loads=[load], observe=[1.0])
+    options = {"method": "exact", "periods": 12, "transient": 230, "dt": 1e-2, "t_end": 1.0}
+    records = study("sweep", system, values=[0.37], **options)
+    (section,) = sections(records.rows).values()
+    assert np.ptp(section) > 1e-3 * np.max(np.abs(section))
+    assert "every period of the drive at 1 of 1 values" in records.answer
+
+
+def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
+    """Not for a field of the ensemble beneath it, at every value anew."""
+    options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}
+    hertz = driven(sb.Stops(upper=0.5, stiffness=9.0, exponent=1.5), 0.5)
+    with pytest.raises(sb.InputError, match=r"a linear law, .* name a scheme as method, or transient=0"):
+        study("sweep", hertz, transient=2, **options)
+    assert study("sweep", hertz, transient=0, **options).answer.startswith("CVODE Adams over frequency")
+
+
 def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
     """It is 0 where nothing touches the stop, and not a number elsewhere."""
     stop = sb.Contact([1.0], sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8))

@@ -46,9 +46,10 @@ def begin(code: str, given: bytes = b"") -> bool:
 def wait() -> None:
     """Wait for the process beside this one. One that has failed left nothing on disk, and the first call compiles."""
     global _beside
-    if _beside is not None:
+    process = _beside  # another thread may wait for it too, and be first
+    if process is not None:
         with stopped_clock():
-            _beside.wait()
+            process.wait()
         _beside = None
 
 

@@ -262,14 +262,20 @@ def impact_times(run: Trajectory) -> Array:
     return np.sort(np.concatenate([np.zeros(0), *(contact.impacts.times for contact in run.contacts)]))
 
 
+ONE_TIME = 1e-9  # of the horizon: impacts that are closer are at one time
+
+
 def first_impacts_end(exact: Reference, impacts: int) -> float:
     """The end of a window that holds ``impacts`` impacts of ``exact`` and stays far from its horizon.
 
     It ends half-way to the next impact, so that whether a scheme counts the last one does not depend on
     rounding, or half-way from the last impact to the horizon if there are no more; without impacts at half the horizon.
+    Impacts at several contacts at one time belong together: the window holds all of them.
     """
     positive("impacts", impacts)
     times, horizon = impact_times(exact), min(exact.horizon, float(exact.provenance["t_end"]))
     if len(times) > impacts:
-        return min(0.5 * horizon, 0.5 * float(times[impacts - 1] + times[impacts]))
+        held = np.searchsorted(times, times[impacts - 1] + ONE_TIME * horizon, "right")
+        if held < len(times):
+            return min(0.5 * horizon, 0.5 * float(times[held - 1] + times[held]))
     return 0.5 * (float(times[-1]) + horizon) if len(times) and times[-1] < horizon else 0.5 * horizon

@@ -58,7 +58,8 @@ def smooth_motion(system: System) -> System:
     y, g = steady_state(system)
     # The steady motion at t = 0.
     q, v = g @ y, Drive.of(system).derivative() @ g @ y
-    size = float(np.max(np.abs(q))) or 1.0
+    # Its amplitude, whatever the phase of the drive: a sine starts at 0.
+    size = float(np.max(np.abs(y[0]) + np.sum(np.hypot(y[1::2], y[2::2]), axis=0))) or 1.0
     natural = modes(system)
     lowest = int(np.argmax((natural.omega > 0.0) & ~(natural.damping_ratio >= 1.0)))
     shape = size * natural.shapes[:, lowest] / np.max(np.abs(natural.shapes[:, lowest]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from numbers import Real
@@ -247,7 +248,7 @@ def perturbed_members(
     seed : int
         Members k are the first k of any larger ensemble.
     scale : float, optional
-        V; needed where time functions are callables and the start is at rest at zero.
+        V; needed where time functions are callables, the start is at rest at zero and ``t_end`` is not passed.
     t_end : float
         Length of the runs. A motion that is slower counts as none.
 
@@ -280,7 +281,7 @@ def perturbed_members(
     basis, motion = undamped_modes(system), scales(system, t_end, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
-        raise InputError("scale", motion.speed, rule, "give the scale, a modal velocity")
+        raise InputError("scale", motion.speed, rule, "give t_end, or the scale, a modal velocity")
     # A stream for each member, so that more members leave the first ones as they are.
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
@@ -396,7 +397,18 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         except LookupError as error:
             known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
+    if len(values) > 1:
+        require_kept(system, values)
     return system
+
+
+def require_kept(system: System, values: Mapping[str, float]) -> None:
+    """Raise InputError where a later of several paths has changed the number of an earlier one: "contacts[0].stops" and
+    "stops[0]" are the same."""
+    for path, value in values.items():
+        with suppress(LookupError):  # a short name, or of several contacts one with another number
+            if path.rpartition(".")[2] != SCALE and value_at(system, path) != value:
+                raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
 
 
 IN_FILES = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names that case files use too

@@ -172,8 +172,9 @@ def reduce_model(
         pivots = np.abs(factor.U.diagonal())
     except RuntimeError:  # exactly singular
         factor, pivots = None, np.zeros(1)
+    strainless = InputError("stiffness", "a motion without strain", "hold the system", "support it")
     if factor is None or np.min(pivots) < HELD * np.max(pivots):
-        raise InputError("stiffness", "a motion without strain", "hold the system", "support it")
+        raise strainless
     # Natural modes, and the static deflection of every force.
     squares, shapes = _lowest(M, K, factor.solve, modes)
     for load in sequence("loads", loads, "be pairs (vector, function of time)"):
@@ -201,7 +202,10 @@ def reduce_model(
             T = np.column_stack([T, left / size])
     # A diagonal system again: the appended deflections are no modes.
     small = T.T @ (K @ T)
-    omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
+    try:
+        omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
+    except np.linalg.LinAlgError:  # deflections of a support so soft are rounding beside its rigid motion
+        raise strainless from None
     T = T @ turn
     C = None if damping is None else _projected(_symmetric("damping", damping), T)
     zeta = damping_ratios(modal_damping, len(omega2))

@@ -12,9 +12,10 @@ from .contact_law import stored
 from .modes import undamped_modes
 from .sampled import Sampled
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, parts
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, evaluate, in_closed_form, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
+SAMPLES = 4001  # of a function in Python, over a run
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Scales:
         V = max(max_j hypot(omega_j eta_j, eta_j'), sqrt(2 U), max_j sum_k s_jk, max_c |o_c'|/sqrt(row_c M^-1 row_c)),
 
     U the energy of the stops at the start, s_jk the speed that load k gives mode j until the mode, its damping, the
-    drive, a stop or the end of the run turns it. rates: (n,), speed over amplitude of each mode: the largest of
+    drive, a stop or the end of the run turns it. A function in Python counts by its samples. rates: (n,), speed over
+    amplitude of each mode: the largest of
 
         omega_j                         its stiffness
         f_j/V                           the constant loads f_j, against which it flies with speed V
@@ -90,7 +92,7 @@ def _speed(system: System, held: Array, t_end: float) -> float:
     speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
     driven = np.zeros(len(omega))
     for vector, function in system.loads:
-        amplitude, frequency, impulse = _amplitude(function)
+        amplitude, frequency, impulse = _amplitude(function, t_end)
         if amplitude:
             force = np.abs(basis.force(vector))
             # The load acts one way until the fastest of these turns the mode, or the run ends.
@@ -106,7 +108,9 @@ def _speed(system: System, held: Array, t_end: float) -> float:
     # Speeds that stops give: by the energy in them at the start, and by their own motion.
     stored = float(system.contact_energy(np.zeros(()), system.q0))
     least = float(np.finfo(float).tiny)  # a share may underflow
-    moving = [_offset_speed(contact) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts]
+    moving = [
+        _offset_speed(contact, t_end) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts
+    ]
     return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
 
 
@@ -150,9 +154,20 @@ def _contact_rate(system: System, contact: Contact, speed: float) -> float:
     return float(np.sqrt(stops.secant(stops.depth_holding(0.5 * speed**2)) * _share(system, contact)))
 
 
-def _offset_speed(contact: Contact) -> float:
+def _terms(function: LoadFunction | None, t_end: float) -> list[tuple[float, LoadFunction]]:
+    """Factors and terms of a function; in the place of a function in Python its samples, where t_end is known."""
+    known = [(factor, f, in_closed_form(f) or not np.isfinite(t_end)) for factor, f in parts(function)]
+    return [(factor, f if formula else _samples(f, t_end)) for factor, f, formula in known]
+
+
+def _samples(function: LoadFunction, t_end: float) -> Sampled:
+    t = np.linspace(0.0, t_end, SAMPLES)
+    return Sampled(t, evaluate(function, t))
+
+
+def _offset_speed(contact: Contact, t_end: float) -> float:
     """The largest speed of the stops, as far as it is known."""
-    return sum(abs(factor) * _rate(f) for factor, f in parts(contact.offset))
+    return sum(abs(factor) * _rate(f) for factor, f in _terms(contact.offset, t_end))
 
 
 def _rate(function: LoadFunction) -> float:
@@ -163,9 +178,9 @@ def _rate(function: LoadFunction) -> float:
     return 0.0
 
 
-def _amplitude(function: LoadFunction) -> tuple[float, float, float]:
+def _amplitude(function: LoadFunction, t_end: float) -> tuple[float, float, float]:
     """Largest value, least angular frequency, and the most that its integral can be; 0, 0 and 0 where not known."""
-    known = [(abs(factor), *_single(f)) for factor, f in parts(function)]
+    known = [(abs(factor), *_single(f)) for factor, f in _terms(function, t_end)]
     largest, impulse = (sum(each[0] * each[k] for each in known if each[0]) for k in (1, 3))
     return largest, min((frequency for _, _, frequency, _ in known), default=0.0), impulse
 

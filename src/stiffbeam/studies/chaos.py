@@ -6,7 +6,8 @@ along the exact motion is an independent check: it needs no small distance.
 
 Neighbours of a motion that is not chaotic diverge at most in proportion to t: twofold while t doubles. An impact that
 one of them misses separates them once. An exponent is stated only if most pairs, with 95 %, diverge or approach more
-than threefold in the second half of their time span. A slope of ln distance alone exists for any pair.
+than threefold in the second half of their time span, which fewer than 6 pairs cannot tell. A slope of ln distance alone
+exists for any pair.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
 CLOSE, CLOSE_TO_TOLERANCE = 1e-11, 1e-7  # the distance of a pair: far above rounding, or an adaptive solver's errors
 THREEFOLD = np.log(3.0)
 STEPS = 10  # of a scheme in the span, at least
+SURE = 6  # pairs, the fewest that can tell a median with 95 %: five alike have 1 chance in 16 to be so by chance
 SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
 PORTRAIT = 6000  # samples of the delayed portrait
 
@@ -252,6 +254,11 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
     return means
 
 
+def stated(rows: Rows) -> dict[str, tuple[float, float] | None]:
+    """The ``exponents`` of the methods of which SURE pairs or more were followed long enough."""
+    return {x: pair for x, pair in exponents(rows).items() if len(_finite(rows, x, "late")) >= SURE}
+
+
 def _finite(rows: Rows, method: str, name: str) -> Array:
     values = column([r for r in rows if r["method"] == method and r.get(name) is not None], name)
     return values[np.isfinite(values)]
@@ -259,9 +266,9 @@ def _finite(rows: Rows, method: str, name: str) -> Array:
 
 def answer(rows: Rows, case: Case) -> Answer:
     """The exponents with their intervals, method by method."""
-    units, means = case.units, exponents(rows)
+    units, means = case.units, stated(rows)
     if not means:
-        return Answer("No pair could be followed long enough.")
+        return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
     none = [method for method, known in means.items() if known is None]
     unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
     known = {method: pair for method, pair in means.items() if pair is not None}
@@ -292,7 +299,7 @@ def picture(records: Records) -> Picture:
     pairs = [row for row in rows if "distance" in row]
     distances = curves(pairs, "t", "distance", "method", exact=2.0, marker="")
     distances += [Level(LINEAR), Note("grows in proportion below", 0.02, 1.2 * LINEAR, "x")]
-    means, jitter = exponents(rows), np.random.default_rng(0)
+    means, jitter = stated(rows), np.random.default_rng(0)
     rates: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
     for i, (method, known) in enumerate(means.items()):
         values, colour = _finite(rows, method, "exponent"), look(method)["color"]

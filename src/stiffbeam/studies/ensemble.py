@@ -116,7 +116,12 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
     whole = ~np.isfinite(many.diverged)
     drive = drive_frequency(system)
-    response = drive_amplitude(t, many.tip, drive)
+    # Members may differ in their drives, by an uncertain frequency.
+    drives = [drive_frequency(member) for member in members] if "drawn" in point else [drive] * len(many)
+    response = np.zeros(len(many), complex)
+    for each in set(drives):
+        same = np.array(drives) == each
+        response[same] = drive_amplitude(t, many.tip[same], each)
     losses = np.full((len(many), 2), np.nan)
     # The exact flow loses nothing; the runs of a function may hold no states.
     if isinstance(many, Ensemble) and point["method"] != "exact":

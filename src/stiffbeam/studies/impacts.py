@@ -191,7 +191,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"At dt = {step} schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}; exact motions "
         f"have {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
         table,
-        f"Exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by {_precision(rows)}, "
+        f"The exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by {_precision(rows)}, "
         f"has {first['reference_count']:g} impacts. Schemes: {runs}.",
     )
 
@@ -199,7 +199,10 @@ def answer(rows: Rows, case: Case) -> Answer:
 def _precision(rows: Rows) -> str:
     """The precision of the single exact motion in words."""
     digits = max((row["reference_digits"] for row in rows if row.get("reference_digits", 0) > 0), default=0)
-    return f"{digits:g} digits and parameters as written" if digits else "float64 past its horizon"
+    if digits:
+        return f"{digits:g} digits and parameters as written"
+    ends = [row["t_end"] <= row["horizon"] for row in rows if np.isfinite(row.get("horizon", np.nan))]
+    return "float64 inside its horizon" if ends and all(ends) else "float64 past its horizon"
 
 
 OVER_STEP = (

@@ -14,7 +14,7 @@ from ..basics.arrays import content
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
-from ..model.members import value_at, varied_members, with_values
+from ..model.members import require_kept, value_at, varied_members, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
@@ -155,6 +155,9 @@ def setup_of(system: System, point: Point, value: Sequence[float], scheme: Schem
             assert scheme is not None
             changed = type(scheme)(**(scheme.parameters | {name: x}))
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
+    if len(value) > 1:
+        pairs = zip(names_of(point), value, strict=True)
+        require_kept(system, {name: x for name, x in pairs if is_path(name)})
     whole = point.get("t_end")
     period = drive_period(system, point["parameter"]) if whole is None else whole
     assert period is not None

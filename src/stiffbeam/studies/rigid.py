@@ -91,8 +91,10 @@ def _impulse_error(impulses: Array, rigid: Array) -> float:
 
 
 def same_impacts(rows: Rows) -> list[Row]:
-    """The rows with as many impacts as the rigid stops. From there on the solution approaches the limit."""
-    return [r for r in rows if r["impacts"] == r["rigid_impacts"]]
+    """The rows, softest first, from which on all have as many impacts as the rigid stops: the solution approaches the
+    limit there. A softer one may have as many by chance."""
+    others = max((r["kappa"] for r in rows if r["impacts"] != r["rigid_impacts"]), default=0.0)
+    return sorted((r for r in rows if r["kappa"] > others), key=lambda r: r["kappa"])
 
 
 def answer(rows: Rows, case: Case) -> Answer:
@@ -105,7 +107,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         for row in sorted(rows, key=lambda r: r["kappa"])
     ]  # fmt: skip
     if len(near) < 2:
-        return Answer("At no stiffness tried are there as many impacts as on rigid stops.", table)
+        return Answer("Fewer than two of the stiffest stops tried have as many impacts as rigid ones.", table)
     order = order_over(near, lambda row: 1.0 / row["kappa"], "tip_error")
     softest = min(rows, key=lambda r: r["kappa"])
     which = "the case's kappa" if softest["factor"] == 1.0 else "kappa"
@@ -132,7 +134,7 @@ PANELS = (  # one quantity an axis
 
 
 def picture(records: Records) -> Picture:
-    """Hollow markers: as yet another number of impacts than rigid stops have. Lines: fits to the others."""
+    """Hollow markers: not yet as many impacts as on rigid stops. Lines: fits to the others."""
     rows = sorted(records.numbers, key=lambda row: row["kappa"])
     kappa = Axis("stiffness of the stops κ", "stop stiffness", "log")
     kappa_of_case = records.case.system().contacts[0].stops.stiffness
@@ -149,7 +151,7 @@ def picture(records: Records) -> Picture:
             label = f"{words} in 1/κ: {order}" if np.isfinite(order.slope) else words
             marks.append(Curve.over(near, "kappa", name, label, style))
             if other:
-                hollow = "other impacts than rigid stops"
+                hollow = "not yet the impacts of rigid stops"
                 marks.append(Curve.over(other, "kappa", name, hollow, style | {"mfc": "white"}))
             line = fit(1.0 / column(near, "kappa"), order, style | {"linestyle": dashed(i)})
             marks += [Curve(1.0 / curve.x, curve.y, look=curve.look) for curve in line]

@@ -120,6 +120,10 @@ def _evaluate_all(
     else:
         _require_portable(study, case, points)
         if executor is None:
+            source = getattr(sys.modules["__main__"], "__file__", None)
+            if source and not os.path.isfile(source):  # each process would read it
+                remedy = "save the script as a file, or use jobs=1"
+                raise InputError("jobs", jobs, f"be 1 in a script read from {source}", remedy)
             yield from _on_processes(study, case, points, jobs)
             return
         lost = yield from _gather(executor, study, case, points)
@@ -159,7 +163,8 @@ def _on_processes(study: Study, case: Case, points: list[Point], jobs: int) -> I
         # A death may be chance as long as some points are finished; several in a row without any are not.
         deaths = deaths + 1 if len(lost) == len(points) else 0
         if deaths == DEATHS:
-            raise Unfinished(f"a process of {study.name} died {deaths} times in a row: is there enough memory? {GO_ON}")
+            reason = 'is there enough memory, and does a script call it under if __name__ == "__main__"?'
+            raise Unfinished(f"a process of {study.name} died {deaths} times in a row: {reason} {GO_ON}")
         points = lost
 
 
@@ -287,7 +292,7 @@ def begin_worker(threads: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-GO_ON = "finished points are kept, run the same command again"
+GO_ON = "run the same command again; with a folder the finished points are kept"
 PATIENCE = 30  # seconds for the scheduler to answer and for a first worker
 
 

@@ -26,7 +26,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, content
 from ..basics.validation import InputError, integer, near, number, one_of, positive
 from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
 from ..files.cases import Case
@@ -37,8 +37,9 @@ from ..model.members import paths_of
 from ..model.natural_modes import modes
 from ..model.system import System
 from ..model.time_functions import Drive, covered
-from ..references import best_reference
+from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
+from ..references.exact.piecewise import refuse
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
@@ -62,7 +63,8 @@ from .parameters import (
 )
 
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
-SAME = 1e-3  # of the largest |u|: section points closer than this are one
+SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
+REST = 1e-6  # of the largest motion: a smaller one has this size
 BATCHES = 16  # at least, so that processes end together
 # Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
 # up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
@@ -182,6 +184,12 @@ def points(
         periods, transient = 1, 0
     periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
     transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
+    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+        try:
+            refuse(ends[0].system, transient * ends[0].period)
+        except InputError as error:
+            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
+            raise InputError(error.field, error.value, error.rule, remedy) from None
     shared |= {"periods": periods, "transient": transient}
     seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
     if second is not None and parameter in IN_STEP:  # what marches together stands together
@@ -210,11 +218,13 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system, scheme = system_of(case, point["form"]), method_of(point)
     if point.get("start") == LAST:
         return _continued(system, point)
+    decays: dict[tuple[Any, ...], float] = {}
     for value in point["values"]:
         named = dict(zip(names_of(point), value, strict=True))
         try:
             setup = setup_of(system, point, value, scheme)
-            groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
+            row = named | ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
+            groups.setdefault(setup.kind, []).append((row, setup))
         except InputError as error:
             rows.append(named | {"refused": str(error)})
     for group in groups.values():
@@ -230,6 +240,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 def _continued(system: System, point: Point) -> list[Row]:
     """Rows of the values one after the other, each from the last state of the one before."""
     rows: list[Row] = []
+    decays: dict[tuple[Any, ...], float] = {}
     state: tuple[Array, Array] | None = None
     for k, value in enumerate(point["values"]):
         row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
@@ -238,7 +249,7 @@ def _continued(system: System, point: Point) -> list[Row]:
             # The state is that at the end of the value before; the first value starts as the case does.
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
-            row |= {"dt": setup.dt} if setup.scheme else {}
+            row |= ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
             many = _march(point, [setup])
             rows += _rows(point, row, many, 0)
             if np.isnan(many.diverged[0]):
@@ -246,6 +257,28 @@ def _continued(system: System, point: Point) -> list[Row]:
         except (InputError, SolverFailure) as error:
             rows.append(row | {"refused" if isinstance(error, InputError) else "failed": str(error)})
     return rows
+
+
+def _free(setup: Setup, point: Point, decays: dict[tuple[Any, ...], float]) -> Row:
+    """Entries of a row on free motions: ``lossless`` where nothing damps the system, and ``left``, the share of the
+    amplitude of the slowest that is left after the transient, 0 where no motion is damped.
+
+    ``decays`` keeps the slowest decay of each linear part."""
+    if "t_end" in point:
+        return {}
+    system, stops = setup.system, [contact.stops for contact in setup.system.contacts]
+    lossy = any(x.damping or x.dissipation or x.restitution not in (None, 1.0) for x in stops)
+    if not system.damped:
+        return {"lossless": not lossy, "left": 0.0}
+    linear = tuple(content(matrix) for matrix in (system.mass, system.damping, system.stiffness))
+    if linear not in decays:
+        natural = modes(system)
+        ratio = np.maximum(natural.damping_ratio, 0.0)  # NaN for a rigid motion
+        over = np.sqrt(np.maximum(ratio**2 - 1.0, 0.0))
+        # Of an overdamped motion the slower of its two decays.
+        decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
+        decays[linear] = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
+    return {"lossless": False, "left": float(np.exp(-decays[linear] * setup.period * point["transient"]))}
 
 
 def _last(point: Point, setup: Setup, end: float) -> tuple[Array, Array]:
@@ -281,7 +314,10 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
         statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
         rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
     if point["second"] is None and "t_end" not in point:
-        section = enumerate(many.tip[i, point["transient"] + 1 :].tolist(), point["transient"] + 1)
+        tips, speeds = (x[i, point["transient"] + 1 :] for x in (many.tip, many.tip_velocity))
+        # u alone may be near 0 at these times: the response to a sine without damping is.
+        named = named | {"size": float(np.max(np.hypot(tips, speeds * float(many.t[1]) / (2.0 * np.pi))))}
+        section = enumerate(tips.tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
     return rows
 
@@ -304,6 +340,17 @@ def sections(rows: Rows) -> dict[float, Array]:
         if row["kind"] == "section":
             tips.setdefault(row[row["parameter"]], array("d")).append(row["tip"])
     return {value: np.array(tips[value]) for value in sorted(tips)}
+
+
+def sizes(rows: Rows) -> dict[float, float]:
+    """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
+    every: dict[float, float] = {}
+    for row in rows:
+        if row["kind"] == "section":
+            size = row["size"] if "size" in row else abs(row["tip"])  # journals of former versions
+            every[row[row["parameter"]]] = max(size, every.get(row[row["parameter"]], 0.0))
+    least = REST * max(every.values(), default=0.0)
+    return {value: max(size, least) for value, size in every.items()}
 
 
 def repeats_after(section: Array, size: float) -> int | None:
@@ -340,16 +387,18 @@ def answer(rows: Rows, case: Case) -> Answer:
                 for row in ends
             ]
             table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
-    lossy = [c.stops.damping or c.stops.dissipation or c.stops.restitution not in (None, 1.0) for c in system.contacts]
     notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
     if "t_end" in first:
         notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
-    elif not system.damped and not any(lossy):
-        notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
-    elif (left := _left(system, rows)) > SAME:
+    free = {tuple(row[name] for name in names): (row.get("lossless"), row.get("left", 0.0)) for row in rows}
+    lossless, left = (list(x) for x in zip(*free.values(), strict=True))
+    if any(lossless):
+        where = "" if all(lossless) else f" at {sum(map(bool, lossless))} of {len(free)} values"
+        notes += f" Nothing damps this system{where}, so its transient never ends: another start gives another answer."
+    if max(left) > SAME:
         notes += (
-            f" Without contact {percent(left)} of a free vibration is left after that transient, so slow changes may"
-            " look like longer periods: raise transient."
+            f" Without contact {percent(max(left))} of a free vibration is left after that transient, so slow changes"
+            " may look like longer periods: raise transient."
         )
     most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
     ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
@@ -362,15 +411,15 @@ def _periodicity(rows: Rows) -> list[str]:
     if len(ways := _ways(rows)) > 1:
         up, down = (sections(ways[way]) for way in WAYS)
         both = [value for value in up if value in down]
-        size = max((float(np.max(np.abs(x))) for x in (*up.values(), *down.values())), default=0.0)
-        apart = sum(_apart(up[value], down[value]) > SAME * size for value in both)
+        size = sizes(rows)
+        apart = sum(_apart(up[value], down[value]) > SAME * size[value] for value in both)
         words = f"there and back the last periods differ at {apart} of {len(both)} values"
         return [words, *(f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way])))]
     by_value = sections(rows)
     if not by_value:
         return []
-    size = max(float(np.max(np.abs(section))) for section in by_value.values())
-    repeats = [repeats_after(section, size) for section in by_value.values()]
+    size = sizes(rows)
+    repeats = [repeats_after(section, size[value]) for value, section in by_value.items()]
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
         f"the tip repeats itself every period of the drive at {repeats.count(1)} of {len(by_value)} values, every 2 to "
@@ -379,20 +428,6 @@ def _periodicity(rows: Rows) -> list[str]:
     if short:
         words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
-
-
-def _left(system: System, rows: Rows) -> float:
-    """Share of the amplitude of the slowest free vibration that is left after the transient, at most over the values;
-    0 where every vibration is free of damping."""
-    first, natural = rows[0], modes(system)
-    decay = natural.damping_ratio * natural.omega
-    decay = decay[np.isfinite(decay) & (decay > 0.0)]
-    period = drive_period(system, first["parameter"])
-    if period is None or not len(decay):
-        return 0.0
-    if first["parameter"].rpartition(".")[2] == "frequency":
-        period = 2.0 * np.pi / max(row[first["parameter"]] for row in rows)
-    return float(np.exp(-np.min(decay) * period * first["transient"]))
 
 
 def _bare(rows: Rows) -> list[Row]:

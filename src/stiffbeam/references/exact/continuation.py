@@ -363,7 +363,7 @@ class _Follower:
                 continue
             # The two halves of the orbit have changed places: between the points they were equal.
             if loses and (new.other_half() / self.scale) @ (point.other_half() / self.scale) < 0.0:
-                end = f"at {point.value:.10g} it comes back to a branch of half its period"
+                end = f"near {point.value:.5g} it comes back to a branch of half its period"
                 break
             bifurcations += [replace(x, place=len(points)) for x in self.between(point, new)]
             if not low <= new.value <= high:
