@@ -191,8 +191,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"At dt = {step} schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}; exact motions "
         f"have {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
         table,
-        f"The exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by {_precision(rows)}, "
-        f"has {first['reference_count']:g} impacts. Schemes: {runs}.",
+        f"The exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by "
+        f"{_precision(rows)}, has {first['reference_count']:g} impacts. Schemes: {runs}.",
     )
 
 
