@@ -158,3 +158,40 @@ def test_a_signal_that_comes_where_python_drops_exceptions_is_heard_all_the_same
     program = LOST.format(name=number.name)
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=15, check=False)
     assert (found.returncode, found.stdout, found.stderr) == (STATUS[number], "cleaned up\n", SAID)
+
+
+COMPILING = """
+import os, signal
+from numba import njit
+from numba.core.codegen import JITCodeLibrary
+
+hook, sent = JITCodeLibrary._object_getbuffer_hook, []
+
+def called_by_llvm(cls, module):
+    if not sent:
+        sent.append(module)
+        os.kill(os.getpid(), signal.{name})
+        for _ in range(10000):  # an exception here is dropped, and LLVM goes on without the code
+            pass
+        print("returned")
+    return hook(module)
+
+JITCodeLibrary._object_getbuffer_hook = classmethod(called_by_llvm)
+from stiffbeam import cli  # only now: it hands the hook to LLVM
+
+def app():
+    njit(lambda x: x + 1)(1)
+    while True:  # until the signal ends it
+        pass
+
+cli.app = app
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", STATUS)
+@pytest.mark.fast(1)
+def test_a_signal_within_a_callback_of_the_compiler_waits_for_its_end(number):
+    program = COMPILING.format(name=number.name)
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (STATUS[number], "returned\n", SAID)

@@ -4,12 +4,15 @@ refused."""
 import json
 import re
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import stopped_clock
+from stiffbeam.cli.tables import tables_of
 from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, find_study, study
@@ -346,3 +349,21 @@ def test_the_counts_of_the_paper_stand_beside_those_of_its_reproduction(capsys):
     assert "table10 (4.13) HHT(alpha=-0.1) 849 40 % 3904 –" in rows
     assert "table10 (4.14) SDIRK(gamma=0.4359) 645 40 % 4494 –" in rows
     assert any("fit none of the end times" in row for row in rows)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 400])
+def test_a_table_that_is_too_wide_is_printed_in_parts_without_a_broken_number(width):
+    names = [{"contact": str(i), "method": x} for i in (1, 2) for x in ("exact", "GeneralisedAlpha(rho=0.8)")]
+    quantities = [f"a quantity of many words {i}" for i in range(8)]
+    lines = [name | {x: f"{10 * i + j}.25 ± 0.125" for i, x in enumerate(quantities)} for j, name in enumerate(names)]
+    screen = Console(file=StringIO(), width=width)
+    parts = tables_of(lines, width)
+    screen.print(*parts)
+    printed = screen.file.getvalue()  # type: ignore[attr-defined]
+    assert len(parts) == {60: 8, 80: 3, 120: 2, 400: 1}[width]
+    assert max(map(len, printed.splitlines())) <= width
+    for j, name in enumerate(names):
+        mine = [row.split() for row in printed.splitlines() if row.split()[:2] == list(name.values())]
+        assert len(mine) == len(parts)
+        cells = [cell for row in mine for cell in " ".join(row[2:]).replace(" ± 0.125", "").split()]
+        assert cells == [f"{10 * i + j}.25" for i in range(8)]

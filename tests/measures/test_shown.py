@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -101,6 +102,55 @@ def test_the_curves_are_the_results(things):
     assert sorted(peaks) == sorted(run.impacts.peaks)
     assert drawn("reference")[0].get_color() == "black"  # the truth
     assert drawn("run")[0].get_color() != "black"
+
+
+def test_titles_state_the_answer(things):
+    run, reference = things["run"], things["reference"]
+    count, peak = sum(c.impacts.count for c in run.contacts), max(c.peak_force for c in run.contacts)
+    title = run.plot().get_suptitle()
+    assert f": {count} impacts, largest contact force {peak:.4g}" in title
+    assert f"largest displacement {np.max(np.abs(run.tip)):.4g}" in title
+    assert "horizon" not in reference.plot().get_suptitle()
+    assert f"horizon t = {0.5:g}" in replace(reference, horizon=0.5).plot().get_suptitle()
+    impacts = run.impacts
+    title = impacts.plot().get_suptitle()
+    assert title == f"{impacts.count} impacts, largest force up to {np.nanmax(impacts.peaks):.4g}"
+    assert impacts.take(slice(0, 1)).plot().get_suptitle().startswith("1 impact, ")
+
+
+def test_one_thing_has_no_plural():
+    load = ([1.0], sb.Harmonic(2.0, 2.2, phase=0.3))
+    system = sb.System.from_matrices(
+        [[1.0]], [[4.0]], [[0.4]], loads=[load], contacts=[sb.Contact([1.0], sb.Stops(upper=0.2, stiffness=300.0))]
+    )
+    orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
+    assert f"{len(orbit.event_times)} events," in repr(orbit)
+    assert "1 event," in repr(replace(orbit, event_times=orbit.event_times[:1]))
+    proof = orbit.prove()
+    assert "with 1 event exists" in repr(replace(proof, event_times=proof.event_times[:1]))
+    run = sb.reference(system, float(orbit.event_times[0]) + 2.0)
+    once = run.impacts.take(slice(0, 1))
+    assert "1 event impact<" in once._repr_html_()
+    record = replace(run.contacts[0], impacts=once)
+    assert ": 1 impact, in contact" in repr(record)
+    assert ", 1 impact>" in repr(replace(run, contacts=(record,)))
+
+
+def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
+    """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
+    system = sb.System.from_matrices(
+        [[1.0]],
+        [[100.0]],
+        contacts=[sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8))],
+        initial_velocity=[10.0],
+    )
+    run, exact = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
+    for thing, label in ((run, "mean per step"), (exact, "without impulses")):
+        figure = thing.plot()
+        assert figure.axes[1].get_ylabel().endswith(label)
+        largest = np.nanmax(thing.impacts.impulses)
+        assert f"{thing.impacts.count} impacts, largest impulse {largest:.4g}" in figure.get_suptitle()
+        assert "contact force" not in figure.get_suptitle()
 
 
 @pytest.mark.parametrize("kind", KINDS)

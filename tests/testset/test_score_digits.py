@@ -61,5 +61,19 @@ def test_a_converging_scheme_converges_in_six_digits():
     assert outcome(runs) == CONVERGES
 
 
+@pytest.mark.parametrize(("name", "method"), [("kelvin-voigt", "exact"), ("hunt-crossley", "dop853")])
+@pytest.mark.parametrize("digits", ["six digits", "single precision"])
+def test_a_force_of_a_damped_stop_is_not_that_of_the_digits_over_the_step(name, method, digits):
+    """Between steps the velocity counts, not the rate of the rounded positions: its error grows like 1/dt."""
+    known, rounded, runs = sb.problem(name), np.vectorize(FORMATS[digits]), []
+    for steps in (4000, 8000, 16000, 32000, 64000):
+        t = np.linspace(0.0, known.t_end, steps + 1)
+        run = sb.reference(known.system, known.t_end, method, t_eval=t)
+        runs.append((t, rounded(run.tip), rounded(run.tip_velocity)))
+    (entry,) = score_trajectories(name, runs).entries
+    assert not entry.flagged
+    assert abs(entry.best.peak_force) < 1e-5
+
+
 def test_full_digits_do_not_excuse(exact):
     assert outcome([(t, u + 1e-8 * np.sin(t), v) for t, u, v in exact]) == NOT_FALLING

@@ -38,6 +38,16 @@ def planted(kind, t, u, v):
     return t, u, v
 
 
+def test_an_impact_that_the_steps_do_not_resolve_is_named():
+    """Between the second and the third impact of Table 14 are 1.6e-5, eight of the shortest steps."""
+    known = sb.problem("table14")
+    runs = [sb.integrate(known.system, sb.HHT(alpha=-0.1), known.t_end / n, known.t_end) for n in known.steps]
+    for used, told in ((runs, True), (runs[:3], False)):
+        card = score_trajectories(known, [(run.t, run.tip) for run in used])
+        assert card.entries[0].outcome == CONVERGES
+        assert ("trajectory on table14: the finest run has 2 of the first 3 impacts" in str(card)) == told
+
+
 @pytest.mark.parametrize(
     ("kind", "missed"),
     [("", ()), ("velocity doubled", ("velocity",)), ("velocity reversed", ("velocity",)),

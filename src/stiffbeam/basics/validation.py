@@ -16,13 +16,14 @@ from decimal import Decimal
 from difflib import get_close_matches
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .arrays import Array
 from .text import sentence, shown
 
+Known = TypeVar("Known")
 MOST = 2**53  # integers up to here are floats as well
 
 
@@ -165,6 +166,19 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
         rule = "be the path of a file, each name in it at most 255 bytes"
         raise InputError(field, value, rule, remedy)
     return Path(value)
+
+
+def instance(field: str, value: Any, known: type[Known], remedy: str) -> Known:
+    """``value`` if it is an object of the type ``known``; else raise InputError."""
+    if not isinstance(value, known):
+        raise InputError(field, f"a {type(value).__name__}", f"be a {known.__name__}", remedy)
+    return value
+
+
+def function(field: str, value: Any, remedy: str = "leave it out") -> None:
+    """Raise InputError for an object that cannot be called."""
+    if not callable(value):
+        raise InputError(field, value, "be a function", remedy)
 
 
 def itself(field: str, value: Any, known: type) -> None:

@@ -8,6 +8,8 @@ import io
 import os
 import signal
 import sys
+from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 from ..basics.resources import TALK
@@ -45,7 +47,7 @@ def main() -> None:
 
     stopped: list[int] = []
 
-    def end(number: int, _: object) -> None:
+    def end(number: int, frame: FrameType | None) -> None:
         stopped.append(number)
         sys.unraisablehook = lambda _: None  # of an object that the compiler had half made
         for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
@@ -53,10 +55,14 @@ def main() -> None:
         if hasattr(signal, "setitimer"):
             signal.signal(signal.SIGALRM, again)
             signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+            if _in_compiler(frame):
+                return  # ``again`` raises it
         raise KeyboardInterrupt
 
-    def again(_: int, __: object) -> None:
+    def again(_: int, frame: FrameType | None) -> None:
         """Python drops an exception that comes within a callback of its garbage collection: then it comes again."""
+        if _in_compiler(frame):
+            return
         here = sys.exception()
         while here is not None and not isinstance(here, KeyboardInterrupt):
             here = here.__context__
@@ -90,6 +96,14 @@ def main() -> None:
             sys.stderr.flush()
             os._exit(128 + stopped[0])
         raise SystemExit(INTERRUPTED) from None
+
+
+def _in_compiler(frame: FrameType | None) -> bool:
+    """True within a call of LLVM. An exception in its callbacks would lose machine code, and calls of that code would
+    end with a segmentation fault."""
+    while frame is not None and Path(frame.f_code.co_filename).name != "executionengine.py":
+        frame = frame.f_back
+    return frame is not None
 
 
 def _fail(error: Exception, status: int) -> NoReturn:

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from types import UnionType
@@ -17,23 +17,21 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..basics.resources import TALK, Show, progress
-from ..basics.text import cells_of, cut, plain
+from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path
+from .tables import tables_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
     from rich.console import Console
-    from rich.table import Table
 
     from ..files.cases import Case as CaseFile
     from ..studies.interface import Records, Study
 
 
 # ---------------------------------------------------------------- output: terminal, folders, names, records
-
-NAME = 36  # characters of a first column that are not broken
 
 
 def console(width: int | None = None) -> Console:
@@ -42,23 +40,6 @@ def console(width: int | None = None) -> Console:
 
     wide = None if sys.stdout.isatty() else width
     return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
-
-
-def table_of(lines: Sequence[Mapping[str, str]]) -> Table:
-    """A table of lines, text by heading; – for empty entries. Columns of numbers stand to the right."""
-    from rich import box
-    from rich.table import Table
-
-    headings, rows = cells_of(lines)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    for i, name in enumerate(headings):
-        cells = [line.get(name, "") for line in lines]
-        number = any(cell.removeprefix("≤ ")[:1] in "+-0123456789" for cell in cells if cell)
-        whole = not i and max(map(len, cells)) <= NAME
-        table.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=whole)
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def say(text: str) -> None:
@@ -525,7 +506,7 @@ def print_records(records: Records, written: list[Path]) -> None:
     answer = records.answer
     terminal.print(answer.verdict)
     if answer.table:
-        terminal.print(table_of(answer.table))
+        terminal.print(*tables_of(answer.table, terminal.width))
     if answer.notes:
         terminal.print(answer.notes)
     for word, reason in records.missing:

@@ -22,9 +22,9 @@ from .application import (
     make_folder,
     option,
     say,
-    table_of,
     write_json,
 )
+from .tables import table_of
 
 
 @app.command("reference")

@@ -28,9 +28,9 @@ from .application import (
     make_folder,
     option,
     say,
-    table_of,
     write_json,
 )
+from .tables import table_of
 
 if TYPE_CHECKING:
     from ..basics.resources import Show

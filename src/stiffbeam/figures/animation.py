@@ -12,7 +12,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import Show, silent
 from ..basics.storage import write_whole
-from ..basics.validation import InputError, integer, positive
+from ..basics.validation import InputError, file_path, instance, integer, positive
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
@@ -42,7 +42,7 @@ def animate(
     of the run that ends first. dpi: 90 makes frames of 720 x 504. Raises InputError for runs of several systems or
     without theirs, and if no writer is installed.
     """
-    path = Path(file)
+    path = file_path("file", file)
     system = _system(runs)
     end = min(float(run.t[-1]) for run in runs)
     end = end if t_end is None else min(end, positive("t_end", t_end))
@@ -67,6 +67,8 @@ def animate(
 
 
 def _system(runs: Sequence[Trajectory]) -> System:
+    for run in runs:
+        instance("runs", run, Trajectory, "make runs with integrate and reference")
     if len({run.fingerprint for run in runs}) != 1:
         raise InputError("runs", f"{len(runs)} runs", "be of one system", "make every run with the same System object")
     system = next((run.system for run in runs if run.system is not None), None)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, near
+from ..basics.validation import InputError, instance, near, numbers, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
@@ -87,17 +87,24 @@ def paper_figure(
         system, case = runs.system(), runs
         marched = [integrate(system, x, case.dt, case.t_end) for x, form in case.runs if form == system.form]
         runs = [best_reference(system, case.t_end), *marched]
-    solutions = [runs] if isinstance(runs, Trajectory) else list(runs)
+    rule = "be a case, a run, or a list of runs"
+    solutions = [runs] if isinstance(runs, Trajectory) else sequence("runs", runs, rule, "for example [reference, run]")
+    for each in solutions:
+        instance("runs", each, Trajectory, "make runs with integrate and reference")
     system = solutions[0].system if solutions else None
     if system is None:
         raise InputError("runs", "no system", "come with their system", "read them with sb.load(file, system)")
     drive, end = drive_frequency(system), min(float(x.t[-1]) for x in solutions)
-    start, end = (0.0, end) if span is None else span
-    if not 0.0 <= start < end <= float(solutions[0].t[-1]):
-        raise InputError("span", span, "be two increasing times of the runs", f"for example (0.0, {end:g})")
+    rule, remedy = "be two increasing times of the runs", f"for example (0.0, {end:g})"
+    times = [0.0, end] if span is None else numbers("span", span, rule, remedy).ravel().tolist()
+    if len(times) != 2 or not 0.0 <= times[0] < times[1] <= float(solutions[0].t[-1]):
+        raise InputError("span", span, rule, remedy)
+    start, end = times
     delay = 2.0 * np.pi / drive if drive else np.inf
     missing = {"contact": not system.contacts, "shear": not system.contacts, "delayed": delay >= end - start}
-    names = [x for x in PANELS if not missing.get(x)] if panels is None else list(panels)
+    names = [x for x in PANELS if not missing.get(x)] if panels is None else sequence("panels", panels, "be names")
+    if not names:
+        raise InputError("panels", panels, "be one or more names", f"known: {', '.join(PANELS)}")
     for name in names:
         if name not in PANELS:
             raise InputError("panels", name, "name a panel", near(name, PANELS))

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.units import Units
+from ..basics.text import several
+from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
-from ..measures.report import percent
+from ..measures.report import largest, percent
 from ..model.contact import Stops
 from ..model.natural_modes import modes
 from ..model.problem import BeamProblem
@@ -98,9 +99,10 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
     return sorted(set(records))[:6]
 
 
-def tip_label(system: System) -> str:
-    """Label of the displacement of the tip, with its unit."""
-    return system.units.label(f"{tip_name(system.problem)} displacement {tip_symbol(system.problem)}", "length")
+def tip_label(system: System | None, units: Units | None = None) -> str:
+    """Label of the displacement of the tip, with its unit: of the system, if not passed."""
+    beam, units = system and system.problem, units or (system and system.units) or UNKNOWN
+    return units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -298,15 +300,13 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     The whole span of the run; of a reference its horizon is marked. The stops are drawn where they act on the tip.
     kwargs: of ``Axes.plot``, for the curves of the tip.
     """
-    units, system = run.units, run.system
+    units, beam = run.units, run.system.problem if run.system else None
     method = run.provenance["method"]
     horizon = run.horizon if isinstance(run, Reference) else np.nan
     note = f" ({units.note})" if units.note else ""
-    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}{note}")
+    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}: {largest(run)}{note}")
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    beam = system.problem if system else None
-    symbol, place = tip_symbol(beam), tip_name(beam)
-    time, length = units.label("time $t$", "time"), units.label(f"{place} displacement {symbol}", "length")
+    time, velocity = units.label("time $t$", "time"), f"velocity {tip_symbol(beam).replace('u(', 'u_t(')}"
     plot_run(run, tip, **kwargs)
     portrait.plot(run.tip, run.tip_velocity, **{"color": look(method)["color"], "lw": 0.9} | kwargs)
     for record in run.contacts:
@@ -319,14 +319,17 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
                      textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
     shown = shown_contacts([run])
     for colour, record, i in zip(COLOURS, (run.contacts[i] for i in shown), shown, strict=False):
-        label = f"contact {i + 1}: {record.impacts.count} impacts"
+        label = f"contact {i + 1}: {several(record.impacts.count, 'impact')}"
         force.plot(run.t, record.force, lw=0.9, color=colour, label=label)
     if shown:
         force.legend(frameon=False, fontsize=8.5)
     else:
         force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
-    force.set(xlabel=time, ylabel=units.label(r"contact force $\sigma$", "force"))
-    portrait.set(xlabel=length, ylabel=units.label(f"{place} velocity {symbol.replace('u(', 'u_t(')}", "velocity"))
+    label = r"contact force $\sigma$"
+    if any(record.stops.rigid for record in run.contacts):
+        label += ", without impulses" if isinstance(run, Reference) else ", mean per step"
+    force.set(xlabel=time, ylabel=units.label(label, "force"))
+    portrait.set(xlabel=tip_label(run.system, units), ylabel=units.label(f"{tip_name(beam)} {velocity}", "velocity"))
     energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
     if run.has_energy:
         names = ["kinetic", "elastic", "stops", "input", "loss"]
@@ -393,7 +396,6 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
     if ax is None:
         return run_figure(run, **kwargs)
     method, units = run.provenance["method"], run.units
-    beam = run.system.problem if run.system else None
     style: dict[str, Any] = {"color": look(method)["color"], "lw": 0.9, "label": short(method)} | kwargs
     ax.plot(run.t, run.tip, **style)
     for record in run.contacts:
@@ -401,8 +403,7 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
             draw_stops(ax, record.stops, horizontal=True)
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
         ax.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-    ax.set_xlabel(units.label("time $t$", "time"))
-    ax.set_ylabel(units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length"))
+    ax.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(run.system, units))
     return ax
 
 
@@ -440,33 +441,32 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
 
 def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """Largest force of every impact against its time, of rigid stops the impulse; upper and lower stop by colour."""
-    axis, returned = _axes(ax, f"{impacts.count} impacts")
     known = bool(np.any(np.isfinite(impacts.peaks)))
-    heights = impacts.peaks if known else impacts.impulses
-    for side, name, colour in ((1, "upper stop", COLOURS[0]), (-1, "lower stop", COLOURS[1])):
+    heights, name = (impacts.peaks, "largest force") if known else (impacts.impulses, "impulse")
+    seen = heights[np.isfinite(heights)]
+    to = f", {name} up to {np.max(seen):.4g}" if len(seen) else ""
+    axis, returned = _axes(ax, f"{several(impacts.count, 'impact')}{to}")
+    for side, stop, colour in ((1, "upper stop", COLOURS[0]), (-1, "lower stop", COLOURS[1])):
         of_side = impacts.stops == side
         if np.any(of_side):
-            style: dict[str, Any] = {"ls": "", "marker": "o", "ms": 4, "color": colour, "label": name} | kwargs
+            style: dict[str, Any] = {"ls": "", "marker": "o", "ms": 4, "color": colour, "label": stop} | kwargs
             axis.plot(impacts.times[of_side], heights[of_side], **style)
     if not np.any(np.isfinite(heights)):
         say_empty(axis, "no impacts" if not impacts.count else "forces and impulses of the impacts are not known")
-    axis.set_xlabel("time of impact")
-    axis.set_ylabel("largest force" if known else "impulse")
+    axis.set(xlabel="time of impact", ylabel=name)
     panel_legend(axis)
     return returned
 
 
 def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The tip of every member where it was kept; else what the first contact bears against the varied parameter."""
-    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {len(many)} members")
+    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
     units = many.units
     style: dict[str, Any] = {"color": look(many.provenance["method"])["color"]}
     if len(many.t):
         style |= {"lw": 0.7, "alpha": max(0.1, len(many) ** -0.5)} | kwargs
         axis.plot(many.t, many.tip.T, **style)
-        axis.set_xlabel(units.label("time $t$", "time"))
-        beam = many.members.system.problem
-        axis.set_ylabel(units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length"))
+        axis.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(many.members.system, units))
         return returned
     if not many.contacts:
         remedy = "integrate with every=, so that the tip is kept"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..basics.units import Units
-from ..basics.validation import InputError, exact_float, file_path, integer, near, positive, step_count
+from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
 from ..model.reduction import ReducedModel
@@ -198,6 +198,7 @@ def case_of(
     more: System | Callable[[], System] | None = finer
     if isinstance(system, ReducedModel):
         more, system = finer or system.refined, system.system
+    instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
     if dt is None or t_end is None:
         raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
     step_count(positive("dt", dt), positive("t_end", t_end))

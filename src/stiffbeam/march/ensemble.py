@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from ..basics import compiling
-from ..basics.resources import cores, on_executor, over_slices, require_executor, wall_clock
-from ..basics.validation import InputError
+from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
+from ..basics.validation import InputError, function
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
@@ -81,6 +81,7 @@ def integrate_ensemble(
     (16,)
     """
     begun = wall_clock()
+    function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
     plan.afford(len(members), every)

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..basics import compiling
 from ..basics.arrays import Array
-from ..basics.resources import afford, clock
+from ..basics.resources import afford, clock, silent
 from ..basics.units import KNOWN
-from ..basics.validation import InputError, integer, itself, one_of, positive, step_count
+from ..basics.validation import InputError, function, integer, itself, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.equations import FirstOrderSystem
 from ..model.members import EnsembleMembers
@@ -387,6 +387,7 @@ def integrate(
     ((10001,), True)
     """
     begun = clock()
+    function("progress", silent if progress is None else progress)
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
     # A process beside this one may be compiling the same kernels: wait for it.

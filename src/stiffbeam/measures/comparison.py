@@ -246,10 +246,10 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     Parameters
     ----------
     run : Trajectory or sequence of arrays
-        A scheme's run with every step on output, another reference, one made by ``Trajectory.from_arrays``, or arrays
-        (t, tip) or (t, tip, tip velocity), (k,) each, or (t, q, v), q and v (k, n) of all unknowns. Times need not be
-        equidistant: means are means over time. Quantities that arrays do not hold are NaN, and ``missing`` gives the
-        reason.
+        A scheme's run with every step on output, another reference, or arrays (t, tip) or (t, tip, tip velocity), (k,)
+        each, or (t, q, v), q and v (k, n) of all unknowns. Tables and pictures call arrays "own";
+        ``Trajectory.from_arrays(..., name="mine")`` makes a run with another name. Times need not be equidistant: means
+        are means over time. Quantities that arrays do not hold are NaN, and ``missing`` gives the reason.
     reference : Reference
         With a horizon. Every measure is taken to the smaller of the horizon and the end of the run.
 

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.text import table
-from ..basics.validation import InputError, number, numbers
+from ..basics.validation import InputError, instance, number, numbers, sequence
 from ..model.contact import channel_motion, polar
 from ..model.scales import scales
 from ..piecewise.measures import NODES, WEIGHTS
@@ -220,6 +220,7 @@ def contact_rates(
     >>> round(rates.rates[0]["impact"].value, 2)  # a motion of period 1.75 has one impact each
     0.55
     """
+    instance("run", run, Trajectory, "make one with integrate, reference or Trajectory.from_arrays")
     end = float(run.provenance.get("t_end", run.t[-1]))
     record_from(since, end)
     rows = _tangents(run, tangents)
@@ -306,10 +307,11 @@ def _root(mean: Mean) -> Mean:
 def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> list[Array | None]:
     if tangents is None:
         return [None] * len(run.contacts)
-    if len(tangents) != len(run.contacts):
-        rule = f"have one entry for each of {len(run.contacts)} contacts"
-        raise InputError("tangents", len(tangents), rule, "give None for a contact without sliding")
-    rows = [None if row is None else numbers("tangents", row) for row in tangents]
+    rule, remedy = f"have one entry for each of {len(run.contacts)} contacts", "give None for a contact without sliding"
+    given = sequence("tangents", tangents, rule, remedy)
+    if len(given) != len(run.contacts):
+        raise InputError("tangents", len(given), rule, remedy)
+    rows = [None if row is None else numbers("tangents", row) for row in given]
     size = run.states[1].shape[1]
     for i, row in enumerate(rows):
         shape = (size,) if run.system is None else run.system.contacts[i].row.shape

@@ -17,10 +17,10 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from ..basics.text import html_table
+from ..basics.text import html_table, several
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
-from ..trajectory.trajectory import Reference
+from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching
 
 if TYPE_CHECKING:
@@ -52,6 +52,27 @@ def percent(value: float, sign: str = "") -> str:
         return DASH
     form = ".2g" if abs(hundredths) < 99.5 else ".0f"
     return f"{hundredths:{sign}{form if 1e-4 <= abs(hundredths) < 1e5 or not value else '.0e'}} %"
+
+
+def largest(run: Trajectory) -> str:
+    """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
+    horizon within it."""
+    measure, records = run.units.measure, run.contacts
+    impulses = [x for record in records if record.stops.rigid for x in record.impacts.impulses]
+    facts = [
+        f"largest {name} {measure(np.nanmax(values), quantity, '.4g')}"
+        for name, quantity, values in (
+            ("contact force", "force", [record.peak_force for record in records]),
+            ("impulse", "impulse", impulses),
+            ("displacement", "length", np.abs(run.tip)),
+        )
+        if np.any(np.greater(values, 0.0))
+    ]
+    if records and not any(record.impacts.kind == "unknown" for record in records):
+        facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
+    if isinstance(run, Reference) and run.horizon < run.t[-1]:
+        facts.append(f"horizon t = {measure(run.horizon, 'time', '.4g')}")
+    return ", ".join(facts) or "at rest"
 
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:

@@ -18,6 +18,7 @@ from ..basics.resources import afford
 from ..basics.validation import (
     InputError,
     Renamed,
+    instance,
     integer,
     itself,
     near,
@@ -274,7 +275,8 @@ def perturbed_members(
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
     if scale is not None:
         positive("scale", scale)
-    basis, motion = undamped_modes(system), scales(system, t_end, scale)
+    span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
+    basis, motion = undamped_modes(system), scales(system, span, scale)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
         raise InputError("scale", motion.speed, rule, "give t_end, or the scale, a modal velocity")
@@ -325,14 +327,14 @@ def varied_members(
     3
     """
     require_system(system)
-    short = {"frequency": frequency, "amplitude": amplitude}
-    columns = dict(parameters or {}) or {name: x for name, x in short.items() if x is not None}
+    short = {name: x for name, x in (("frequency", frequency), ("amplitude", amplitude)) if x is not None}
+    by_path = {} if parameters is None else parameters
+    columns = dict(instance("parameters", by_path, Mapping, 'for example {"frequency": [9.0, 10.0]}')) or short
     chosen = [parameters, frequency, amplitude, stops]
     if sum(x is not None for x in chosen) != 1 or (stops is None and not columns):
+        rule = "be given one of parameters, frequency, amplitude, stops"
         remedy = "for several that vary together pass a mapping of their paths"
-        raise InputError(
-            "varied_members", sorted(columns), "be given one of parameters, frequency, amplitude, stops", remedy
-        )
+        raise InputError("varied_members", sorted(columns), rule, remedy)
     if stops is not None:
         return _with_stops(system, stops)
     # Values of every path, as many for each.

@@ -20,7 +20,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import MOST, Array, Recent, content
-from ..basics.validation import InputError
+from ..basics.validation import InputError, numbers
 from .equations import Modal
 from .problem import ratios_of
 from .system import System
@@ -261,7 +261,8 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     >>> sb.modal_damping([[2.0]], [[8.0]], 0.05)
     array([[0.4]])
     """
-    system = System.from_matrices(mass, stiffness, observe=np.ones(np.shape(mass)[0]))
+    size = len(np.atleast_1d(numbers("mass", mass, remedy="give the matrix as rows")))
+    system = System.from_matrices(mass, stiffness, observe=np.ones(size))
     return damping_of(undamped_modes(system), ratio)
 
 

@@ -96,12 +96,12 @@ class BeamSection:
 
 def checked(sections: Sequence[BeamSection], length: float) -> tuple[BeamSection, ...]:
     """Sections in order along the beam. Raises InputError if they overlap or leave the beam."""
-    for section in sections:
+    rule, remedy = "be BeamSection objects", "for example [BeamSection(0.0, 0.2, stiffness=2.0)]"
+    given = sequence("sections", sections, rule, remedy)
+    for section in given:
         if not isinstance(section, BeamSection):
-            raise InputError(
-                "sections", section, "be BeamSection objects", "for example BeamSection(0.0, 0.2, stiffness=2.0)"
-            )
-    ordered = tuple(sorted(sections, key=lambda s: s.begin))
+            raise InputError("sections", section, rule, remedy)
+    ordered = tuple(sorted(given, key=lambda s: s.begin))
     for one, after in pairwise(ordered):
         if after.begin < one.end:
             rule = f"be at or past the end {one.end:g} of the one before"

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, positive
+from ..basics.validation import InputError, instance, integer, positive
 from .contact import Contact
 from .problem import BeamProblem
 from .semidiscretisation import semidiscretise
@@ -106,8 +106,10 @@ def two_planes(
     """
     if sides is not None and integer("sides", sides, 4) % 2:
         raise InputError("sides", sides, "be even", "opposite sides are one contact")
+    instance("problem", problem, BeamProblem, "for example stiffbeam.BeamProblem(stiffness=3.0)")
     if second is None:
         second = replace(problem, loads=(), initial_displacement=None, initial_velocity=None)
+    instance("second", second, BeamProblem, "leave it out for the same beam without loads")
     # The holes are the same in both planes: ``second`` needs no stops.
     planes = [semidiscretise(replace(x, stops=problem.stops), cells, form) for x in (problem, second)]
     if planes[0].size != planes[1].size:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, integer, non_negative
+from ..basics.validation import InputError, Renamed, instance, integer, non_negative, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
 from .system import SYMMETRIC, System
@@ -163,6 +163,8 @@ def reduce_model(
     """
     M, K = (_symmetric(name, x) for name, x in (("mass", mass), ("stiffness", stiffness)))
     n = int(M.shape[0])  # type: ignore[index]
+    if K.shape != M.shape:
+        raise InputError("stiffness", K.shape, f"have the shape of the mass, {M.shape}", "give one for each unknown")
     integer("modes", modes, 1)
     # SuperLU raises for an exactly singular K only: small pivots show the others.
     try:
@@ -175,8 +177,15 @@ def reduce_model(
         raise strainless
     # Natural modes, and the static deflection of every force.
     squares, shapes = _lowest(M, K, factor.solve, modes)
-    forces = [np.asarray(p, float) for p, _ in loads] + [row for contact in contacts for row in contact.rows]
-    forces += [] if observe is None else [np.asarray(observe, float)]
+    for load in sequence("loads", loads, "be pairs (vector, function of time)"):
+        if not isinstance(load, (tuple, list)) or len(load) != 2:
+            raise InputError(
+                "loads", load, "be pairs (vector, function of time)", "for example [(row, Harmonic(1.0, 2.0))]"
+            )
+    for contact in sequence("contacts", contacts, "be contacts"):
+        instance("contacts", contact, Contact, "for example [Contact(row, Stops(upper=0.1, stiffness=1e4))]")
+    forces = [numbers("loads", p) for p, _ in loads] + [row for contact in contacts for row in contact.rows]
+    forces += [] if observe is None else [numbers("observe", observe)]
     for p in forces:
         if p.shape != (n,):
             remedy = "give one number per unknown of the matrices"
@@ -203,7 +212,11 @@ def reduce_model(
     if np.any(zeta):
         C = np.diag(2.0 * zeta * np.sqrt(omega2)) + (0.0 if C is None else C)
     # Initial data by projection, and the share that is lost.
-    states = [np.zeros(n) if x is None else np.asarray(x, float) for x in (initial_displacement, initial_velocity)]
+    given = {"initial_displacement": initial_displacement, "initial_velocity": initial_velocity}
+    states = [np.zeros(n) if x is None else numbers(name, x) for name, x in given.items()]
+    for name, x in zip(given, states, strict=True):
+        if x.shape != (n,):
+            raise InputError(name, x.shape, f"have shape ({n},)", "give one number per unknown of the matrices")
     z = [T.T @ (M @ x) for x in states]
     lost = [_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True)]
     system = System.from_matrices(
@@ -233,11 +246,15 @@ def reduce_model(
 
 def _symmetric(name: str, matrix: Any) -> Any:
     """``matrix`` in SciPy's sparse columns; InputError where it is not symmetric, by the rule of a System."""
-    sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
-    if sparse.shape[0] == sparse.shape[1]:
-        size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
-        if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
-            raise InputError(name, "an unsymmetric matrix", "be symmetric", SYMMETRIC)
+    try:
+        sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(name, matrix, "be a matrix", "give rows of numbers, or a matrix of SciPy") from None
+    if sparse.ndim != 2 or sparse.shape[0] != sparse.shape[1]:
+        raise InputError(name, sparse.shape, "be square", "give a row and a column for each unknown")
+    size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
+    if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
+        raise InputError(name, "an unsymmetric matrix", "be symmetric", SYMMETRIC)
     return sparse
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, is_read_only, read_only
 from ..basics.resources import afford
-from ..basics.validation import InputError, integer, itself, non_negative, numbers, one_of, positive
+from ..basics.validation import InputError, instance, integer, itself, non_negative, numbers, one_of, positive, sequence
 
 KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
 BEYOND = 1e-9  # of its span, how far outside its samples a record is still asked for: t_end is rounded
@@ -281,7 +281,10 @@ def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sam
     2.0
     """
     base = 2.0 * np.pi / positive("t_end", t_end)
-    low, high = non_negative("band", band[0]), positive("band", band[1])
+    ends = sequence("band", band, "be two frequencies", "for example (1.0, 10.0)")
+    if len(ends) != 2:
+        raise InputError("band", band, "be two frequencies", "for example (1.0, 10.0)")
+    low, high = non_negative("band", ends[0]), positive("band", ends[1])
     # A band that ends at a multiple of the base holds it, however the quotient is rounded.
     count = PER_PERIOD * np.floor(high / base * (1 + 1e-12))
     # Before the conversion to an integer: a quotient may be infinite.
@@ -331,6 +334,7 @@ def random_phases(record: Sampled, seed: int) -> Sampled:
     >>> bool(np.isclose(np.mean(other.values[:-1] ** 2), np.mean(measured.values[:-1] ** 2)))
     True
     """
+    instance("record", record, Sampled, "make one with stiffbeam.Sampled(t, values)")
     step = np.diff(record.t)
     # The FFT takes equal steps.
     if len(step) < 3 or np.ptp(step) > 1e-6 * step[0]:

@@ -372,7 +372,8 @@ def search(
                     gap = sign * (p0 - stop)
                     low = least(gap, sign * p1, sign * p2, sign * p3, step)
                     if low > wrong:
-                        ratio = min(ratio, low / wrong)
+                        # The band does not shrink with the leap: where it is most of what is wrong, it is left out.
+                        ratio = min(ratio, low / wrong if error > 2.0 * band else (low - 2.0 * band) / error)
                         # A closing gap limits the next leap to the time of its zero at the present rate.
                         gap, rate = sign * (seen[i, U + 1 - end] - stop), sign * seen[i, RATE + 1 - end]
                         if rate < 0.0:

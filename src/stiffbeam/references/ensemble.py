@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
-from ..basics.validation import InputError, numbers, positive
+from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
 from ..piecewise.measures import audit, within_float64
@@ -76,6 +76,7 @@ def reference_ensemble(
     (4,)
     """
     begun = wall_clock()
+    function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
     t_end = positive("t_end", t_end)

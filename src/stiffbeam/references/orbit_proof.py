@@ -22,6 +22,7 @@ import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx
 
 from ..basics.arrays import Array
+from ..basics.text import several
 from ..basics.validation import InputError
 from ..model.time_functions import Drive
 from ..piecewise.follow import switched_by_force
@@ -120,9 +121,10 @@ class OrbitProof:
         if not self.proved:
             return f"<OrbitProof, not proved with {self.bits} bits: {self.reason}; {self.remedy}>"
         kind = {True: "stable", False: "unstable", None: "stability not proved"}[self.stable]
+        events = several(len(self.event_times), "event")
         return (
-            f"<OrbitProof: an orbit of period {self.period_text} with {len(self.event_times)} events exists and is"
-            f" locally unique, {kind}, largest multiplier {_shown(self.multipliers[0])}; proved with {self.bits} bits,"
+            f"<OrbitProof: an orbit of period {self.period_text} with {events} exists and is locally unique, {kind},"
+            f" largest multiplier {_shown(self.multipliers[0])}; proved with {self.bits} bits,"
             f" {self.distance:.1e} from the float64 orbit>"
         )
 

@@ -37,7 +37,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
-from ..basics.validation import InputError, Renamed, integer, near, one_of, positive
+from ..basics.validation import InputError, Renamed, instance, integer, near, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
 from ..march.ensemble import integrate_ensemble
@@ -422,16 +422,14 @@ def advise(
         system = uncertain_case(system, t_end, t_end, uncertain, finer)
     case = system if isinstance(system, Case) else None
     if case is not None:
-        t_end = case.t_end if t_end is None else t_end
-        case = replace(case, t_end=t_end)
-        system = case.system()
-    if not isinstance(system, System):
-        raise InputError("system", type(system).__name__, "be a System", "make it with semidiscretise or from_matrices")
+        case = replace(case, t_end=case.t_end if t_end is None else t_end)
+        t_end, system = case.t_end, case.system()
+    system = instance("system", system, System, "make it with semidiscretise or from_matrices")
     if t_end is None:
         remedy = "for example t_end=1.0"
         raise InputError("t_end", None, "be given: what is right depends on how long it is followed", remedy)
     wanted = _wanted(system, want)
-    for name in contacts:
+    for name in sequence("contacts", contacts, "be names"):
         one_of("contacts", name, CONTACTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
@@ -481,7 +479,7 @@ def advise(
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
-    wanted = dict(WANT if want is None else want)
+    wanted = dict(instance("want", WANT if want is None else want, Mapping, 'for example {"tip": 0.01}'))
     rigid = any(contact.stops.rigid for contact in system.contacts)
     if want is None and not system.contacts:
         wanted = {"tip": WANT["tip"]}
@@ -502,7 +500,8 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
 
 
 def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> list[tuple[Scheme, str]]:
-    chosen = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"] if schemes is None else list(schemes)
+    every = [make(name) for name in (*SCHEMES, *RIGID) if name != "theta"]
+    chosen = every if schemes is None else sequence("schemes", schemes, "be Scheme objects")
     if not chosen or not contacts:
         remedy = "leave out what is empty, to try all"
         raise InputError("schemes", chosen and contacts, "be at least one, with one way to treat contact", remedy)

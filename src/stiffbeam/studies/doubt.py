@@ -49,7 +49,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, cores, displayed, over_slices, silent
-from ..basics.text import html_table, plain, table
+from ..basics.text import html_table, plain, several, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
@@ -121,7 +121,7 @@ class Doubt:
         """Run, times to which the motion is certain, and verdicts."""
         values = (self.dt, self.t_end, self.horizon, self.data_horizon)
         dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
-        head = f"{self.scheme}, dt = {dt}, {self.members} members to t = {end}"
+        head = f"{self.scheme}, dt = {dt}, {several(self.members, 'member')} to t = {end}"
         known = (
             f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
             f"(95 % of the members within {percent(self.tolerance)})."

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
+from ..basics.text import several
 from ..basics.units import Units
 from ..figures.chart import (
     Axis,
@@ -168,9 +169,8 @@ def answer(rows: Rows, case: Case) -> Answer:
     steps = [r for r in rows if r["purpose"] == "step" and r["scheme"] not in (REFERENCE, EXACT)]
     exact = next((r for r in rows if r["scheme"] == EXACT), None)
     if not steps or exact is None:
-        return Answer(
-            f"Without {'schemes' if exact else 'exact members'} there is nothing to compare at {len(rows)} points."
-        )
+        lacking, points = "schemes" if exact else "exact members", several(len(rows), "point")
+        return Answer(f"Without {lacking} there is nothing to compare at {points}.")
     if not any(row["count"] for row in (exact, *steps)):
         return Answer("No impact, neither of the exact motion nor of a run: there is nothing to count.")
     coarse, first = max(r["dt"] for r in steps), steps[0]
@@ -191,8 +191,8 @@ def answer(rows: Rows, case: Case) -> Answer:
         f"At dt = {step} schemes count {common.extremes(counts, '{:.4g}'.format)} impacts to t = {end}; exact motions "
         f"have {exact['count']:.4g} ± {exact['count_spread']:.2g}.",
         table,
-        f"The exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by {_precision(rows)}, "
-        f"has {first['reference_count']:g} impacts. Schemes: {runs}.",
+        f"The exact motions are in contact {percent(exact['fraction'])} of the time; a single one, by "
+        f"{_precision(rows)}, has {first['reference_count']:g} impacts. Schemes: {runs}.",
     )
 
 

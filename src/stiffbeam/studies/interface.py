@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..basics.resources import afford
 from ..basics.storage import write_whole
-from ..basics.text import cells_of, html_table, plain
+from ..basics.text import cells_of, html_table, plain, several
 from ..basics.validation import InputError, integer, near, positive
 from ..figures.chart import Axis, Panel, Picture, heading, png, render, save_figure, short, with_nan
 from ..model.time_functions import covered, stays_at_rest
@@ -207,7 +207,8 @@ class Records:
     seconds: float
 
     def __repr__(self) -> str:
-        return f"<Records {self.study.name} of {self.case.name}: {len(self.rows)} rows, {len(self.failures)} failed>"
+        rows = several(len(self.rows), "row")
+        return f"<Records {self.study.name} of {self.case.name}: {rows}, {len(self.failures)} failed>"
 
     def __str__(self) -> str:
         missing = [f"{word}: {reason}" for word, reason in self.missing if self.found]

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.text import several
 from ..figures.chart import Axis, Curve, Mark, Panel, Picture, column, groups, look, short
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -91,7 +92,9 @@ def answer(rows: Rows, _: Case) -> Answer:
         f"Mode {measured[0]['mode']} is late by {late}, with a damping ratio of {damped}. In all modes runs differ "
         f"from theory by at most {period:.1g} in the period and {damping:.1g} in the damping ratio.",
         table,
-        f"Not measured: {left} modes that die too soon or are followed for less than half a period." if left else "",
+        f"Not measured: {several(left, 'mode')}, damped out too soon or followed for less than half a period."
+        if left
+        else "",
     )
 
 

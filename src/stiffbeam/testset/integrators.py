@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.resources import clock
-from ..basics.validation import InputError, near, number, one_of
+from ..basics.validation import InputError, near, number, one_of, positive
 from ..march.integrate import integrate
 from ..model.system import System
 from ..references import solve
@@ -148,7 +148,7 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
             return replace(integrator(named, order), label=given)
         return integrator(parse_run(given)[0], order)
     if isinstance(given, Scheme):
-        return Integrator(str(given), SCHEME, given, float(given.order if order is None else order))
+        return Integrator(str(given), SCHEME, given, given.order if order is None else positive("order", order))
     if isinstance(given, Trajectory):
         return integrator([given])
     if isinstance(given, (list, tuple)) and given and all(isinstance(run, Trajectory) for run in given):

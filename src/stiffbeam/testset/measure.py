@@ -268,7 +268,7 @@ def _between_steps(motion: Motion, force: Array) -> tuple[Array, Array]:
     The largest of the steps alone is less by up to (w dt)^2/8, and as much again with half the steps where they share
     the one next to the peak.
     """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
     t, u, v = motion.t, motion.position, motion.velocity
     assert u is not None
@@ -279,8 +279,8 @@ def _between_steps(motion: Motion, force: Array) -> tuple[Array, Array]:
     fine = (t[ends, None] + np.diff(t)[ends, None] * np.linspace(0.0, 1.0, 33)[1:-1]).ravel()
     turns = spline.derivative().roots(extrapolate=False)
     fine = np.concatenate([fine, turns[np.isfinite(turns)]])
-    rates = spline(t, 1) if v is None else v
-    return np.concatenate([u, spline(fine)]), np.concatenate([rates, spline(fine, 1)])
+    rate = spline.derivative() if v is None else PchipInterpolator(t, v)  # not the cubic's: rounding of u over dt
+    return np.concatenate([u, spline(fine)]), np.concatenate([rate(t), rate(fine)])
 
 
 def _energy_error(problem: Problem, motion: Motion) -> float:
@@ -491,15 +491,15 @@ def verdict(entry: Entry, smooth: float) -> Entry:
         good = errors[-1] <= max(limit, FLOOR)
         return replace(entry, outcome=CONVERGES if good else NOT_FALLING)
     # The order through the errors that rounding does not hide.
-    seen = (errors > FLOOR) & np.isfinite(errors)
-    order = observed_order(1.0 / levels[seen], errors[seen])
+    above = (errors > FLOOR) & np.isfinite(errors)
+    order = observed_order(1.0 / levels[above], errors[above])
     expected = min(smooth, entry.problem.order_limit) if entry.problem.order_limit > 0.0 else float("nan")
     entry = replace(entry, order=order, expected=expected)
     if not _falls(levels, errors):
         return replace(entry, outcome=NOT_FALLING)
     if missed := _missed(entry, levels):
         return replace(entry, outcome=NOT_FALLING, missed=missed)
-    low = np.count_nonzero(seen) >= 4 and order.slope + order.interval < expected - ORDER_SLACK
+    low = np.count_nonzero(above) >= 4 and order.slope + order.interval < expected - ORDER_SLACK
     # Half a step is the rule for methods of order 1, and on rigid stops, where all are of order 1.
     second = entry.problem.order_limit >= 2.0 and order.slope - order.interval > 1.0 + STAGGERED
     reasons, late = [entry.reason] if entry.reason else [], list[str]()
@@ -509,6 +509,8 @@ def verdict(entry: Entry, smooth: float) -> Entry:
                 f"the {what} is that of {abs(steps):.2f} steps {'before' if steps > 0.0 else 'after'} its time"
             )
             late += [what] if what == "velocity" or low or abs(steps) > LATE else []
+    if 0 <= (seen := entry.runs[-1].errors.impacts) < (most := len(_known_impacts(entry.problem))):
+        reasons.append(f"the finest run has {seen} of the first {most} impacts")
     outcome = LOW_ORDER if low or late else CONVERGES
     return replace(entry, outcome=outcome, missed=tuple(late), reason="; ".join(dict.fromkeys(reasons)))
 

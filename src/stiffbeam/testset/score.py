@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.resources import Show, displayed
-from ..basics.validation import InputError
+from ..basics.validation import InputError, sequence
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .integrators import DEFAULT, FUNCTION, RECORDED, SCHEME, Integrator, Made
 from .integrators import integrators as integrators_of
@@ -127,7 +127,7 @@ def _uncounted(each: Problem, made: Made, run: Run) -> str:
 def _problems(given: Any) -> list[Problem]:
     if given is None:
         return list(all_problems().values())
-    chosen = [given] if isinstance(given, (str, Problem)) else list(given)
+    chosen = [given] if isinstance(given, (str, Problem)) else sequence("problems", given, "be names of problems")
     problems = [x if isinstance(x, Problem) else problem(x) for x in chosen]
     return sorted(problems, key=lambda x: x.number)  # the smooth one first
 

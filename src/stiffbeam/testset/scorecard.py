@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.storage import write_whole
-from ..basics.text import DRAW
+from ..basics.text import DRAW, several
 from ..figures.chart import log_scale, look, mark_order, new_figure, save_figure, say_empty, shared_legend, short
 from .measure import FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, Entry, shown_error, summary
 from .problem import VERSION, Answer, Problem
@@ -80,8 +80,8 @@ class Scorecard:
         return table({key: [row[key] for row in rows] for key in rows[0]} if rows else {})
 
     def __repr__(self) -> str:
-        counts = f"{len(self.integrators)} integrators, {len(self.problems)} problems, {len(self.flagged)} flagged"
-        return f"<Scorecard: {counts}>"
+        counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
+        return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
 
     def __str__(self) -> str:
         from rich.console import Console
@@ -375,9 +375,8 @@ def _table(title: str, headings: Sequence[str], rows: list[list[str]]) -> Table:
 
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for i, heading in enumerate(headings):
-        broken = (
-            heading.replace("(", "\n(").replace(", ", ",\n") if len(heading) > LONG else heading
-        )  # not within a word
+        # A long heading is broken between words.
+        broken = heading.replace("(", "\n(").replace(", ", ",\n") if len(heading) > LONG else heading
         table.add_column(broken, justify="right" if 0 < i < len(headings) - (headings[-1] == "outcome") else "left",
                          no_wrap=heading == "problem", overflow="fold")  # fmt: skip
     for row in rows:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, html_facts
+from ..basics.text import DRAW, html_facts, several
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
@@ -66,7 +66,7 @@ class ContactStatistics:
         return np.diff(self.offsets)
 
     def __repr__(self) -> str:
-        return f"<ContactStatistics: {len(self.fraction)} members, {self.impacts.count} impacts>"
+        return f"<ContactStatistics: {several(len(self.fraction), 'member')}, {several(self.impacts.count, 'impact')}>"
 
     def impacts_of(self, member: int) -> Impacts:
         """The impacts of one member."""
@@ -164,7 +164,7 @@ class Ensemble(Runs):
     ledger: Callable[[int], Ledger] = field(repr=False)
 
     def __repr__(self) -> str:
-        return f"<Ensemble {self.label}: {len(self)} members, {self.members.parameter}>"
+        return f"<Ensemble {self.label}: {several(len(self), 'member')}, {self.members.parameter}>"
 
     @property
     def label(self) -> str:

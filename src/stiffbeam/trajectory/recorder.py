@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
 from ..basics.compiled import compiled
-from ..basics.validation import InputError, numbers
+from ..basics.validation import InputError, numbers, sequence
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
 from ..model.system import System, require_system
@@ -397,7 +397,9 @@ def run_fields(
     if states is not None:
         if system is None:
             raise InputError("states", "without a system", "come with their system", "pass system=")
-        q, v = (_states(x, (len(all_times), system.size)) for x in states)
+        if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
+            raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
+        q, v = (_states(x, (len(all_times), system.size)) for x in pair)
         row, offset = system.channels[system.tip_channel]
         if tip is None:
             tip = system.positions(all_times, q)[:, system.tip_channel]

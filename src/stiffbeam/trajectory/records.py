@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, html_table
+from ..basics.text import DRAW, html_table, several
 from ..basics.validation import Renamed, bound
 from ..model.contact import Stops, channel_motion
 from ..model.system import System
@@ -168,7 +168,7 @@ class Impacts:
         ]  # fmt: skip
         first = f", the first {SHOWN}" if rows.count > SHOWN else ""
         heads = ["impact", *IMPACT_FIELDS.values()]
-        return html_table(heads, lines, f"{self.count} {self.kind} impacts{first}")
+        return html_table(heads, lines, f"{several(self.count, f'{self.kind} impact')}{first}")
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact
@@ -221,8 +221,8 @@ class ContactRecord:
 
     def __repr__(self) -> str:
         return (
-            f"<ContactRecord {self.stops}: {self.impacts.count} impacts, in contact {100 * self.fraction:.3g} % of "
-            f"the time, peak force {self.peak_force:.4g}, impulse {self.impulse:.4g}>"
+            f"<ContactRecord {self.stops}: {several(self.impacts.count, 'impact')}, in contact "
+            f"{100 * self.fraction:.3g} % of the time, peak force {self.peak_force:.4g}, impulse {self.impulse:.4g}>"
         )
 
 
@@ -292,7 +292,8 @@ class Ledger:
     def supplied(self) -> Array:
         """E_0 + the largest input so far, at these times: the most that start, loads and moving stops have supplied.
 
-        The input at one time would not do: it returns to zero whenever a load takes back its work.
+        The input at one time would not do: it returns to zero whenever a load takes back its work. Its largest between
+        two times is not seen: outputs at every step (``every=1``) leave out least.
         """
         return supplied(self.energy[0], self.input)
 

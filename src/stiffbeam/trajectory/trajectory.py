@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts, sentence
+from ..basics.text import DRAW, html_facts, sentence, several
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, integer, numbers, positive
+from ..basics.validation import InputError, Renamed, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
 from .schema import arrays_of, frame_of, named, output_index, save, values_of
@@ -185,11 +185,9 @@ class Trajectory:
         return state
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__} {self.label}: {len(self.t)} times to "
-            f"{self.units.measure(f'{self.t[-1]:g}', 'time')}, {sum(c.impacts.count for c in self.contacts)} impacts"
-            f"{self._trust()}>"
-        )
+        end = self.units.measure(f"{self.t[-1]:g}", "time")
+        impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
+        return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}{self._trust()}>"
 
     def _trust(self) -> str:
         """The horizon, for the repr; "" for a run."""
@@ -393,7 +391,7 @@ class Trajectory:
         measure, dt = self.units.measure, self.provenance.get("dt")
         counts = [
             (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
-             f"{c.impact_count} impacts, {100.0 * c.fraction:.3g} % of the time, "
+             f"{several(c.impact_count, 'impact')}, {100.0 * c.fraction:.3g} % of the time, "
              f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
             for i, c in enumerate(self.contacts)
         ]  # fmt: skip
@@ -407,7 +405,7 @@ class Trajectory:
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
         impact; options: see ``figures.animation.animate``."""
-        return DRAW["film"]([self, *beside], file, **options)
+        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
 
     def save(self, file: str | Path) -> Path:
         """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
@@ -551,7 +549,7 @@ class Reference(Trajectory):
         if self.derive is None:
             rule = 'be of method "exact" and solved in this process for a derivative'
             raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
-        paths = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+        paths = (wrt,) if isinstance(wrt, str) else tuple(sequence("wrt", wrt, "name parameters"))
         if not paths or not all(isinstance(path, str) for path in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
         times = self.t if t is None else np.atleast_1d(numbers("t", t))

@@ -30,7 +30,8 @@ from scipy.optimize import brentq
 
 from ...basics.arrays import Array
 from ...basics.resources import Show, afford, displayed, silent
-from ...basics.validation import InputError, integer, numbers
+from ...basics.text import several
+from ...basics.validation import InputError, function, integer, numbers, positive
 from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
@@ -148,8 +149,8 @@ class Branch:
         plural = {"torus": "tori"}
         kinds = [f"{n} {plural.get(kind, kind + 's') if n != 1 else kind}" for kind, n in counted.items()]
         return (
-            f"<Branch over {self.parameter}: {len(self.values)} orbits from {self.values[0]:g} to {self.values[-1]:g},"
-            f" {np.count_nonzero(self.stable)} stable, {', '.join(kinds) or 'no bifurcation'}>"
+            f"<Branch over {self.parameter}: {several(len(self.values), 'orbit')} from {self.values[0]:g} to "
+            f"{self.values[-1]:g}, {np.count_nonzero(self.stable)} stable, {', '.join(kinds) or 'no bifurcation'}>"
         )
 
     @property
@@ -583,7 +584,9 @@ def continuation(
     if len(along) < 2 or along[0] == along[-1]:
         rule = "be two or more numbers, the last another than the first"
         raise InputError("values", values, rule, "np.linspace(a, b, 50)")
-    of_value = period if callable(period) else lambda _: float(period)  # type: ignore[arg-type]
+    function("make_system", make_system, "for example lambda value: ...")
+    length = 0.0 if callable(period) else positive("period", period)
+    of_value = period if callable(period) else lambda _: length
     limits = float(np.min(along)), float(np.max(along))
     afford("values", len(along), "take fewer", seconds=0.02 * len(along))
     most = MOST * len(along) if most is None else integer("most", most, 2)

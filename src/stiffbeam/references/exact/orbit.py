@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
+from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
@@ -101,12 +102,10 @@ class Orbit:
     path: Path = field(repr=False)
 
     def __repr__(self) -> str:
-        marginal = abs(abs(self.multipliers[0]) - 1.0) <= ALONE
-        kind = "marginal" if marginal else "stable" if self.stable else "unstable"
-        return (
-            f"<Orbit, {kind}: period {self.period:.6g}, {len(self.event_times)} events,"
-            f" largest multiplier {self.multipliers[0]:.6g}, residual {self.residual:.1e}>"
-        )
+        first, events = self.multipliers[0], several(len(self.event_times), "event")
+        kind = "marginal" if abs(abs(first) - 1.0) <= ALONE else "stable" if self.stable else "unstable"
+        return (f"<Orbit, {kind}: period {self.period:.6g}, {events}, largest multiplier {first:.6g}, "
+                f"residual {self.residual:.1e}>")  # fmt: skip
 
     @property
     def stable(self) -> bool:
