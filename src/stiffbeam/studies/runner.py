@@ -120,7 +120,8 @@ def _evaluate_all(
     else:
         _require_portable(study, case, points)
         if executor is None:
-            source = getattr(sys.modules["__main__"], "__file__", None)
+            main = sys.modules["__main__"]
+            source = None if main.__spec__ else getattr(main, "__file__", None)
             if source and not os.path.isfile(source):  # each process would read it
                 remedy = "save the script as a file, or use jobs=1"
                 raise InputError("jobs", jobs, f"be 1 in a script read from {source}", remedy)
