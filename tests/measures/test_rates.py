@@ -295,3 +295,12 @@ def test_exceedances_are_counted_with_their_interval():
         initial_velocity=[1.0],
     )
     assert np.isnan(sb.contact_rates(sb.reference(rigid, 5.0)).exceedance(1.0).value)
+
+
+@pytest.mark.parametrize(("gap", "bounds"), [(0.1, (0.6187, 3.0, 8.7673)), (1.0, (0.0, 0.0, 3.6889))])
+def test_the_rate_of_few_impacts_has_the_interval_of_poisson(gap, bounds):
+    """Three impacts, and none: the bounds of tables of Poisson's law."""
+    contacts = [sb.Contact([1.0], sb.Stops(upper=gap, stiffness=400.0))]
+    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=contacts, initial_velocity=[1.0])
+    rate = sb.contact_rates(sb.reference(system, 5.0)).rates[0]["impact"]
+    assert [5.0 * x for x in (rate.low, rate.value, rate.high)] == pytest.approx(bounds, rel=1e-4)

@@ -155,17 +155,11 @@ class ContactRates:
         >>> round(rates.exceedance(10.0).value, 2), rates.exceedance(30.0).value  # every impact has the peak 19.1
         (0.55, 0.0)
         """
-        from scipy.stats import chi2
-
         force, one = number("force", force), self.run.contacts[contact]
-        edges, span = windows(self.run.system, self.since, self.t_end), self.t_end - self.since
-        counts = np.histogram(one.impacts.times[one.impacts.peaks > force], edges)[0]
-        count = int(np.sum(counts))
-        if count >= LEAST or one.stops.rigid:
-            return _rate(np.where(one.stops.rigid, np.nan, counts / np.diff(edges)))
-        low = 0.5 * float(chi2.ppf(0.025, 2 * count)) if count else 0.0
-        high = 0.5 * float(chi2.ppf(0.975, 2 * count + 2))
-        return Mean(count / span, low / span, high / span, float(count), max(count, 1) ** 0.5 / span)
+        if one.stops.rigid:
+            return Mean(*5 * (float("nan"),))
+        edges = windows(self.run.system, self.since, self.t_end)
+        return _rate_of(one.impacts.times[one.impacts.peaks > force], edges)
 
     def __str__(self) -> str:
         units, lines = self.run.units, []
@@ -186,8 +180,9 @@ def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
     """Rates of impacts, impulse, normal work and sliding work, the fraction of the time in contact and the rms of the
-    force, at every contact, each with its 95 % interval. Limitation: the interval of a run of less than 40 periods of
-    its slowest motion is too narrow, see ``stationary_mean``.
+    force, at every contact, each with its 95 % interval. That of the rate of fewer than 8 impacts is Poisson's.
+    Limitation: the interval of a run of less than 40 periods of its slowest motion is too narrow, see
+    ``stationary_mean``.
 
     Parameters
     ----------
@@ -249,9 +244,8 @@ def contact_rates(
             sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
             window[3], impact[1] = np.nan, np.nan
-        counts = np.histogram(contact.impacts.times, edges)[0]
-        series = dict(zip(RATES, (counts, *window), strict=True))
-        means = {name: _rate(x / width) for name, x in series.items()}
+        integrals = zip(list(RATES)[1:], window, strict=True)
+        means = {"impact": _rate_of(contact.impacts.times, edges)} | {name: _rate(x / width) for name, x in integrals}
         share = means["contact"]  # of the time: at most all of it
         means |= {"contact": replace(share, high=float(np.minimum(1.0, share.high)))}
         rates.append(means | {"force_rms": _root(means["force_rms"])})
@@ -295,6 +289,19 @@ def _rate(series: Array) -> Mean:
         return Mean(*5 * (float("nan"),))
     mean = stationary_mean(series)
     return replace(mean, low=max(0.0, mean.low))
+
+
+def _rate_of(times: Array, edges: Array) -> Mean:
+    """Rate of events at these times, from their counts between the edges; of fewer than LEAST by Poisson's law."""
+    from scipy.stats import chi2
+
+    counts, span = np.histogram(times, edges)[0], float(edges[-1] - edges[0])
+    count = int(np.sum(counts))
+    if count >= LEAST:
+        return _rate(counts / np.diff(edges))
+    low = 0.5 * float(chi2.ppf(0.025, 2 * count)) if count else 0.0
+    high = 0.5 * float(chi2.ppf(0.975, 2 * count + 2))
+    return Mean(count / span, low / span, high / span, float(count), max(count, 1) ** 0.5 / span)
 
 
 def _root(mean: Mean) -> Mean:
