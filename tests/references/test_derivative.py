@@ -234,6 +234,9 @@ def test_what_a_derivative_refuses(table10):
         sb.reference(system, 0.01, method="cvode").derivative(["viscosity"])
     with pytest.raises(sb.InputError, match="keep the terms of the loads"):
         reference.derivative(["viscosity"])  # at 0 the load of the moving clamp has one term less
+    tip = dataclasses.replace(table10, stops=dataclasses.replace(table10.stops, position=1.0))
+    with pytest.raises(sb.InputError, match="keep the terms of the loads, the observed points"):
+        sb.reference(sb.semidiscretise(tip, 4), 0.02).derivative(["stops[0].position"])
 
 
 def test_beam_parameters_that_are_not_linear_in_its_matrices(table10):

@@ -213,8 +213,8 @@ def slope_of(
     def at(step: float) -> Array:
         member = make_system(value + step)
         if _structure(member) != structure:
-            rule = "keep the terms of the loads, the times of samples and the sides of the stops"
-            raise InputError("wrt", name, rule, "take a value that is not 0, or another parameter")
+            rule = "keep the terms of the loads, the observed points, the times of samples and the sides of the stops"
+            raise InputError("wrt", name, rule, "take a value beside it, or another parameter")
         return data_of(member).vector()
 
     problem: InputError | None = None
@@ -273,7 +273,8 @@ def _one_sided(
                 # From one side, where three values are exact for a quadratic, and four check it.
                 y = [centre, *(at(k * h) for k in (1, 2, 3))]
             except InputError as error:
-                problem = problem or error
+                # What is wrong inside the range tells more than where it ends.
+                problem = error if problem is None or error.field == "wrt" else problem
                 continue
             slope = (-3.0 * y[0] + 4.0 * y[1] - y[2]) / (2.0 * h)
             other = (-11.0 * y[0] + 18.0 * y[1] - 9.0 * y[2] + 2.0 * y[3]) / (6.0 * h)
