@@ -126,6 +126,13 @@ def test_a_second_signal_does_not_wait(tmp_path):
     assert "Traceback" not in said
 
 
+def heard(program: str, number: signal.Signals, seconds: float) -> tuple[int, str, str]:
+    """Status, output and errors of a program that sends itself a signal."""
+    command = [sys.executable, "-c", program.format(name=number.name)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
 LOST = """
 import os, signal, time, weakref
 from stiffbeam import cli
@@ -155,9 +162,7 @@ cli.main()
 @pytest.mark.parametrize("number", STATUS)
 @pytest.mark.fast(1)
 def test_a_signal_that_comes_where_python_drops_exceptions_is_heard_all_the_same(number):
-    program = LOST.format(name=number.name)
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=15, check=False)
-    assert (found.returncode, found.stdout, found.stderr) == (STATUS[number], "cleaned up\n", SAID)
+    assert heard(LOST, number, 15) == (STATUS[number], "cleaned up\n", SAID)
 
 
 COMPILING = """
@@ -192,6 +197,4 @@ cli.main()
 @pytest.mark.parametrize("number", STATUS)
 @pytest.mark.fast(1)
 def test_a_signal_within_a_callback_of_the_compiler_waits_for_its_end(number):
-    program = COMPILING.format(name=number.name)
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=False)
-    assert (found.returncode, found.stdout, found.stderr) == (STATUS[number], "returned\n", SAID)
+    assert heard(COMPILING, number, 30) == (STATUS[number], "returned\n", SAID)
