@@ -45,154 +45,176 @@ def direct_pieces(
     """
     view = Together.of(system)
     history, done = [view.start(view.system.q0, view.system.v0)], 0
-    starter = scheme.starter
     # A multistep scheme begins with its starter, whose states are its history, newest first.
-    if starter is not None:
-        count = min(steps, scheme.history - 1)
-        for piece, z in _direct_blocks(view, starter, dt, history, 0, count, contact, 1):
-            history.insert(0, z[: view.equation.order])
-            done += 1
+    if scheme.starter is not None:
+        done = min(steps, scheme.history - 1)
+        march = _March(view, scheme.starter, dt, contact, history, 0)
+        for step in range(done):
+            piece = march.piece(step, 1)
+            history.insert(0, march.z[: view.equation.order])
             yield piece
     if done < steps:
-        for piece, _ in _direct_blocks(view, scheme, dt, history, done, steps - done, contact, STEPS_PER_PIECE // 4):
-            yield piece
+        march = _March(view, scheme, dt, contact, history, done)
+        length = STEPS_PER_PIECE // 4
+        for step in range(done, steps, length):
+            yield march.piece(step, min(length, steps - step))
 
 
-def _direct_blocks(
-    view: Together, scheme: Scheme, dt: float, history: list[Array], first: int, steps: int, contact: str, length: int
-) -> Iterator[tuple[Piece, Array]]:
-    equation, system, order = view.equation, view.system, view.equation.order
-    nodes, stops = scheme.nodes, [c.stops for c in system.contacts]
-    S, m, holes = len(nodes), len(stops), [c for c, each in enumerate(system.contacts) if each.radial]
-    # Rows of the contacts, two of a hole; ``heads`` is the first row of each channel.
-    owners = np.repeat(np.arange(m), [len(c.rows) for c in system.contacts])
-    R = len(owners)
-    heads = [*np.searchsorted(owners, np.arange(m)), *range(R, len(view.rows))]
-    rule, law = rule_of(system.contacts, contact), laws(system.contacts)
-    way = 0.5 * dt if rule == AVERAGED else 1.0  # see Block
-    offsets = [offset for row, offset in system.channels for _ in np.atleast_2d(row)]
-    t0 = np.asarray(first * dt)
-    if first:
-        # After the starter the contacts follow from the computed state.
-        shift, rate = (np.array([of(o, t0) for o in offsets]) for of in (offset_values, offset_rate))
-        at_start, moving = view.rows @ history[0][0] + shift, view.rows @ equation.velocity(history[0]) + rate
-        at_start, moving = _of_channels(at_start, moving, heads, holes)
-    else:  # as given: on a stop, rounding would tell the side
-        own = system if isinstance(system, System) else system.system
-        at_start, moving = (x[0] for x in initial_channels([own], own.q0[None], own.v0[None]))
-    force = view.load(system, t0)
-    if rule != MEAN:  # whose reactions are means over a step, not there at a time
-        columns = turned(view.rows[:R] @ history[0][0], owners).T @ view.columns if holes else view.columns
-        force = force + sum(
-            s.force(x, v) * column for s, x, v, column in zip(stops, at_start, moving, columns, strict=False)
-        )
-    z = scheme.initial(equation, history, force)
+class _March:
+    """A one-step or multistep scheme on its way: the state ``z`` after the last step, and how a step answers forces."""
 
-    # Responses to a unit force of contact c at node s: state and contact positions at the nodes.
-    zero = np.zeros_like(z)
-    none = [np.zeros_like(history[0][0])] * S
-    response_z = np.empty((S, R, *z.shape))
-    response = np.zeros((S, R, S, R))  # [node, row] of the force, [node, row] of the position
-    rates = np.zeros((S, R, S, R))  # and of the velocity
-    ends_at_node = True
-    for s in range(S):
-        for c in range(R):
-            reactions = list(none)
-            reactions[s] = view.columns[c]
-            response_z[s, c], stages = scheme.step(equation, dt, zero, none, reactions)
-            ends_at_node = ends_at_node and ends_there(stages[-1][0], response_z[s, c][0])
-            # Predicted positions do not depend on the forces of their step: their responses stay zero.
-            if contact != "extrapolated":
-                response[s, c] = np.array([y[0] for y in stages]) @ view.rows[:R].T
-                rates[s, c] = way * np.array([equation.velocity(y) for y in stages]) @ view.rows[:R].T
-    # A force that depends on velocity is unique only where these hold.
-    if rule in RATED:
-        compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (response, rates)]
-        require_giving_way(scheme, *compliances)
-        if rule == AVERAGED:
-            require_averages(scheme, *compliances)
-        if any(stop.jumps for stop in stops):
-            require_moved(scheme, np.array([response[s, :, s] for s in range(S)]))
-    # Positions at the node before: the mean rule takes the force between both ends of the step.
-    before = at_start[:m].copy()
+    def __init__(
+        self, view: Together, scheme: Scheme, dt: float, contact: str, history: list[Array], first: int
+    ) -> None:
+        system = view.system
+        self.view, self.scheme, self.dt, self.contact, self.equation = view, scheme, dt, contact, view.equation
+        self.stops = [c.stops for c in system.contacts]
+        self.rule, self.law = rule_of(system.contacts, contact), laws(system.contacts)
+        self.way = 0.5 * dt if self.rule == AVERAGED else 1.0  # see Block
+        # Rows of the contacts, two of a hole; ``heads`` is the first row of each channel.
+        m = len(self.stops)
+        self.holes = [c for c, each in enumerate(system.contacts) if each.radial]
+        self.owners = np.repeat(np.arange(m), [len(c.rows) for c in system.contacts])
+        self.contact_rows = view.rows[: len(self.owners)]
+        self.heads = [*np.searchsorted(self.owners, np.arange(m)), *range(len(self.owners), len(view.rows))]
+        self.offsets = [offset for row, offset in system.channels for _ in np.atleast_2d(row)]
+        self._begin(history, first)
+        self._respond()
 
-    for start in range(first, first + steps, length):
+    def _begin(self, history: list[Array], first: int) -> None:
+        """The state after step ``first``, from the states so far, newest first, and the forces there."""
+        view, t0 = self.view, np.asarray(first * self.dt)
+        if first:
+            # After the starter the contacts follow from the computed state.
+            shift, rate = (np.array([of(o, t0) for o in self.offsets]) for of in (offset_values, offset_rate))
+            rows = view.rows @ history[0][0] + shift, view.rows @ self.equation.velocity(history[0]) + rate
+            at_start, moving = self._of_channels(*rows)
+        else:  # as given: on a stop, rounding would tell the side
+            own = view.system if isinstance(view.system, System) else view.system.system
+            at_start, moving = (x[0] for x in initial_channels([own], own.q0[None], own.v0[None]))
+        force = view.load(view.system, t0)
+        if self.rule != MEAN:  # whose reactions are means over a step, not there at a time
+            columns = view.columns
+            if self.holes:
+                columns = turned(self.contact_rows @ history[0][0], self.owners).T @ columns
+            pressing = zip(self.stops, at_start, moving, columns, strict=False)
+            force = force + sum(stop.force(x, v) * column for stop, x, v, column in pressing)
+        self.z = self.scheme.initial(self.equation, history, force)
+        # Positions at the node before: the mean rule takes the force between both ends of the step.
+        self._before = at_start[: len(self.stops)].copy()
+
+    def _respond(self) -> None:
+        """The responses of a step to a unit force on each row at each node, which superposition needs."""
+        S, R, equation = len(self.scheme.nodes), len(self.owners), self.equation
+        zero, none = np.zeros_like(self.z), self._unloaded()
+        self.of_state = np.empty((S, R, *zero.shape))
+        self.of_position = np.zeros((S, R, S, R))  # [node, row] of the force, [node, row] of the position
+        self.of_velocity = np.zeros((S, R, S, R))
+        self.ends_at_node = True
+        for s in range(S):
+            for c in range(R):
+                reactions = list(none)
+                reactions[s] = self.view.columns[c]
+                self.of_state[s, c], stages = self.scheme.step(equation, self.dt, zero, none, reactions)
+                self.ends_at_node = self.ends_at_node and ends_there(stages[-1][0], self.of_state[s, c][0])
+                # Predicted positions do not depend on the forces of their step: their responses stay zero.
+                if self.contact != "extrapolated":
+                    self.of_position[s, c] = np.array([y[0] for y in stages]) @ self.contact_rows.T
+                    velocities = np.array([equation.velocity(y) for y in stages])
+                    self.of_velocity[s, c] = self.way * velocities @ self.contact_rows.T
+        # A force that depends on velocity is unique only where these hold.
+        if self.rule in RATED:
+            compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (self.of_position, self.of_velocity)]
+            require_giving_way(self.scheme, *compliances)
+            if self.rule == AVERAGED:
+                require_averages(self.scheme, *compliances)
+            if any(stop.jumps for stop in self.stops):
+                require_moved(self.scheme, np.array([self.of_position[s, :, s] for s in range(S)]))
+
+    def _unloaded(self) -> list[Array]:
+        return [np.zeros_like(self.z[0])] * len(self.scheme.nodes)
+
+    def piece(self, start: int, count: int) -> Piece:
+        """The steps start + 1 .. start + count."""
         begun = clock()
+        view, nodes, m = self.view, self.scheme.nodes, len(self.stops)
         # Loads and moving stops at the nodes of all these steps at once.
-        count = min(length, first + steps - start)
-        times = (start + np.arange(count))[:, None] * dt + np.array(nodes) * dt
-        loads = view.load(system, times)
-        shifts = np.stack([offset_values(o, times) for o in offsets[:R]], axis=-1) if m else np.zeros((count, S, 0))
-        shift_rates = (
-            np.stack([offset_rate(o, times) for o in offsets[:R]], axis=-1) if rule in RATED else np.zeros_like(shifts)
-        )
-        path, node_forces = np.empty((count, *z.shape)), np.zeros((count, m))
+        times = (start + np.arange(count))[:, None] * self.dt + np.array(nodes) * self.dt
+        loads = view.load(view.system, times)
+        shifts = np.zeros((2, count, len(nodes), len(self.owners)))
+        for c, offset in enumerate(self.offsets[: len(self.owners)]):
+            shifts[0, ..., c] = offset_values(offset, times)
+            if self.rule in RATED:
+                shifts[1, ..., c] = offset_rate(offset, times)
+        path, node_forces, none = np.empty((count, *self.z.shape)), np.zeros((count, m)), self._unloaded()
         for k in range(count):
             # The step without contact forces, then the forces node by node, each with its response.
-            predicted = scheme.predict(equation, dt, z) if contact == "extrapolated" else None
-            z, stages = scheme.step(equation, dt, z, list(loads[k]), none)
+            predicted = self.scheme.predict(self.equation, self.dt, self.z) if self.contact == "extrapolated" else None
+            self.z, stages = self.scheme.step(self.equation, self.dt, self.z, list(loads[k]), none)
             if m:
-                arguments = np.array(predicted or [y[0] for y in stages]) @ view.rows[:R].T + shifts[k]
-                speeds = np.zeros((S, R))
-                if rule in RATED:
-                    moved = np.array([equation.velocity(y) for y in stages]) @ view.rows[:R].T + shift_rates[k]
-                    speeds = way * moved
-                for s in range(S):
-                    if rule != LINEAR:
-                        own = (arguments[s], response[s, :, s].T, rates[s, :, s].T)
-                        r, S_r, S_v = (np.ascontiguousarray(x) for x in own)
-                        if holes:
-                            f, F = solve_turning(r, speeds[s], S_r, S_v, law, owners)
-                        else:
-                            F = f = solve_stage(r, speeds[s].copy(), S_r, S_v, before, rule, law)
-                        # An overflow makes r NaN too, and is reported by the caller.
-                        if np.any(np.isnan(f)) and not np.any(np.isnan(r)):
-                            raise unsolved(scheme, float(times[k, s]))
-                    elif m == 1:
-                        F = f = stops[0].solve(arguments[s], response[s, 0, s, 0])
-                    else:
-                        F = f = solve_several(arguments[s], response[s, :, s].T, stops)
-                    node_forces[k] = f
-                    # A force moves its node and all later ones, and the state at the end.
-                    if np.any(f):
-                        arguments = arguments + np.tensordot(F, response[s], 1)
-                        if rule in RATED:
-                            speeds = speeds + np.tensordot(F, rates[s], 1)
-                        z = z + np.tensordot(F, response_z[s], 1)
-                before = arguments[-1].copy()
-            path[k] = z
+                node_forces[k] = self._press(stages, predicted, shifts[:, k], times[k])
+            path[k] = self.z
         seconds = clock() - begun
         # Positions and velocities of all channels at the ends of the steps.
-        y = path[:, :order]
-        ends = (start + 1 + np.arange(count)) * dt
-        positions = np.stack(
-            [y[:, 0] @ row + offset_values(o, ends) for row, o in zip(view.rows, offsets, strict=True)], axis=-1
+        y = path[:, : self.equation.order]
+        ends = (start + 1 + np.arange(count)) * self.dt
+        moves = zip(view.rows, self.offsets, strict=True)
+        positions = np.stack([y[:, 0] @ row + offset_values(o, ends) for row, o in moves], axis=-1)
+        velocities = self.equation.velocity(np.moveaxis(y, 1, 0)) @ view.rows.T
+        velocities = velocities + np.stack([offset_rate(o, ends) for o in self.offsets], axis=-1)
+        return Piece(
+            start,
+            *self._of_channels(positions, velocities),
+            lambda: view.states(np.moveaxis(y, 1, 0)),
+            seconds,
+            # Means over the steps, or forces at the last node where that is the end of the step.
+            node_forces if self.rule == MEAN else None,
+            node_forces if self.rule == BY_LAW and self.ends_at_node else None,
         )
 
-        velocities = equation.velocity(np.moveaxis(y, 1, 0)) @ view.rows.T
-        velocities = velocities + np.stack([offset_rate(o, ends) for o in offsets], axis=-1)
-        positions, velocities = _of_channels(positions, velocities, heads, holes)
-        yield (
-            Piece(
-                start,
-                positions,
-                velocities,
-                lambda y=y: view.states(np.moveaxis(y, 1, 0)),
-                seconds,
-                # Means over the steps, or forces at the last node where that is the end of the step.
-                node_forces if rule == MEAN else None,
-                node_forces if rule == BY_LAW and ends_at_node else None,
-            ),
-            z,
-        )
+    def _press(self, stages: list[Array], predicted: list[Array] | None, shifts: Array, times: Array) -> Array:
+        """Forces of the contacts at the last node, after the forces at all nodes have moved ``z``; ``stages`` are those
+        of the step without contact forces, shifts (2, nodes, rows) those of the stops, and their rates."""
+        x = np.array(predicted or [y[0] for y in stages]) @ self.contact_rows.T + shifts[0]
+        v = np.zeros_like(x)
+        if self.rule in RATED:
+            moved = np.array([self.equation.velocity(y) for y in stages]) @ self.contact_rows.T + shifts[1]
+            v = self.way * moved
+        forces = np.zeros(len(self.stops))
+        for s in range(len(x)):
+            forces, on_rows = self._solved(s, x[s], v[s])
+            # An overflow makes the position NaN too, and is reported by the caller.
+            if np.any(np.isnan(forces)) and not np.any(np.isnan(x[s])):
+                raise unsolved(self.scheme, float(times[s]))
+            # A force moves its node and all later ones, and the state at the end.
+            if np.any(forces):
+                x = x + np.tensordot(on_rows, self.of_position[s], 1)
+                if self.rule in RATED:
+                    v = v + np.tensordot(on_rows, self.of_velocity[s], 1)
+                self.z = self.z + np.tensordot(on_rows, self.of_state[s], 1)
+        self._before = x[-1].copy()
+        return forces
 
+    def _solved(self, s: int, x: Array, v: Array) -> tuple[Array, Array]:
+        """Forces of the contacts and on their rows at node ``s``, where without them the rows move by x and v, (R,)."""
+        compliance = self.of_position[s, :, s].T
+        if self.rule != LINEAR:
+            r, S_r, S_v = (np.ascontiguousarray(part) for part in (x, compliance, self.of_velocity[s, :, s].T))
+            if self.holes:
+                return solve_turning(r, v, S_r, S_v, self.law, self.owners)
+            forces = solve_stage(r, v.copy(), S_r, S_v, self._before, self.rule, self.law)
+        elif len(self.stops) == 1:
+            forces = self.stops[0].solve(x, compliance[0, 0])
+        else:
+            forces = solve_several(x, compliance, self.stops)
+        return forces, forces
 
-def _of_channels(x: Array, v: Array, heads: list[int], holes: list[int]) -> tuple[Array, Array]:
-    """Positions and velocities of the channels (..., C) from those of the rows (..., R)."""
-    if not holes:
-        return x, v
-    u, rate = x[..., heads], v[..., heads]
-    for c in holes:
-        both = slice(heads[c], heads[c] + 2)
-        u[..., c], rate[..., c] = polar(x[..., both], v[..., both])
-    return u, rate
+    def _of_channels(self, x: Array, v: Array) -> tuple[Array, Array]:
+        """Positions and velocities of the channels (..., C) from those of the rows (..., R)."""
+        if not self.holes:
+            return x, v
+        u, rate = x[..., self.heads], v[..., self.heads]
+        for c in self.holes:
+            both = slice(self.heads[c], self.heads[c] + 2)
+            u[..., c], rate[..., c] = polar(x[..., both], v[..., both])
+        return u, rate
