@@ -51,7 +51,10 @@ def _market(file: Path) -> Any:
     from scipy.io import mmread
     from scipy.sparse import coo_array, issparse
 
-    found = mmread(file)  # a matrix in SciPy's older versions, an array in newer ones
+    with warnings.catch_warnings():
+        # A matrix up to SciPy 1.19, which warns from 1.18 on; an array later.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        found = mmread(file)
     return coo_array(found) if issparse(found) else found
 
 
