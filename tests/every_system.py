@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -133,14 +134,7 @@ def _ball_on_a_chain() -> Bench:
 
 @bench("preloaded stop")
 def _preloaded() -> Bench:
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[50.0]],
-        [[0.2]],
-        loads=[([1.0], sb.Harmonic(4.0, 6.0))],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=-0.02, stiffness=1e3))],
-        initial_displacement=[-0.02],
-    )
+    system = one_mass(50.0, sb.Stops(upper=-0.02, stiffness=1e3), damping=0.2, load=sb.Harmonic(4.0, 6.0), q=-0.02)
     return system, 1e-3, 3.0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import stiffbeam as sb
@@ -10,6 +12,17 @@ import stiffbeam as sb
 def linear_part(system: sb.System) -> tuple[np.ndarray, ...]:
     """Mass, damping, stiffness, q(0), q'(0): what an oracle is given in place of the System."""
     return system.mass, system.damping, system.stiffness, system.q0, system.v0
+
+
+def one_mass(
+    stiffness: float, stops: sb.Stops | None = None, *, mass: float = 1.0, damping: float = 0.0,
+    load: Any = None, offset: Any = None, q: float = 0.0, v: float = 0.0, **others: Any,
+) -> sb.System:  # fmt: skip
+    """m x'' + c x' + k x = load(t) between stops or without, from x = q and x' = v; ``offset`` moves the stops."""
+    contacts = [] if stops is None else [sb.Contact([1.0], stops, offset)]
+    loads = [] if load is None else [([1.0], load)]
+    observe = others.pop("observe", None if contacts else [1.0])
+    return sb.System.from_matrices([[mass]], [[stiffness]], [[damping]], loads, contacts, observe, [q], [v], **others)
 
 
 def two_contacts(**kwargs) -> sb.System:

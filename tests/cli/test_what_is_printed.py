@@ -9,6 +9,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from rich.console import Console
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import stopped_clock
@@ -228,11 +229,7 @@ def test_figures_of_a_beam_on_rigid_stops_say_how_much_of_them_is_chance():
 
 def test_chaos_fits_no_distances_that_are_rounding():
     """Neighbours of q'' + 2 q' + 25 q = sin t converge with the exponent -1, and soon differ by rounding only."""
-    contact = sb.Contact([1.0], sb.Stops(upper=1e3, stiffness=1e3))
-    system = sb.System.from_matrices(
-        [[1.0]], [[25.0]], damping=[[2.0]], loads=[([1.0], sb.Harmonic(1.0, 1.0))], contacts=[contact],
-        initial_displacement=[1.0],
-    )  # fmt: skip
+    system = one_mass(25.0, sb.Stops(upper=1e3, stiffness=1e3), damping=2.0, load=sb.Harmonic(1.0, 1.0), q=1.0)
     found = sb.study("chaos", system, dt=1e-2, t_end=60.0, span=25.0, starts=12, schemes=["trapezoidal", "bdf2"])
     exponents = [row["exponent"] for row in found.rows if row.get("exponent") is not None and "pair" in row]
     assert len(exponents) >= 36
@@ -242,18 +239,13 @@ def test_chaos_fits_no_distances_that_are_rounding():
 def one(stiffness, restitution=None, speed=0.0, start=0.0):
     """u'' + u = 0 below a stop at 0.3: no motion of it is chaotic."""
     stop = sb.Stops(upper=0.3, stiffness=stiffness, restitution=restitution)
-    return sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stop)], initial_displacement=[start], initial_velocity=[speed]
-    )
+    return one_mass(1.0, stop, q=start, v=speed)
 
 
 PAIR = sb.System.from_matrices(
     np.eye(2), [[1.0, -1.0], [-1.0, 1.0]], observe=[1.0, 0.0], initial_displacement=[1.0, 0.2]
 )
-BALL = sb.System.from_matrices(
-    [[1.0]], [[0.0]], initial_displacement=[1.0], initial_velocity=[-1.0],
-    contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, upper=2.0, stiffness=np.inf, restitution=1.0))],
-)  # fmt: skip
+BALL = one_mass(0.0, sb.Stops(lower=0.0, upper=2.0, stiffness=np.inf, restitution=1.0), q=1.0, v=-1.0)
 
 
 @pytest.mark.parametrize(
@@ -296,10 +288,7 @@ def test_pairs_are_followed_for_ten_steps_where_the_horizon_is_shorter():
 def test_precision_says_of_no_impact_that_it_is_followed_where_it_is_not():
     """The one impact is at 2.65; with dt = 5 the trapezoidal rule has its own at 18. And a stop out of reach."""
     for upper in (0.75, 3.0):
-        contact = sb.Contact([1.0], sb.Stops(upper=upper, stiffness=1.0))
-        system = sb.System.from_matrices(
-            [[1.0]], [[1.0]], [[0.1]], observe=[1.0], initial_displacement=[-1.0], contacts=[contact]
-        )
+        system = one_mass(1.0, sb.Stops(upper=upper, stiffness=1.0), damping=0.1, q=-1.0, observe=[1.0])
         options = {"dt": 10.0, "t_end": 40.0, "schemes": ["trapezoidal"], "methods": ["exact"], "halvings": 1}
         said = sb.study("precision", system, **options, jobs=1).answer
         followed = [line["impacts followed to"] for line in said.table if "impacts followed to" in line]
@@ -310,8 +299,7 @@ def test_precision_says_of_no_impact_that_it_is_followed_where_it_is_not():
 def test_a_short_blow_perturbs_by_the_motion_it_makes():
     """An impulse of 4e-3 in 2e-5 on a unit mass: its speed is 4e-3, not 400 over a radian."""
     blow = sb.Sampled([0.0, 1e-5, 2e-5, 9.0], [0.0, 400.0, 0.0, 0.0], "linear")
-    contact = sb.Contact([1.0], sb.Stops(upper=1.0, stiffness=1e3))
-    system = sb.System.from_matrices([[1.0]], [[100.0]], loads=[([1.0], blow)], contacts=[contact])
+    system = one_mass(100.0, sb.Stops(upper=1.0, stiffness=1e3), load=blow)
     members = sb.perturbed_members(system, 200)
     speeds = np.array([member.v0[0] for member in members])
     assert 0.9e-3 * 4e-3 < np.max(np.abs(speeds)) <= 1e-3 * 4e-3

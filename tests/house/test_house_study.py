@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,12 +17,7 @@ MOST = {"integrate, HHT": 28}  # files that a call may enter
 
 @pytest.fixture(scope="module")
 def house():
-    found = importlib.util.spec_from_file_location("house", HOUSE)
-    assert found is not None
-    assert found.loader is not None
-    made = importlib.util.module_from_spec(found)
-    found.loader.exec_module(made)
-    return made
+    return SimpleNamespace(**runpy.run_path(str(HOUSE)))
 
 
 @pytest.mark.parametrize("name", MOST)

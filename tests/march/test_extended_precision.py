@@ -5,6 +5,7 @@ from __future__ import annotations
 import extended_march
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.schemes import registered
@@ -29,11 +30,9 @@ def oscillator(
     stiffness: float = 1.0, viscous: float = 0.0, load: sb.Harmonic | sb.Constant | None = None
 ) -> sb.System:
     """A mass on a spring below a stop."""
-    contact = sb.Contact(np.array([1.0]), sb.Stops(upper=1.0, stiffness=100.0))
-    return sb.System.from_matrices(
-        [[1.0]], [[stiffness]], [[viscous]], loads=[(np.array([1.0]), load or sb.Harmonic(0.5, 0.3))],
-        contacts=[contact], initial_velocity=[1.5],
-    )  # fmt: skip
+    return one_mass(
+        stiffness, sb.Stops(upper=1.0, stiffness=100.0), damping=viscous, load=load or sb.Harmonic(0.5, 0.3), v=1.5
+    )
 
 
 @pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.BDF2(), sb.SDIRK()], ids=str)

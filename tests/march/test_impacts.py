@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import time_tolerance
@@ -95,9 +96,7 @@ def test_an_ensemble_and_a_file_keep_the_ends(system, tmp_path):
 
 def hammer(v0: float = 1.0, load: float = 0.0, **law: Any) -> sb.System:
     """A free mass of 1 that starts on its stop at 0."""
-    loads = [([1.0], sb.Constant(load))]
-    contacts = [sb.Contact(np.ones(1), sb.Stops(upper=0.0, **law))]
-    return sb.System.from_matrices([[1.0]], [[0.0]], loads=loads, contacts=contacts, initial_velocity=[v0])
+    return one_mass(0.0, sb.Stops(upper=0.0, **law), load=sb.Constant(load), v=v0)
 
 
 def at_start(run: sb.Trajectory) -> Impacts:
@@ -158,9 +157,8 @@ def test_a_blow_of_a_rigid_stop_at_the_start_has_a_row(method):
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 def test_what_a_load_presses_on_a_rigid_stop_has_a_row_until_it_leaves(method):
     """cos(2 t) presses until pi/4, with 1/2."""
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5))
-    load = ([1.0], sb.Harmonic(1.0, 2.0, np.pi / 2.0))
-    run = solved(sb.System.from_matrices([[1.0]], [[0.0]], loads=[load], contacts=[contact]), method)
+    stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5)
+    run = solved(one_mass(0.0, stops, load=sb.Harmonic(1.0, 2.0, np.pi / 2.0)), method)
     row = at_start(run)
     assert [row.ends[0], row.impulses[0]] == pytest.approx([np.pi / 4.0, 0.5], rel=1e-9)
     assert run.impacts.count == 0

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from systems import two_contacts
+from systems import one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -64,8 +64,7 @@ def test_viscous_loss_is_what_the_dashpots_take():
 def test_a_loss_that_unresolved_dashpots_leave_open_is_not_told(scheme):
     """A mass on a dashpot, c dt/m = 100 and 0.01: what the dashpot takes within a step is not loss of the scheme."""
     for c, known in ((1e4, False), (1.0, True)):
-        contact = sb.Contact([1.0], sb.Stops(upper=9.0, stiffness=10.0))
-        system = sb.System.from_matrices([[1.0]], [[1.0]], damping=[[c]], contacts=[contact], initial_velocity=[1.0])
+        system = one_mass(1.0, sb.Stops(upper=9.0, stiffness=10.0), damping=c, v=1.0)
         ledger = sb.integrate(system, scheme, 1e-2, 1.0).energy
         assert ledger.is_resolved() == known
         assert np.isfinite(ledger.lost_fraction()) == known
@@ -79,8 +78,7 @@ def test_a_loss_that_unresolved_dashpots_leave_open_is_not_told(scheme):
 @pytest.mark.parametrize("law", [{"damping": 30.0}, {"dissipation": 1.0}], ids=str)
 def test_a_loss_that_unresolved_damped_stops_leave_open_is_not_told(law):
     """The trapezoidal rule at 28 and 2800 steps a contact: what is said to be lost is what the stop takes."""
-    contact = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=1e4, **law))
-    system = sb.System.from_matrices([[1.0]], [[25.0]], contacts=[contact], initial_velocity=[2.0])
+    system = one_mass(25.0, sb.Stops(upper=0.1, stiffness=1e4, **law), v=2.0)
     coarse, fine = (sb.integrate(system, sb.Trapezoidal(), dt, 3.0).energy for dt in (1e-3, 1e-5))
     assert not coarse.is_resolved()
     assert fine.is_resolved()

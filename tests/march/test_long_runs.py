@@ -7,6 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -29,9 +30,7 @@ def test_the_phase_of_the_drive_is_right_at_a_million(method):
     """q'' + 0.4 q' + 25 q = 3 sin(4 t + 0.3) has settled to Im 3 e^(i (4 t + 0.3))/(25 - W^2 + 0.4 i W), W = 4, and for
     the trapezoidal rule W = (2/dt) tan(4 dt/2). A time in float64 has a phase known to eps 4 t/2."""
     dt, end = 1e-2, 1e6
-    system = sb.System.from_matrices(
-        [[1.0]], [[25.0]], [[0.4]], loads=[([1.0], sb.Harmonic(3.0, 4.0, 0.3))], observe=[1.0]
-    )
+    system = one_mass(25.0, damping=0.4, load=sb.Harmonic(3.0, 4.0, 0.3))
     t = np.linspace(0.0, end, 101)
     with mpmath.workdps(40):
         if method == "exact":
@@ -45,9 +44,7 @@ def test_the_phase_of_the_drive_is_right_at_a_million(method):
 
 def test_1e5_events_of_the_exact_solution_close_their_ledger_and_say_what_is_lost():
     """u = 2 sin t to the stop at 1/2, there 0.495 + A cos(10 s - phi): impacts every 2 (asin(1/4) + phi/10)."""
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(-0.5, 0.5, stiffness=99.0))], initial_velocity=[2.0]
-    )
+    system = one_mass(1.0, sb.Stops(-0.5, 0.5, stiffness=99.0), v=2.0)
     end = 41000.0
     found = sb.reference(system, end)
     assert len(found.solution.times) > 100_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -11,11 +12,7 @@ from stiffbeam.references import solve
 
 def swinging() -> sb.System:
     """A mass that bounces between its stops in the same way for ever: every span of time costs the same."""
-    return sb.System.from_matrices(
-        [[1.0]], [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.5, 0.5, stiffness=99.0))],
-        initial_velocity=[2.0],
-    )  # fmt: skip
+    return one_mass(1.0, sb.Stops(-0.5, 0.5, stiffness=99.0), v=2.0)
 
 
 def damped_pair() -> sb.System:

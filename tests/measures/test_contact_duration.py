@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.cases import paper_case
+from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.studies import study
 from stiffbeam.studies.contact_duration import half_time
 
@@ -58,7 +58,7 @@ def test_a_scheme_s_contact_of_a_free_mass_lasts_half_a_period(scheme, monkeypat
     exact = np.pi * np.sqrt(mass / kappa)
     contact = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=kappa))
     free = sb.System.from_matrices([[mass]], [[0.0]], contacts=[contact], initial_velocity=[1.0])
-    monkeypatch.setattr(import_module("stiffbeam.studies.common"), "system_of", lambda case, form: free)
+    monkeypatch.setattr(Case, "system", lambda case, form=None: free)
     case = replace(SMALL, t_end=0.5)
     records = study("contact_duration", case, schemes=[scheme], dt=exact / 10.0, halvings=6, impacts=1, members=1)
     (row,) = [r for r in records.found if r["kind"] == "summary" and r["method"] == "exact"]

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.signal import lfilter
 from scipy.stats import norm
-from systems import thrown_case
+from systems import one_mass, thrown_case
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -63,10 +63,7 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
     inside = dict.fromkeys(known, 0)
     for seed in range(CASES):
         noise = sb.noise(4 * span, rms=1.0, band=band, seed=seed)
-        contact = sb.Contact([1.0], sb.Stops(upper=gap, stiffness=1e-9))
-        system = sb.System.from_matrices(
-            [[1.0]], [[1.0]], [[2 * zeta]], loads=[([1.0], noise)], contacts=[contact]
-        )  # fmt: skip
+        system = one_mass(1.0, sb.Stops(upper=gap, stiffness=1e-9), damping=2 * zeta, load=noise)
         rates = sb.contact_rates(sb.integrate(system, sb.Trapezoidal(), 0.16, span), since=60.0).rates[0]
         for name, value in known.items():
             inside[name] += rates[name].low <= value <= rates[name].high
@@ -194,10 +191,7 @@ def test_what_is_not_known_is_said(tmp_path):
     assert thin.rates[0]["normal_work"].value == pytest.approx(
         sb.contact_rates(run).rates[0]["normal_work"].value, rel=0.02
     )
-    rigid = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.8))
-    ball = sb.System.from_matrices(
-        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0], contacts=[rigid]
-    )  # fmt: skip
+    ball = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.8), load=sb.Constant(-9.81), q=1.0)
     exact = sb.reference(ball, 2.0)
     rates = sb.contact_rates(exact).rates[0]
     assert np.isnan([rates["normal_work"].value, rates["force_rms"].value]).all()
@@ -275,9 +269,7 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
 
 def test_exceedances_are_counted_with_their_interval():
     """Against counts by NumPy; the bounds of 0 and 3 events are those of tables of Poisson's law."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
-    drive = ([1.0], sb.Harmonic(1.0, 2.6))
-    system = sb.System.from_matrices([[1.0]], [[4.0]], [[0.02]], loads=[drive], contacts=[stop])
+    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=400.0), damping=0.02, load=sb.Harmonic(1.0, 2.6))
     run = sb.reference(system, 200.0)
     rates, impacts = sb.contact_rates(run), run.contacts[0].impacts
     peaks = np.sort(impacts.peaks[np.isfinite(impacts.peaks)])
@@ -288,19 +280,13 @@ def test_exceedances_are_counted_with_their_interval():
     assert [200.0 * x for x in (few.low, few.value, few.high)] == pytest.approx([0.6187, 3.0, 8.7673], rel=1e-4)
     assert [200.0 * x for x in (none.low, none.value, none.high)] == pytest.approx([0.0, 0.0, 3.6889], rel=1e-4)
     assert rates.exceedance(0.0).value == pytest.approx(rates.rates[0]["impact"].value)
-    rigid = sb.System.from_matrices(
-        [[1.0]],
-        [[4.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5))],
-        initial_velocity=[1.0],
-    )
+    rigid = one_mass(4.0, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5), v=1.0)
     assert np.isnan(sb.contact_rates(sb.reference(rigid, 5.0)).exceedance(1.0).value)
 
 
 @pytest.mark.parametrize(("gap", "bounds"), [(0.1, (0.6187, 3.0, 8.7673)), (1.0, (0.0, 0.0, 3.6889))])
 def test_the_rate_of_few_impacts_has_the_interval_of_poisson(gap, bounds):
     """Three impacts, and none: the bounds of tables of Poisson's law."""
-    contacts = [sb.Contact([1.0], sb.Stops(upper=gap, stiffness=400.0))]
-    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=contacts, initial_velocity=[1.0])
+    system = one_mass(4.0, sb.Stops(upper=gap, stiffness=400.0), v=1.0)
     rate = sb.contact_rates(sb.reference(system, 5.0)).rates[0]["impact"]
     assert [5.0 * x for x in (rate.low, rate.value, rate.high)] == pytest.approx(bounds, rel=1e-4)

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
-from systems import two_contacts
+from systems import one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.figures.runs import four_panels
-from stiffbeam.files.cases import paper_case
+from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.measures.report import common_window
 from stiffbeam.studies import find_study, study
-from stiffbeam.studies.common import solve_once, system_of
+from stiffbeam.studies.common import solve_once
 from stiffbeam.studies.interface import by_contact
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
 
-def with_a_stop_half_way(case, form):
+plain = Case.system
+
+
+def with_a_stop_half_way(case, form=None):
     """The case's system with stops half way along the beam too, on its displacement without the base's part."""
-    system = system_of(case, form)
+    system = plain(case, form)
     (tip,) = system.contacts
     middle = np.zeros(system.size)
     middle[system.size // 2 - 1] = 1.0
@@ -33,8 +35,7 @@ def with_a_stop_half_way(case, form):
 
 @pytest.fixture
 def two(monkeypatch):
-    for name in ("sweep", "space", "common"):  # in this order: an import must not find the patched one
-        monkeypatch.setattr(import_module(f"stiffbeam.studies.{name}"), "system_of", with_a_stop_half_way)
+    monkeypatch.setattr(Case, "system", with_a_stop_half_way)
 
 
 @pytest.mark.slow
@@ -190,10 +191,13 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
 
 def test_the_name_of_a_run_stays_on_one_line():
     """Narrower gaps where a long name and long numbers would not fit a file."""
-    ball = sb.System.from_matrices(
-        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-9.81))], initial_displacement=[1.0], units=sb.Units(),
-        contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.7))],
-    )  # fmt: skip
+    ball = one_mass(
+        0.0,
+        sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.7),
+        load=sb.Constant(-9.81),
+        q=1.0,
+        units=sb.Units(),
+    )
     text = str(sb.compare(sb.integrate(ball, sb.MoreauJean(), 1e-3, 4.0), sb.reference(ball, 4.0)))
     assert sum(line.startswith("MoreauJean(theta=0.5) ") for line in text.splitlines()) == 2
 
@@ -227,9 +231,7 @@ def test_pictures_show_six_contacts_that_are_touched():
 def test_a_hammer_that_starts_on_its_string_is_said_to_be_no_impact():
     """In contact for a part of the time without an impact: the line says why."""
     stop = sb.Stops(upper=0.0, stiffness=100.0)
-    system = sb.System.from_matrices(
-        [[1.0]], [[0.0]], contacts=[sb.Contact([1.0], stop)], initial_velocity=[1.0]
-    )  # fmt: skip
+    system = one_mass(0.0, stop, v=1.0)
     line = "A contact that begins at t = 0 counts as contact, not as an impact."
     compared = sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 1.0), sb.reference(system, 1.0))
     assert line in str(compared).splitlines()

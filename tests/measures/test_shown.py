@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from systems import bouncing_chain, two_contacts
+from systems import bouncing_chain, one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.measures.comparison import Comparison
@@ -119,10 +119,7 @@ def test_titles_state_the_answer(things):
 
 
 def test_one_thing_has_no_plural():
-    load = ([1.0], sb.Harmonic(2.0, 2.2, phase=0.3))
-    system = sb.System.from_matrices(
-        [[1.0]], [[4.0]], [[0.4]], loads=[load], contacts=[sb.Contact([1.0], sb.Stops(upper=0.2, stiffness=300.0))]
-    )
+    system = one_mass(4.0, sb.Stops(upper=0.2, stiffness=300.0), damping=0.4, load=sb.Harmonic(2.0, 2.2, phase=0.3))
     orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
     assert f"{len(orbit.event_times)} events," in repr(orbit)
     assert "1 event," in repr(replace(orbit, event_times=orbit.event_times[:1]))
@@ -138,12 +135,7 @@ def test_one_thing_has_no_plural():
 
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
     """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[100.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8))],
-        initial_velocity=[10.0],
-    )
+    system = one_mass(100.0, sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8), v=10.0)
     run, exact = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
     for thing, label in ((run, "mean per step"), (exact, "without impulses")):
         figure = thing.plot()
@@ -233,8 +225,7 @@ def test_counters_are_those_of_the_solver(things):
 
 def test_the_zoom_on_a_rigid_stop_shows_the_motion_before_it():
     """Nothing is inside a rigid stop: the axis had the height of its rounding."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5))
-    system = sb.System.from_matrices([[1.0]], [[100.0]], contacts=[stop], initial_velocity=[2.0])
+    system = one_mass(100.0, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5), v=2.0)
     run, reference = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
     zoom = sb.compare(run, reference).figure().axes[2]
     low, high = zoom.get_ylim()

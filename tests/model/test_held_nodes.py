@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -40,10 +41,7 @@ def in_fractions(v: Fraction) -> tuple[list[Fraction], list[Fraction], int]:
 
 def mass(v: float = 3.0) -> sb.System:
     stops = sb.Stops(None, float(G), stiffness=float(KAPPA), damping=float(C))
-    return sb.System.from_matrices(
-        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(float(LOAD)))], contacts=[sb.Contact([1.0], stops)],
-        initial_velocity=[v],
-    )  # fmt: skip
+    return one_mass(1.0, stops, load=sb.Constant(float(LOAD)), v=v)
 
 
 @pytest.mark.fast(1)
@@ -93,9 +91,7 @@ def test_a_scheme_whose_node_no_force_moves_is_refused(given):
 
 
 def test_against_rigid_stops_too():
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(None, 0.5, stiffness=np.inf))], initial_velocity=[3.0]
-    )
+    system = one_mass(1.0, sb.Stops(None, 0.5, stiffness=np.inf), v=3.0)
     with pytest.raises(InputError, match="move the argument"):
         sb.integrate(system, Lagging(), 1e-3, 1.0)
 

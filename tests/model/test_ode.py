@@ -7,6 +7,7 @@ import ctypes
 import numpy as np
 import pytest
 import scipy.integrate
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -104,9 +105,7 @@ def test_a_solver_restarts_segment_by_segment():
 
 def test_breakpoints_and_bandwidths_are_stated():
     record = sb.Sampled(np.linspace(0.0, 1.0, 5), np.array([0.0, 1.0, 0.0, 2.0, 0.0]))
-    system = sb.System.from_matrices(
-        [[1.0]], [[4.0]], loads=[([1.0], sb.Superposition(record, sb.Harmonic(1.0, 2.0)))], observe=[1.0]
-    )
+    system = one_mass(4.0, load=sb.Superposition(record, sb.Harmonic(1.0, 2.0)))
     assert system.ode().breakpoints == (0.0, 0.25, 0.5, 0.75, 1.0)
     beam = sb.semidiscretise(sb.paper_case(10).problem, 25)
     bandwidths = beam.ode().bandwidths

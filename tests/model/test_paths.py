@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import case_of
@@ -31,14 +32,7 @@ def bounce(restitution: float, amplitude: float, frequency: float) -> tuple[floa
 def ball() -> sb.System:
     position, velocity = bounce(0.55, 1.2, 1.0)
     stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.55)
-    return sb.System.from_matrices(
-        [[1.0]],
-        [[0.0]],
-        loads=[([1.0], sb.Constant(-G))],
-        contacts=[sb.Contact([1.0], stops, sb.Harmonic(-1.2, 1.0))],
-        initial_displacement=[position],
-        initial_velocity=[velocity],
-    )
+    return one_mass(0.0, stops, load=sb.Constant(-G), offset=sb.Harmonic(-1.2, 1.0), q=position, v=velocity)
 
 
 @pytest.mark.fast(1)
@@ -247,9 +241,8 @@ def test_a_path_is_on_an_axis_with_its_unit():
 
 def test_two_paths_to_one_number_are_refused():
     """The later one won, and the results had the values of both."""
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.2, stiffness=50.0))
-    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.0))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    stops = sb.Stops(upper=0.2, stiffness=50.0)
+    system = one_mass(1.0, stops, damping=0.1, load=sb.Harmonic(amplitude=1.0, frequency=2.0))
     for one, other in (
         ("stops[0].upper", "contacts[0].stops.upper"), ("stops.upper", "stops[0].upper"),
         ("initial_displacement[0]", "q0[0]"),

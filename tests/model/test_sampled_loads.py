@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.piecewise.linear import answers, respond
@@ -425,7 +426,5 @@ def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
 def test_samples_are_no_events():
     """Ten thousand samples within the shortest period: events that accumulate are refused, samples are not."""
     t = np.linspace(0.0, 1.0, 10_001)
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0))
-    load = ([1.0], sb.Sampled(t, 2.0 * np.sin(3.0 * t)))
-    system = sb.System.from_matrices([[1.0]], [[4.0]], [[0.1]], loads=[load], contacts=[stop])
+    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=4.0), damping=0.1, load=sb.Sampled(t, 2.0 * np.sin(3.0 * t)))
     assert sb.reference(system, 1.0).impacts.count == 1

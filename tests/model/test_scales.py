@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.measures.errors import longest_delay
@@ -15,9 +16,7 @@ G = 9.81
 
 def ball(stiffness: float, floor: sb.Stops) -> sb.System:
     """A ball that falls on a floor from a height of 1."""
-    contact = sb.Contact([1.0], floor)
-    load = ([1.0], sb.Constant(-G))
-    return sb.System.from_matrices([[1.0]], [[stiffness]], loads=[load], contacts=[contact], initial_displacement=[1.0])
+    return one_mass(stiffness, floor, load=sb.Constant(-G), q=1.0)
 
 
 FLOORS = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import one_mass
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -117,9 +118,7 @@ def test_matrices_by_a_function_and_by_a_factor_are_one():
 @pytest.mark.slow
 def test_draws_have_their_distributions_and_more_members_keep_the_first():
     """Of 4000 draws a mean is off by 5 of its deviations in one of two million; a normal value has kurtosis 3."""
-    contact = sb.Contact(np.ones(1), sb.Stops(None, 1.0, stiffness=9.0))
-    loads = [([1.0], sb.Harmonic(2.0, 3.0, 0.5))]
-    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=loads, contacts=[contact])
+    system = one_mass(4.0, sb.Stops(None, 1.0, stiffness=9.0), load=sb.Harmonic(2.0, 3.0, 0.5))
     paths = {
         "loads[0].time.amplitude": sb.Uncertain(tolerance=0.2),
         "stops[0].stiffness": sb.Uncertain(deviation=0.1),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.members import value_at, with_values
@@ -68,9 +69,7 @@ def test_differences_of_exact_motions(damping: float) -> None:
 def test_one_mass_against_a_stop_in_closed_form() -> None:
     """u = v0 t to the stop at g, then half a period pi/w on it, w = sqrt(kappa): back with -v0."""
     kappa, g, v = 400.0, 0.3, 2.0
-    system = sb.System.from_matrices(
-        [[1.0]], [[0.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=g, stiffness=kappa))], initial_velocity=[v]
-    )
+    system = one_mass(0.0, sb.Stops(upper=g, stiffness=kappa), v=v)
     d = derivative(system, T, [T], ["stops[0].stiffness", "stops[0].upper", "v0[0]"])
     on_stop = np.pi / np.sqrt(kappa)
     slower = -0.5 * on_stop / kappa  # d(pi/w)/dkappa
@@ -133,12 +132,7 @@ def test_a_path_that_leads_to_no_number_is_refused(path: str) -> None:
 
 def test_a_graze_has_no_derivative_of_its_time() -> None:
     """u = a sin(w t) reaches the stop at u = a with no speed: the time is NaN, the state's derivative stays."""
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[4.0]],
-        contacts=[sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=100.0))],
-        initial_velocity=[1.0],
-    )
+    system = one_mass(4.0, sb.Stops(upper=0.5, stiffness=100.0), v=1.0)
     d = derivative(system, 1.2, [1.2], ["v0[0]"])
     assert np.all(np.isnan(d.event_times))
     np.testing.assert_allclose(d.state[0, :, 0], [0.5 * np.sin(2.4), np.cos(2.4)], rtol=1e-6)

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pulses import pulse, random_system, witness
-from systems import bouncing_chain, two_contacts
+from systems import bouncing_chain, one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
@@ -175,9 +175,7 @@ def test_a_restart_makes_the_same_tolerance_more_accurate(method):
 def test_both_crossings_inside_one_step_are_seen_by_a_restarting_solver(method, rtol):
     """A mass on a slow sine grazes a soft stop: DOP853 takes steps of about one, the contact lasts 0.15."""
     stop = 1.0 - 3e-3
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(upper=stop, stiffness=1.0))], initial_velocity=[1.0]
-    )
+    system = one_mass(1.0, sb.Stops(upper=stop, stiffness=1.0), v=1.0)
     exact = solve(system, 15.0, "exact", None, 0.0, None)
     ref = solve(system, 15.0, method, None, rtol, None, steps=Steps(switches="restart"))
     assert ref.impacts.count == exact.impacts.count == 3
@@ -188,13 +186,7 @@ def test_both_crossings_inside_one_step_are_seen_by_a_restarting_solver(method, 
 def test_a_mass_at_rest_on_its_stop_stays_there():
     """Its gap and its rate are roots all the time."""
     for method, switches in WAYS:
-        system = sb.System.from_matrices(
-            [[1.0]],
-            [[100.0]],
-            loads=[([1.0], sb.Constant(-10.0))],
-            contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=9900.0))],
-            initial_displacement=[-1e-3],
-        )
+        system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-10.0), q=-1e-3)
         ref = solve(system, 1.0, method, None, 1e-8, None, steps=Steps(switches=switches))
         assert ref.impacts.count == 0
         assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
@@ -402,10 +394,8 @@ class Jump:
 
 def held(offset: object, **law: float) -> sb.System:
     """A mass that a load of 0.6 holds at rest, 0.1 deep in its stop; free it is at 0.6 - 0.4 cos(t - 1)."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0, **law), offset=offset)  # type: ignore[arg-type]
-    return sb.System.from_matrices(
-        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(0.6))], contacts=[stop], initial_displacement=[0.2]
-    )
+    stop = sb.Stops(upper=0.1, stiffness=4.0, **law)  # type: ignore[arg-type]
+    return one_mass(1.0, stop, load=sb.Constant(0.6), offset=offset, q=0.2)
 
 
 @pytest.mark.parametrize("method", PHASED)
@@ -460,10 +450,8 @@ class Polygon:
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853"])
 def test_a_corner_at_the_end_takes_no_output_away(method):
     """The force of the damper jumps at t_end: a root there ends the last phase before its output."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=4.0, damping=3.0), offset=Polygon())
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(0.5))], contacts=[stop], initial_displacement=[0.2]
-    )
+    stop = sb.Stops(upper=0.1, stiffness=4.0, damping=3.0)
+    system = one_mass(1.0, stop, load=sb.Constant(0.5), offset=Polygon(), q=0.2)
     run = sb.reference(system, 4.0, method, t_eval=np.linspace(0.0, 4.0, 401))
     assert run.states[0].shape == (401, 1)
     assert abs(run.at(np.array([3.99999]))[0][0] - run.tip[-1]) < 1e-4

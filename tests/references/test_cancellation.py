@@ -8,6 +8,7 @@ from __future__ import annotations
 import extremes
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.piecewise.terms import from_rest
@@ -18,9 +19,7 @@ mpmath = pytest.importorskip("mpmath")
 
 
 def driven(frequency: float, stiffness: float = 1.0, phase: float = 0.7) -> sb.System:
-    return sb.System.from_matrices(
-        [[1.0]], [[stiffness]], loads=[([1.0], sb.Harmonic(1.0, frequency, phase))], observe=[1.0]
-    )
+    return one_mass(stiffness, load=sb.Harmonic(1.0, frequency, phase))
 
 
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
@@ -98,10 +97,7 @@ def test_a_rigid_body_mode_and_a_drive_over_a_tiny_time():
 @pytest.mark.slow
 def test_contact_while_the_drive_resonates():
     """Stops met at a drive of the mode's own frequency, against small steps with many digits."""
-    system = sb.System.from_matrices(
-        [[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 2.0, 0.3))],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.3, 0.2, stiffness=300.0))],
-    )  # fmt: skip
+    system = one_mass(4.0, sb.Stops(-0.3, 0.2, stiffness=300.0), load=sb.Harmonic(1.0, 2.0, 0.3))
     times = np.linspace(0.0, 12.0, 25)
     exact = extremes.bouncing(system, times, step=0.02)
     for method, tolerance in (("exact", 1e-11), ("multiprecision", AGREEMENT)):

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references.exact import continuation
 
 
 def softly_stopped(frequency: float) -> sb.System:
-    stop = sb.Contact(np.array([1.0]), sb.Stops(upper=0.5, stiffness=4.0))
-    load = ([1.0], sb.Harmonic(0.3, frequency))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+    return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, frequency))
 
 
 def turn(frequency: Any) -> Any:
@@ -26,9 +25,8 @@ def turn(frequency: Any) -> Any:
 def two_sided(frequency: float) -> sb.System:
     if frequency <= 0.0:
         raise sb.InputError("frequency", frequency, "be > 0", "for example 1.0")
-    stop = sb.Contact(np.array([1.0]), sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0))
-    load = ([1.0], sb.Harmonic(1.0, frequency))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+    stop = sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0)
+    return one_mass(1.0, stop, damping=0.2, load=sb.Harmonic(1.0, frequency))
 
 
 def test_a_corrector_may_leave_the_values_at_which_the_system_exists():
@@ -89,8 +87,7 @@ def test_without_contact_it_is_the_linear_response():
     """|q(0)| of x'' + c x' + x = a sin(w t), and its multipliers exp(-c T/2 +- ...)."""
 
     def linear(frequency: float) -> sb.System:
-        load = ([1.0], sb.Harmonic(0.3, frequency))
-        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], observe=[1.0])
+        return one_mass(1.0, damping=0.2, load=sb.Harmonic(0.3, frequency))
 
     branch = sb.continuation(linear, "frequency", [0.5, 0.7, 0.9, 1.1, 1.3], turn)
     w = branch.values
@@ -129,9 +126,8 @@ def test_a_branching_of_the_beam():
 def grazed(gap: float, stiffness: float) -> sb.System:
     """x'' + 0.1 x' + x = cos(2.8 t) below a stop: without contact |x| has the amplitude GRAZING."""
     restitution = 0.8 if np.isinf(stiffness) else None
-    stop = sb.Contact(np.ones(1), sb.Stops(upper=gap, stiffness=stiffness, restitution=restitution))
-    load = ([1.0], sb.Harmonic(1.0, 2.8))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+    stop = sb.Stops(upper=gap, stiffness=stiffness, restitution=restitution)
+    return one_mass(1.0, stop, damping=0.1, load=sb.Harmonic(1.0, 2.8))
 
 
 RESPONSE = 1.0 / (1.0 - 2.8**2 + 0.28j)
@@ -164,9 +160,8 @@ def test_the_graze_of_a_damped_stop_in_closed_form():
     """Past the frequency at which the linear response has the size of the gap, a touched orbit, unstable, is free."""
 
     def damped(frequency: float, gap: float = 0.2, damping: float = 4.0) -> sb.System:
-        stop = sb.Contact(np.ones(1), sb.Stops(upper=gap, stiffness=5.0, damping=damping))
-        load = ([1.0], sb.Harmonic(1.0, frequency))
-        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+        stop = sb.Stops(upper=gap, stiffness=5.0, damping=damping)
+        return one_mass(1.0, stop, damping=0.1, load=sb.Harmonic(1.0, frequency))
 
     branch = sb.continuation(damped, "frequency", np.linspace(2.4, 3.2, 12), turn)
     # (1 - w^2)^2 + 0.01 w^2 = 25
@@ -181,9 +176,7 @@ def test_the_graze_of_a_damped_stop_in_closed_form():
 
 
 def hard(frequency: float) -> sb.System:
-    stop = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
-    load = ([1.0], sb.Harmonic(1.0, frequency))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+    return one_mass(1.0, sb.Stops(upper=0.0, stiffness=400.0), damping=0.2, load=sb.Harmonic(1.0, frequency))
 
 
 @pytest.mark.slow
@@ -212,9 +205,7 @@ def test_a_branch_that_loses_its_symmetry():
     """
 
     def symmetric(frequency: float) -> sb.System:
-        stop = sb.Contact(np.ones(1), sb.Stops(-0.5, 0.5, stiffness=50.0))
-        load = ([1.0], sb.Harmonic(2.0, frequency))
-        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
+        return one_mass(1.0, sb.Stops(-0.5, 0.5, stiffness=50.0), damping=0.1, load=sb.Harmonic(2.0, frequency))
 
     branch = sb.continuation(symmetric, "frequency", np.linspace(4.0, 1.5, 20), turn)
     assert [x.kind for x in branch.bifurcations] == ["branching"]
@@ -320,9 +311,8 @@ def test_a_branch_that_ends_where_its_start_meets_a_rigid_stop_says_so():
     """Newton's method then goes beyond the stop by rounding."""
 
     def resting(w):
-        load = ([1.0], sb.Harmonic(1.0, w, np.pi / 2))
-        stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.0))
-        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[stop])
+        stop = sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.0)
+        return one_mass(1.0, stop, damping=0.2, load=sb.Harmonic(1.0, w, np.pi / 2))
 
     branch = sb.continuation(resting, "frequency", np.linspace(1.5, 0.9, 12), lambda w: 2 * np.pi / w)
     assert branch.end.endswith("the period starts on a stop, where the flow has no derivative")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from law_systems import Witness, free_system, kelvin_voigt_system
 from mpmath import mp, mpf
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -200,10 +201,8 @@ def test_the_paper_beam_between_damped_stops(table10):
 
 def test_a_damped_stop_that_moves_by_samples_is_refused():
     t = np.linspace(0.0, 3.0, 10)
-    contact = sb.Contact(
-        [1.0], sb.Stops(upper=0.1, stiffness=9.0, damping=1.0), sb.Sampled(t, 0.1 * t**2, kind="cubic")
-    )
-    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact], initial_velocity=[1.0])
+    stops = sb.Stops(upper=0.1, stiffness=9.0, damping=1.0)
+    system = one_mass(1.0, stops, offset=sb.Sampled(t, 0.1 * t**2, kind="cubic"), v=1.0)
     with pytest.raises(InputError, match=r"Harmonic and Constant.*solver cvode"):
         sb.reference(system, 3.0)
     assert sb.reference(system, 3.0, method="cvode-adams").impacts.count

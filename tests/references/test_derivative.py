@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references.exact.piecewise import solve_exact
@@ -157,9 +158,7 @@ def test_derivatives_are_those_of_differences_of_exact_flows(first, count, param
 def test_a_free_mass_and_a_spring_in_closed_form():
     """x = v t to the gap g, half a period of sqrt(kappa/m) in the stop, peak sqrt(kappa m) v, impulse 2 m v."""
     m, kappa, g, v = 2.0, 50.0, 0.3, 1.5
-    system = sb.System.from_matrices(
-        [[m]], [[0.0]], contacts=[sb.Contact(np.ones(1), sb.Stops(upper=g, stiffness=kappa))], initial_velocity=[v]
-    )
+    system = one_mass(0.0, sb.Stops(upper=g, stiffness=kappa), mass=m, v=v)
     reference = sb.reference(system, 2.0, t_eval=[0.1, 1.9])
     change = reference.derivative(["initial_velocity", "stops.upper", "stops.stiffness"])
     half = np.pi * np.sqrt(m / kappa)
@@ -180,13 +179,7 @@ def test_a_free_mass_and_a_spring_in_closed_form():
 def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
     """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a), impulse (1 + e) m e^(n-1) sqrt(2 a h)."""
     h, a, e = 1.0, 9.81, 0.6
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[0.0]],
-        loads=[([1.0], sb.Constant(-a))],
-        contacts=[sb.Contact(np.ones(1), sb.Stops(lower=0.0, stiffness=np.inf, restitution=e))],
-        initial_displacement=[h],
-    )
+    system = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=e), load=sb.Constant(-a), q=h)
     reference = sb.reference(system, 3.0)
     change = reference.derivative(["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"])
     first, n = np.sqrt(2.0 * h / a), np.arange(6)
@@ -323,10 +316,7 @@ def test_impacts_at_one_time_that_change_each_other_have_no_derivative():
 @pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 100.0, "damping": 5.0}])
 @pytest.mark.parametrize("path", ["q0[0]", "stops.upper"])
 def test_a_start_on_a_rigid_or_damped_stop_has_no_derivative(stops, path):
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=1.0, **stops))
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[contact], initial_velocity=[-1.0], initial_displacement=[1.0]
-    )
+    system = one_mass(1.0, sb.Stops(upper=1.0, **stops), q=1.0, v=-1.0)
     change = sb.reference(system, 1.0).derivative([path])
     assert change.exists_until == 0.0
     assert "starts on its stop" in change.reason
@@ -335,8 +325,7 @@ def test_a_start_on_a_rigid_or_damped_stop_has_no_derivative(stops, path):
 @pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 100.0, "damping": 5.0}])
 def test_a_motion_that_just_fails_to_touch_has_no_derivative(stops):
     """x = sin t comes up to the stop at 1: harder starts hit it, softer ones do not."""
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=1.0, **stops))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact], initial_velocity=[1.0 - 1e-16])
+    system = one_mass(1.0, sb.Stops(upper=1.0, **stops), v=1.0 - 1e-16)
     change = sb.reference(system, 3.0).derivative(["v0[0]"])
     assert abs(change.exists_until - np.pi / 2.0) < 1e-6
     apart = dataclasses.replace(system, v0=np.array([1.0 - 1e-9]))
@@ -376,10 +365,7 @@ def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
     stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.0)
 
     def moved(amplitude: float) -> sb.Reference:
-        system = sb.System.from_matrices(
-            [[1.0]], [[4.0]], [[0.1]], loads=[(np.ones(1), sb.Harmonic(amplitude, 2.3))],
-            contacts=[sb.Contact(np.ones(1), stops, record)], initial_velocity=[1.0],
-        )  # fmt: skip
+        system = one_mass(4.0, stops, damping=0.1, load=sb.Harmonic(amplitude, 2.3), offset=record, v=1.0)
         return sb.reference(system, 3.0, t_eval=[1.1, 2.0, 3.0])
 
     change = moved(2.0).derivative(["loads[0].time.amplitude"])

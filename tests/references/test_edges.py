@@ -10,6 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 from edge_systems import KINDS, edge_system, witness
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -20,15 +21,14 @@ from stiffbeam.references.ensemble import reference_ensemble
 from stiffbeam.references.exact.rigid_reference import rigid_limit
 
 
-def one_mass(load: float, kappa: float = 1e4, **kwargs) -> sb.System:
+def over_a_stop(load: float, v: float = 0.0) -> sb.System:
     """q'' + 100 q = load over a stop at 0."""
-    contacts = [sb.Contact([1.0], sb.Stops(0.0, None, stiffness=kappa))]
-    return sb.System.from_matrices([[1.0]], [[100.0]], loads=[([1.0], sb.Constant(load))], contacts=contacts, **kwargs)
+    return one_mass(100.0, sb.Stops(0.0, None, stiffness=1e4), load=sb.Constant(load), v=v)
 
 
 def test_at_rest_on_a_stop_with_a_load_into_it_the_contact_is_there_from_the_start():
     """q = -5/(100 + kappa) (1 - cos(sqrt(100 + kappa) t)): one contact, no impact."""
-    system, w = one_mass(-5.0), np.sqrt(10100.0)
+    system, w = over_a_stop(-5.0), np.sqrt(10100.0)
     ref = sb.reference(system, 2.0)
     assert ref.horizon == 2.0
     assert ref.impacts.count == 0
@@ -43,7 +43,7 @@ def test_at_rest_on_a_stop_with_a_load_into_it_the_contact_is_there_from_the_sta
 
 def test_a_mass_that_starts_on_its_stop_and_moves_off_comes_back_when_it_should():
     """q = -0.1 + 0.1 cos 10 t + 0.1 sin 10 t = 0 at 10 t = pi/2; the stop then sees speed -1 each time."""
-    system = one_mass(-10.0, initial_velocity=[1.0])
+    system = over_a_stop(-10.0, v=1.0)
     many = reference_ensemble(system, 2.0, [system])
     assert many.impacts.count == 10
     assert abs(many.impacts.times[0] - np.pi / 20.0) < 1e-14
@@ -126,7 +126,7 @@ def test_an_open_ledger_is_a_failure_with_its_time(damped, table10):
 
 def test_rigid_stops_say_that_nothing_presses_on_them():
     with pytest.raises(sb.SolverFailure, match="pressed on its stop"):
-        rigid_limit(one_mass(-5.0), 1.0)
+        rigid_limit(over_a_stop(-5.0), 1.0)
 
 
 @pytest.mark.parametrize("damping", [None, [[0.1]]])
@@ -157,7 +157,7 @@ def test_a_damped_motion_over_many_lives_has_a_finite_exponent():
 @pytest.mark.parametrize("t_eval", [[np.nan, 0.5], [0.1, np.nan], [0.1, np.inf]])
 @pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode", "dop853"])
 def test_output_times_that_are_no_times_are_refused(method, t_eval):
-    system = one_mass(-10.0, initial_velocity=[1.0])
+    system = over_a_stop(-10.0, v=1.0)
     with pytest.raises(sb.InputError, match="t_eval"):
         sb.reference(system, 1.0, method, t_eval=t_eval)
     with pytest.raises(sb.InputError, match="t_eval"):
@@ -231,7 +231,7 @@ def test_a_stiffness_within_the_rounding_of_a_zero_ends_the_horizon():
 
 
 def test_a_span_too_short_for_output_times_is_refused():
-    system = one_mass(-10.0, initial_velocity=[1.0])
+    system = over_a_stop(-10.0, v=1.0)
     with pytest.raises(sb.SolverFailure, match="rounding is as large as the outputs"):
         sb.reference(system, 1e-300)
     with pytest.raises(sb.InputError, match="t_end"):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from oracles import exact_linear
-from systems import linear_part
+from systems import linear_part, one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.modes import modes
@@ -29,9 +29,7 @@ def test_without_contact_the_exact_solution_is_the_matrix_exponential(three_mass
 def test_one_mass_on_one_stop_bounces_as_the_closed_form_says():
     """q'' + w^2 q = 0 with a spring kappa beyond q = g: half periods of w and sqrt(w^2 + kappa) alternate."""
     w, kappa, g = 3.0, 91.0, 0.0
-    system = sb.System.from_matrices(
-        [[1.0]], [[w**2]], contacts=[sb.Contact([1.0], sb.Stops(None, g, stiffness=kappa))], initial_velocity=[-1.0]
-    )
+    system = one_mass(w**2, sb.Stops(None, g, stiffness=kappa), v=-1.0)
     ref = sb.reference(system, 20.0)
     period = np.pi / w + np.pi / np.sqrt(w**2 + kappa)
     expected = np.pi / w + period * np.arange(int((20.0 - np.pi / w) // period) + 1)
@@ -46,9 +44,7 @@ def test_one_mass_on_one_stop_bounces_as_the_closed_form_says():
 def test_a_double_crossing_too_short_for_any_sampling_is_found():
     """The mass penetrates by 1e-9 of its amplitude for 9e-5 of a period; sampled outputs never see it."""
     g = 1.0 - 1e-9
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(None, g, stiffness=1.0))], initial_velocity=[1.0]
-    )
+    system = one_mass(1.0, sb.Stops(None, g, stiffness=1.0), v=1.0)
     ref = sb.reference(system, 7.0, t_eval=np.linspace(0.0, 7.0, 50))
     assert ref.impacts.count == 1
     assert abs(ref.impacts.times[0] - np.arcsin(g)) < 1e-11
@@ -56,22 +52,12 @@ def test_a_double_crossing_too_short_for_any_sampling_is_found():
 
 
 def test_touching_without_penetration_is_no_impact():
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(None, 1.0 + 1e-12, stiffness=1.0))],
-        initial_velocity=[1.0],
-    )
+    system = one_mass(1.0, sb.Stops(None, 1.0 + 1e-12, stiffness=1.0), v=1.0)
     assert sb.reference(system, 30.0).impacts.count == 0
 
 
 def test_contact_at_the_start_is_no_impact_and_counts_as_contact():
-    system = sb.System.from_matrices(
-        [[1.0]],
-        [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.5, None, stiffness=99.0))],
-        initial_displacement=[-0.6],
-    )
+    system = one_mass(1.0, sb.Stops(-0.5, None, stiffness=99.0), q=-0.6)
     ref = sb.reference(system, 1.0)
     assert ref.impacts.count == 0
     assert ref.contacts[0].fraction > 0.1

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 from law_systems import Witness, random_system
-from systems import two_contacts
+from systems import one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -137,9 +137,7 @@ def test_the_horizon_and_other_units():
     runs = []
     for L, T in ((1.0, 1.0), (1e-6, 1e-3)):
         stops = sb.Stops(upper=0.5 * L, stiffness=50.0 / T**2 / np.sqrt(L), exponent=1.5, dissipation=0.2 * T / L)
-        system = sb.System.from_matrices(
-            [[1.0]], [[1.0 / T**2]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[L / T]
-        )
+        system = one_mass(1.0 / T**2, stops, v=L / T)
         runs.append(sb.reference(system, 10.0 * T, "heyoka"))
     large, small = runs
     assert large.horizon == 10.0
@@ -162,10 +160,9 @@ def test_refusals_name_rule_value_and_remedy():
     refused("switches must be 'restart'.*'through'.*cvode", oscillator(), switches="through")
     rigid = oscillator(stiffness=np.inf, restitution=0.8)
     refused("stops.stiffness must be finite.*exact solution", rigid)
-    load = [([1.0], lambda t: 0.0 * t)]
     refused(
         "time function must be made of Harmonic.*cvode",
-        sb.System.from_matrices([[1.0]], [[1.0]], loads=load, observe=[1.0]),
+        one_mass(1.0, load=lambda t: 0.0 * t),
     )
 
 
@@ -175,10 +172,7 @@ def test_a_law_with_a_term_that_the_series_lacks_is_refused(monkeypatch):
 
 
 def test_what_a_series_cannot_begin_with_fails_with_a_remedy():
-    resting = sb.System.from_matrices(
-        [[1.0]], [[1.0]], loads=[([1.0], sb.Constant(2.0))], initial_displacement=[0.5],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=50.0, exponent=1.5))],
-    )  # fmt: skip
+    resting = one_mass(1.0, sb.Stops(upper=0.5, stiffness=50.0, exponent=1.5), load=sb.Constant(2.0), q=0.5)
     with pytest.raises(sb.SolverFailure, match=r"at rest on a stop with exponent 1.5.*cvode-adams"):
         solve(resting, 1.0, "heyoka", None, 1e-10, None)
     contacts = [sb.Contact(row, sb.Stops(upper=0.5, stiffness=50.0, exponent=1.5)) for row in np.eye(2)]

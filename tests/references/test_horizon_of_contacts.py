@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rigid_witness
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -220,9 +221,7 @@ def test_random_records_against_kelvin_voigt_stops(systems):
 
 def test_outputs_that_begin_late_lengthen_no_horizon():
     """Of a Poincare section without its transient: the motion was lost long before the first output."""
-    stop = sb.Contact([1.0], sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0))
-    load = ([1.0], sb.Harmonic(1.0, 0.55))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.05]], loads=[load], contacts=[stop])
+    system = one_mass(1.0, sb.Stops(lower=-0.5, upper=0.5, stiffness=400.0), damping=0.05, load=sb.Harmonic(1.0, 0.55))
     period = 2.0 * np.pi / 0.55
     whole = sb.reference(system, 40 * period).horizon
     assert 20 * period < whole < 25 * period

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -30,8 +31,7 @@ def beam() -> sb.System:
 
 def oscillator(stiffness: float, amplitude: float) -> sb.System:
     stops = sb.Stops(upper=0.5, stiffness=stiffness)
-    load = ([1.0], sb.Harmonic(amplitude=amplitude, frequency=2.0))
-    return sb.System.from_matrices([[1.0]], [[1.0]], loads=[load], contacts=[sb.Contact([1.0], stops)])
+    return one_mass(1.0, stops, load=sb.Harmonic(amplitude=amplitude, frequency=2.0))
 
 
 def tips_of_scipy(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -109,10 +109,7 @@ def test_state_and_velocity(beam):
 @pytest.mark.slow
 def test_past_the_end_of_a_chatter_the_derivative_is_not_a_number():
     stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)
-    ball = sb.System.from_matrices(
-        [[1.0]], [[0.0]], loads=[([1.0], sb.Constant(-2.0))], initial_displacement=[1.0],
-        contacts=[sb.Contact([1.0], stops)],
-    )  # fmt: skip
+    ball = one_mass(0.0, stops, load=sb.Constant(-2.0), q=1.0)
     flow = sb.jax_flow(ball, ["q0[0]"], [0.5, 1.5, 3.5])  # bounces end at t = 3
     slope = jax.jacfwd(flow)(flow.start)
     assert slope[0, 0] == pytest.approx(1.0, rel=1e-13)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from oracles import damped_bounces, exact_linear
-from systems import linear_part
+from systems import linear_part, one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -68,12 +68,7 @@ def test_matrices_of_ones_own_with_a_moving_stop(seed):
 
 
 def test_one_stop_contact_at_the_start_and_no_contact_at_all():
-    pressed = sb.System.from_matrices(
-        [[1.0]],
-        [[1.0]],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.5, None, stiffness=99.0))],
-        initial_displacement=[-0.6],
-    )
+    pressed = one_mass(1.0, sb.Stops(-0.5, None, stiffness=99.0), q=-0.6)
     free = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.3, sb.Harmonic(2.0, 7.0)),)), 6)
     for system, t_end in ((pressed, 9.0), (free, 0.5)):
         many = sb.reference(system, t_end, "multiprecision")
@@ -86,12 +81,7 @@ def test_one_stop_contact_at_the_start_and_no_contact_at_all():
 @pytest.mark.slow
 def test_a_damped_mass_between_stops_bounces_as_the_closed_form_in_mpmath_past_the_float64_horizon():
     pytest.importorskip("mpmath")
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], [[0.02]],
-        loads=[([1.0], sb.Harmonic(5.0, 2.8))],
-        contacts=[sb.Contact([1.0], sb.Stops(-0.5, 0.8, stiffness=400.0))],
-        initial_velocity=[1.0],
-    )  # fmt: skip
+    system = one_mass(1.0, sb.Stops(-0.5, 0.8, stiffness=400.0), damping=0.02, load=sb.Harmonic(5.0, 2.8), v=1.0)
     many, double = sb.reference(system, 110.0, "multiprecision"), sb.reference(system, 110.0)
     expected = damped_bounces(1.0, 0.02, 400.0, (-0.5, 0.8), 5.0, 2.8, 0.0, 1.0, 110.0)
     times, sides = (np.array(x) for x in zip(*expected, strict=True))

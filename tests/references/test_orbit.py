@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references.exact.orbit import PeriodMap
@@ -24,9 +25,8 @@ def impact_oscillator() -> tuple[sb.System, float, tuple[list[float], list[float
     a, b = -G * np.cos(W * phase), -E * speed + G * W * np.sin(W * phase)
     c, s, later = np.cos(0.5 * T), np.sin(0.5 * T), W * (phase + 0.5 * T)
     start = [a * c + b * s + G * np.cos(later)], [-a * s + b * c - G * W * np.sin(later)]
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=np.inf, restitution=E))
-    load = ([1.0], sb.Harmonic(1.0, W, phase=later + 0.5 * np.pi))
-    return sb.System.from_matrices([[1.0]], [[1.0]], loads=[load], contacts=[contact]), T, start
+    stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=E)
+    return one_mass(1.0, stops, load=sb.Harmonic(1.0, W, phase=later + 0.5 * np.pi)), T, start
 
 
 def beam(frequency: float) -> sb.System:
@@ -135,16 +135,10 @@ def test_what_a_periodic_orbit_refuses():
         sb.periodic_orbit(driven, 1.0)
 
 
-def one_mass(stops: sb.Stops | None, c: float = 0.1, k: float = 1.0, frequency: float = 1.0) -> sb.System:
-    contacts = [] if stops is None else [sb.Contact(np.ones(1), stops)]
-    load = (np.ones(1), sb.Harmonic(1.0, frequency))
-    return sb.System.from_matrices([[1.0]], [[k]], [[c]], loads=[load], contacts=contacts, observe=[1.0])
-
-
 @pytest.mark.parametrize(("c", "k"), [(0.0, 1.0), (0.1, 0.0)])
 def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
     with pytest.raises(sb.SolverFailure, match=r"a multiplier is 1|Singular"):
-        sb.periodic_orbit(one_mass(None, c, k), 2.0 * np.pi)
+        sb.periodic_orbit(one_mass(k, damping=c, load=sb.Harmonic(1.0, 1.0)), 2.0 * np.pi)
 
 
 @pytest.mark.slow
@@ -152,8 +146,7 @@ def test_an_orbit_at_a_fold_closes_or_raises():
     """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
 
     def softly_stopped(w: float) -> sb.System:
-        stop = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
-        return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[([1.0], sb.Harmonic(0.3, w))], contacts=[stop])
+        return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, w))
 
     branch = sb.continuation(softly_stopped, "frequency", np.linspace(1.15, 1.45, 8), lambda w: 2.0 * np.pi / w)
     for fold, inside in zip((x for x in branch.bifurcations if x.kind == "fold"), (-1.0, 1.0), strict=True):
@@ -176,7 +169,7 @@ def test_an_orbit_that_grazes_has_no_multipliers(stops):
     response = 1.0 / (1.0 - w**2 + 0.1j * w)
     start = [response.imag], [w * response.real]
     for gap, grazes in ((abs(response), True), (abs(response) * 1.001, False)):
-        system = one_mass(sb.Stops(upper=gap, **stops), frequency=w)
+        system = one_mass(1.0, sb.Stops(upper=gap, **stops), damping=0.1, load=sb.Harmonic(1.0, w))
         if grazes:
             with pytest.raises(sb.SolverFailure, match="grazes its stop"):
                 sb.periodic_orbit(system, 2.0 * np.pi / w, start)
@@ -188,8 +181,8 @@ def test_an_orbit_that_grazes_has_no_multipliers(stops):
 def test_the_peak_forces_of_an_orbit_are_those_of_its_motion():
     """Against SciPy over one period from the orbit's start; rigid stops have none."""
     w, kappa = 1.2, 40.0
-    orbit = sb.periodic_orbit(one_mass(sb.Stops(upper=0.5, stiffness=kappa), frequency=w), 2.0 * np.pi / w)
-    system = orbit.system
+    system = one_mass(1.0, sb.Stops(upper=0.5, stiffness=kappa), damping=0.1, load=sb.Harmonic(1.0, w))
+    orbit = sb.periodic_orbit(system, 2.0 * np.pi / w)
     ode = system.ode()
     times = np.linspace(0.0, orbit.period, 20001)
     start = ode.state(orbit.q, orbit.v)

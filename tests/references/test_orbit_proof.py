@@ -8,6 +8,7 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -19,12 +20,11 @@ from stiffbeam.references.ball_flow import BallSystem, SignProver, frame_of  # n
 DIGITS = 50
 
 
-def one_mass(
+def driven(
     frequency: float = 2.2, c: float = 0.4, k: float = 4.0, amplitude: float = 2.0, phase: float = 0.3, **stops: Any
 ) -> sb.System:
-    contacts = [sb.Contact(np.ones(1), sb.Stops(**stops))] if stops else []
-    load = (np.ones(1), sb.Harmonic(amplitude, frequency, phase=phase))
-    return sb.System.from_matrices([[1.0]], [[k]], [[c]], loads=[load], contacts=contacts, observe=[1.0])
+    law, load = sb.Stops(**stops) if stops else None, sb.Harmonic(amplitude, frequency, phase=phase)
+    return one_mass(k, law, damping=c, load=load, observe=[1.0])
 
 
 def random_system(seed: int) -> tuple[sb.System, float]:
@@ -80,7 +80,7 @@ def assert_moves_back(system: sb.System, proof: sb.OrbitProof, steps: int) -> No
 @pytest.mark.parametrize("damping", [3.0, 0.0])
 def test_a_mass_on_a_stop_returns_in_50_digits_with_the_multipliers_of_the_proof(damping):
     """Multipliers by differences of 1e-20 of the motion in mpmath."""
-    system = one_mass(upper=0.2, stiffness=300.0, damping=damping)
+    system = driven(upper=0.2, stiffness=300.0, damping=damping)
     proof = sb.periodic_orbit(system, 2.0 * np.pi / 2.2).prove()
     assert proof.proved
     assert proof.stable
@@ -104,7 +104,7 @@ def test_a_mass_on_a_stop_returns_in_50_digits_with_the_multipliers_of_the_proof
 
 
 def test_states_over_the_period_are_those_of_the_float64_flow():
-    system = one_mass(upper=0.2, stiffness=300.0, damping=3.0)
+    system = driven(upper=0.2, stiffness=300.0, damping=3.0)
     orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
     q, v = orbit.prove().states(40)
     run = orbit.reference(t_eval=np.arange(40) * orbit.period / 40)
@@ -119,7 +119,7 @@ def test_states_over_the_period_are_those_of_the_float64_flow():
 def test_the_impact_oscillator():
     """Trace of the closed form, determinant e^2, and the motion in mpmath: rigid, unstable."""
     stops = {"upper": 0.0, "stiffness": np.inf, "restitution": 0.8}
-    system = one_mass(2.8, 0.0, 1.0, 1.0, 7.8, **stops)
+    system = driven(2.8, 0.0, 1.0, 1.0, 7.8, **stops)
     orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.8, ([-0.48], [-0.03]))
     proof = orbit.prove()
     assert proof.proved
@@ -147,7 +147,7 @@ def test_random_orbits_that_are_proved_are_motions_of_the_law(seed):
 
 
 def free_response(frequency: float) -> Any:
-    """Amplitude of the response of ``one_mass`` without contact, exactly of its doubles."""
+    """Amplitude of the response of ``driven`` without contact, exactly of its doubles."""
     c, k, w = mp.mpf(0.4), mp.mpf(4), mp.mpf(frequency)
     return mp.mpf(2) / mp.sqrt((k - w**2) ** 2 + (c * w) ** 2)
 
@@ -161,9 +161,9 @@ def test_a_gap_that_is_a_rounding_below_the_amplitude_disproves_the_free_orbit(u
         gap = float(amplitude)
         gap = gap + units * np.spacing(gap)
         exists = mp.mpf(gap) > amplitude
-    far = sb.periodic_orbit(one_mass(upper=10.0, **law), 2.0 * np.pi / 2.2)
+    far = sb.periodic_orbit(driven(upper=10.0, **law), 2.0 * np.pi / 2.2)
     assert len(far.events) == 0
-    proof = replace(far, system=one_mass(upper=gap, **law)).prove()
+    proof = replace(far, system=driven(upper=gap, **law)).prove()
     assert proof.proved == exists
     assert exists or "another side" in proof.reason
 
@@ -176,7 +176,7 @@ def hidden(orbit: sb.Orbit, times: list[float], sides: list[list[int]]) -> sb.Or
 
 
 def test_orbits_that_do_not_exist_are_not_proved():
-    system = one_mass(upper=0.2, stiffness=300.0)
+    system = driven(upper=0.2, stiffness=300.0)
     orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
     truth = orbit.prove()
     t, T = orbit.path.times.tolist(), orbit.period
@@ -189,7 +189,7 @@ def test_orbits_that_do_not_exist_are_not_proved():
         hidden(orbit, [0.0, t[1], t[2]], [[1], [0], [1]]),  # inside out
         hidden(orbit, [0.0, t[1]], [[0], [1]]),  # never left
         replace(orbit, q=orbit.q + 1e-4),  # another start
-        replace(orbit, system=one_mass(upper=0.25, stiffness=300.0)),  # another system
+        replace(orbit, system=driven(upper=0.25, stiffness=300.0)),  # another system
     ]
     for other in wrong:
         proof = other.prove()
@@ -225,7 +225,7 @@ def test_a_contact_of_two_that_is_left_out_is_seen():
 
 def test_what_a_proof_refuses():
     with pytest.raises(sb.InputError, match="bits must be a whole number from 64"):
-        sb.periodic_orbit(one_mass(), 2.0 * np.pi / 2.2).prove(bits=10)
+        sb.periodic_orbit(driven(), 2.0 * np.pi / 2.2).prove(bits=10)
     load = [([1.0], sb.Harmonic(1.0, w)) for w in (0.1, 0.3)]  # no doubles whose ratio is 3
     system = sb.System.from_matrices([[1.0]], [[4.0]], [[0.4]], loads=load, observe=[1.0])
     orbit = sb.periodic_orbit(system, 2.0 * np.pi / 0.1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from processes import passed
 
 import stiffbeam as sb
 from stiffbeam.basics import storage
@@ -93,13 +93,18 @@ def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
-def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
+@pytest.fixture
+def small_store(monkeypatch):
+    """One reference in the place of all that a store has."""
     from stiffbeam.studies import references
 
     monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
     short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
     monkeypatch.setattr(references, "paper_cases", lambda: {"table14": short})
+
+
+@pytest.mark.slow
+def test_a_small_store_is_made_checked_and_completed(tmp_path, small_store):
     assert remake(tmp_path) == ["table14-displacement.nc"]
     assert remake(tmp_path) == []  # it is there and whole
     assert [r["problem"] for r in check(tmp_path)] == [""]
@@ -109,12 +114,7 @@ def test_a_small_store_is_made_checked_and_completed(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_what_a_manifest_says_that_is_not_so_is_found_and_remade(tmp_path, monkeypatch):
-    from stiffbeam.studies import references
-
-    monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
-    short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
-    monkeypatch.setattr(references, "paper_cases", lambda: {"table14": short})
+def test_what_a_manifest_says_that_is_not_so_is_found_and_remade(tmp_path, small_store):
     assert remake(tmp_path) == ["table14-displacement.nc"]
     manifest = tmp_path / "MANIFEST.json"
     good = json.loads(manifest.read_text(encoding="utf-8"))
@@ -249,15 +249,7 @@ def test_it_refuses_what_nobody_knows(reference_solution, assert_within_referenc
 
 @pytest.mark.slow
 def test_the_plugin_works_in_a_project_of_someone_else(tmp_path):
-    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
-    (tmp_path / "test_mine.py").write_text(DOWNSTREAM, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"],
-        cwd=tmp_path, capture_output=True, text=True,
-        env=os.environ | {"STIFFBEAM_CACHE_DIR": str(storage.directory())},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 passed" in done.stdout
+    assert "2 passed" in passed(tmp_path, DOWNSTREAM, STIFFBEAM_CACHE_DIR=str(storage.directory()))
 
 
 @pytest.mark.slow

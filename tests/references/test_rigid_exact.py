@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam import InputError
@@ -330,9 +331,7 @@ def test_two_contacts_that_close_at_one_time_and_move_each_other_end_the_horizon
 def test_where_rounding_decides_whether_a_stop_is_hit_the_horizon_ends(speed, horizon):
     """u = v t - 4 t^2 rises to v^2/16, the stop is at 1."""
     stops = sb.Stops(upper=1.0, stiffness=np.inf, restitution=0.5)
-    ball = sb.System.from_matrices(
-        [[1.0]], [[0.0]], None, [([1.0], sb.Constant(-8.0))], [sb.Contact([1.0], stops)], initial_velocity=[speed]
-    )
+    ball = one_mass(0.0, stops, load=sb.Constant(-8.0), v=speed)
     found = sb.reference(ball, 0.9, t_eval=np.linspace(0.0, 0.9, 10))
     assert found.horizon == pytest.approx(horizon, abs=1e-6)
     assert found.impacts.count == (speed >= 4.0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -17,10 +18,7 @@ from stiffbeam.references.exact.rigid_reference import rigid_limit
 
 def oscillator(stiffness: float, kappa: float, lower: float, upper: float, start: float, speed: float) -> sb.System:
     stops = sb.Stops(lower, upper, stiffness=kappa)
-    return sb.System.from_matrices(
-        [[2.0]], [[stiffness]], contacts=[sb.Contact(row=[1.0], stops=stops)],
-        initial_displacement=[start], initial_velocity=[speed],
-    )  # fmt: skip
+    return one_mass(stiffness, stops, mass=2.0, q=start, v=speed)
 
 
 def test_a_mass_on_a_spring_bounces_when_it_must():
@@ -89,6 +87,5 @@ def test_rigid_stops_refuse_what_they_cannot_take(table10):
         rigid_limit(oscillator(1.0, 1e4, -0.3, 0.5, 0.6, 0.0), 1.0)
     with pytest.raises(InputError, match="t_end"):
         rigid_limit(oscillator(1.0, 1e4, -0.3, 0.5, 0.1, 0.0), -1.0)
-    moving = sb.Contact(row=[1.0], stops=sb.Stops(upper=1.0, stiffness=1.0), offset=sb.Constant(0.1))
     with pytest.raises(InputError, match="offset"):
-        rigid_limit(sb.System.from_matrices([[1.0]], [[1.0]], contacts=[moving]), 1.0)
+        rigid_limit(one_mass(1.0, sb.Stops(upper=1.0, stiffness=1.0), offset=sb.Constant(0.1)), 1.0)

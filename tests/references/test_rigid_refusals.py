@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rigid_chain import INF, chain
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam import InputError
@@ -45,9 +46,7 @@ def test_what_is_refused(call, named):
 
 
 def test_compliant_stops_and_starts_beyond_rigid_ones_are_refused():
-    compliant = sb.System.from_matrices(
-        [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=5.0))]
-    )
+    compliant = one_mass(1.0, sb.Stops(upper=0.1, stiffness=5.0))
     with pytest.raises(InputError, match="trapezoidal"):
         sb.integrate(compliant, sb.MoreauJean(), 0.01, 1.0)
     stops = sb.Stops(upper=0.1, stiffness=INF)

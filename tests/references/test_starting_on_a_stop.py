@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import METHODS
@@ -16,10 +17,7 @@ pytestmark = pytest.mark.usefixtures("numpy_kernel")
 def mass(q: float, v: float, load: float = 0.0, **law: float) -> sb.System:
     """q'' + 100 q = load, a stop at 1 with 1e4 above: a contact lasts 0.031, a flight more than 0.53."""
     stops = sb.Stops(upper=1.0, **{"stiffness": 1e4} | law)
-    return sb.System.from_matrices(
-        [[1.0]], [[100.0]], loads=[([1.0], sb.Constant(load))], contacts=[sb.Contact([1.0], stops)],
-        initial_displacement=[q], initial_velocity=[v],
-    )  # fmt: skip
+    return one_mass(100.0, stops, load=sb.Constant(load), q=q, v=v)
 
 
 # How it starts, when it ends, impacts by hand: a flight from u = 1 with speed v takes (2 pi - 2 atan(v/10))/10.
@@ -100,9 +98,7 @@ def test_schemes(start, end, count, engine):
 def test_the_lower_stop_is_the_mirror_image():
     stops = sb.Stops(lower=-1.0, stiffness=1e4)
     for v, count in ((-5.0, 0), (5.0, 1)):
-        system = sb.System.from_matrices(
-            [[1.0]], [[100.0]], contacts=[sb.Contact([1.0], stops)], initial_displacement=[-1.0], initial_velocity=[v]
-        )
+        system = one_mass(100.0, stops, q=-1.0, v=v)
         assert sb.reference(system, 0.55).impacts.count == count
         assert sb.integrate(system, sb.BDF2(), 1e-3, 0.55).impacts.count == count
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from systems import two_contacts
+from systems import one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.piecewise.tracer import tracer_of
@@ -173,11 +173,14 @@ def test_nothing_but_impacts_turns_neighbours():
     ends = np.arange(1, 101) * 2.0 * np.pi / w
     apart = np.linalg.norm(states(-0.3, 0.1, ends) - states(-0.3 + 1e-4, 0.1, ends), axis=1)
     true = np.polyfit(ends[40:], np.log(apart[40:]), 1)[0]
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.0]], observe=[1.0], loads=[([1.0], sb.Harmonic(1.0, w, phase=np.pi / 2))],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=np.inf, restitution=e))],
-        initial_displacement=[-0.3], initial_velocity=[0.1],
-    )  # fmt: skip
+    system = one_mass(
+        1.0,
+        sb.Stops(upper=0.0, stiffness=np.inf, restitution=e),
+        load=sb.Harmonic(1.0, w, phase=np.pi / 2),
+        q=-0.3,
+        v=0.1,
+        observe=[1.0],
+    )
     grown = sb.lyapunov(system, 2000.0)
     late = grown.t > 1000.0
     for log in grown.log_growth[late].T:

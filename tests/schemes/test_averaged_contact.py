@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.contact_law import Law
@@ -141,8 +142,6 @@ class TestRefusals:
             sb.integrate(oscillator(dissipation=0.1), sb.Trapezoidal(), 1e-2, 0.1, contact="averaged")
 
     def test_rigid_stops(self):
-        system = sb.System.from_matrices(
-            [[1.0]], [[4.0]], contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=math.inf, restitution=0.5))]
-        )
+        system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=math.inf, restitution=0.5))
         with pytest.raises(sb.InputError, match="implicit"):
             sb.integrate(system, sb.MoreauJean(), 1e-2, 0.1, contact="averaged")

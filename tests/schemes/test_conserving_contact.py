@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import scipy.linalg
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -106,9 +107,7 @@ def test_it_converges_to_the_exact_motion(scheme):
 @pytest.mark.parametrize("scheme", SCHEMES[:2], ids=str)
 def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
     stops = sb.Stops(upper=0.0, stiffness=2000.0)
-    ball = sb.System.from_matrices(
-        [[2.0]], [[0.0]], contacts=[sb.Contact([1.0], stops)], initial_displacement=[-0.1], initial_velocity=[1.0]
-    )
+    ball = one_mass(0.0, stops, mass=2.0, q=-0.1, v=1.0)
     for dt in (0.4, 0.05, 0.01):
         run = sb.integrate(ball, scheme, dt, 2.0, contact="conserving")
         assert abs(run.tip_velocity[-1] + 1.0) < 1e-14

@@ -7,6 +7,7 @@ import pytest
 from bouncing_bar import bouncing_bar, pressure
 from rigid_chain import INF, chain
 from rigid_loops import Loop
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
@@ -113,8 +114,7 @@ def test_a_body_that_rests_on_its_stop_stays_there():
     where rounding leaves a gap, for a step."""
     for e, scheme in ((0.5, sb.MoreauJean()), (None, sb.Trapezoidal()), (None, sb.ContactStabilisedNewmark())):
         stops = sb.Stops(lower=0.0, stiffness=INF, restitution=e)
-        weight = [([1.0], sb.Constant(-3.0))]
-        system = sb.System.from_matrices([[1.0]], [[0.0]], loads=weight, contacts=[sb.Contact([1.0], stops)])
+        system = one_mass(0.0, stops, load=sb.Constant(-3.0))
         run = sb.integrate(system, scheme, 0.01, 1.0)
         assert np.max(np.abs(run.tip)) < (1e-15 if e is None else 3.0 * 0.01**2)
         assert run.contacts[0].impulse == pytest.approx(3.0, rel=1e-12 if e is None else 0.02)
@@ -170,9 +170,7 @@ def test_through_an_impact_every_scheme_is_of_first_order(scheme):
         dt = 1.2 / steps
         for start in np.arange(12) / 12.0 * dt:
             q, v = np.sin(start), np.cos(start)
-            one = sb.System.from_matrices(
-                [[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_displacement=[q], initial_velocity=[v]
-            )
+            one = one_mass(1.0, stops, q=q, v=v)
             run = sb.integrate(one, scheme, dt, 1.2)
             after = run.t[-1] + start - np.pi / 6.0
             dts.append(dt)

@@ -11,7 +11,7 @@ import pytest
 from doubt_ranks import judged as judged_source
 from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
-from systems import bouncing_chain, thrown_case
+from systems import bouncing_chain, one_mass, thrown_case
 from typer.testing import CliRunner
 from vibro_march import solve
 
@@ -256,8 +256,7 @@ def test_the_time_a_run_stays_within_an_error():
 
 
 def test_a_run_whose_tip_is_off_from_its_first_step_on_says_so():
-    stop = sb.Contact([1.0], sb.Stops(upper=5.0, stiffness=400.0))
-    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[stop], initial_velocity=[1.0])
+    system = one_mass(4.0, sb.Stops(upper=5.0, stiffness=400.0), v=1.0)
     advice = sb.advise(system, {"impacts": 0.05}, t_end=3.0, schemes=[sb.Trapezoidal()], most_steps=64)
     assert advice.trusted_until == 0.0
     assert "after one step its tip is not within 0.001" in str(advice)
@@ -279,10 +278,7 @@ def test_the_command(command):
 
 @pytest.mark.slow
 def test_rigid_stops_with_a_restitution_are_advised():
-    system = sb.System.from_matrices(
-        [[1.0]], [[10.0]], loads=[([1.0], sb.Harmonic(8.0, 5.0))],
-        contacts=[sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=float("inf"), restitution=0.7))],
-    )  # fmt: skip
+    system = one_mass(10.0, sb.Stops(upper=0.1, stiffness=float("inf"), restitution=0.7), load=sb.Harmonic(8.0, 5.0))
     advice = sb.advise(system, {"impacts": 0.05, "tip": 2e-2}, 3.0)
     assert advice.recommendation is not None
     run, exact = advice.run(), sb.reference(system, 3.0)
@@ -318,8 +314,7 @@ def test_of_rigid_stops_the_impulse_is_asked_for():
 def test_the_advised_run_has_the_wanted_work_rate():
     """Every contact of an undamped mass does the work kappa d^2, d its depth, from the energy: 4 x^2 + kappa d^2 = 1.
     The work of the advised run is summed here from its states."""
-    spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
-    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
+    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=400.0), v=1.0)
     schemes, wanted = [sb.HHT(alpha=-0.1), sb.Trapezoidal()], 0.01
     want = {"normal_work": wanted, "force_rms": wanted}
     advice = sb.advise(system, want, t_end=30.0, schemes=schemes, contacts=("implicit",))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doubt_ranks import Beam
-from systems import thrown_case
+from systems import one_mass, thrown_case
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -29,9 +29,7 @@ LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the c
 def ball(stiffness: float = 1e4) -> sb.System:
     """A mass 2 that meets a spring with the speed 3: largest force 3 sqrt(2 kappa)."""
     stops = sb.Stops(None, 0.1, stiffness=stiffness)
-    return sb.System.from_matrices(
-        [[2.0]], [[0.0]], contacts=[sb.Contact(np.ones(1), stops)], initial_velocity=[3.0]
-    )  # fmt: skip
+    return one_mass(0.0, stops, mass=2.0, v=3.0)
 
 
 @pytest.mark.slow
@@ -257,9 +255,8 @@ def elements(beam: Beam, cells: int) -> Case:
 
 def oscillator(seed: int) -> sb.System:
     """A damped mass that noise throws at a spring."""
-    contact = sb.Contact([1.0], sb.Stops(upper=0.3, stiffness=400.0))
-    load = ([1.0], sb.noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
-    return sb.System.from_matrices([[1.0]], [[4.0]], [[0.2]], loads=[load], contacts=[contact])
+    stops = sb.Stops(upper=0.3, stiffness=400.0)
+    return one_mass(4.0, stops, damping=0.2, load=sb.noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
 
 
 @pytest.mark.slow
@@ -342,8 +339,7 @@ def test_no_random_system_has_another_largest_source_than_the_one_named(seed):
 def test_rigid_stops_have_no_largest_force():
     """A mass thrown at 3 from 0 onto a stop at g, e = 1/2: the impulse is 2 (3 + 3/2), whatever the gap."""
     stops = sb.Stops(None, 0.1, stiffness=np.inf, restitution=0.5)
-    contact = sb.Contact(np.ones(1), stops)
-    system = sb.System.from_matrices([[2.0]], [[0.0]], contacts=[contact], initial_velocity=[3.0])
+    system = one_mass(0.0, stops, mass=2.0, v=3.0)
     case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.upper": sb.Uncertain(tolerance=0.1)})
     result = sb.doubt(case, sb.MoreauJean(), members=10)
     assert [x.quantity for x in result.budgets] == ["tip", "impacts", "impulse", "time in contact", "energy"]
@@ -394,9 +390,7 @@ def test_compare_adds_the_budget_of_every_scheme(tmp_path: Path, monkeypatch: py
 
 def test_tables_name_the_units_of_the_means():
     stops = sb.Stops(None, 0.1, stiffness=1e4)
-    system = sb.System.from_matrices(
-        [[2.0]], [[0.0]], contacts=[sb.Contact(np.ones(1), stops)], initial_velocity=[3.0], units=sb.Units("mm")
-    )  # fmt: skip
+    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=sb.Units("mm"))
     case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.stiffness": sb.Uncertain(tolerance=0.1)})
     text = str(sb.doubt(case, sb.HHT(-0.1), members=8))
     factors = sb.uncertain_members(system, case.uncertain, 8).values[:, 0]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import one_mass
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -220,13 +221,7 @@ def test_a_case_without_a_drive_has_no_frequency_to_vary():
 
 def dropped(height: float) -> sb.System:
     """A mass that falls onto a damped stop."""
-    return sb.System.from_matrices(
-        [[1.5]],
-        [[0.0]],
-        loads=[([1.0], sb.Constant(-14.7))],
-        contacts=[sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=2e3, damping=20.0))],
-        initial_displacement=[height],
-    )
+    return one_mass(0.0, sb.Stops(lower=0.0, stiffness=2e3, damping=20.0), mass=1.5, load=sb.Constant(-14.7), q=height)
 
 
 @pytest.mark.parametrize("method", ["exact", "BDF2"])
@@ -288,9 +283,7 @@ def test_lists_and_ranges_of_values():
 
 def bistable() -> sb.System:
     """x'' + 0.1 x' + x = 0.08 sin(w t) - 8 (x - 0.3)_+: a stop bends the resonance to higher frequencies."""
-    contact = sb.Contact(np.ones(1), sb.Stops(upper=0.3, stiffness=8.0))
-    load = ([1.0], sb.Harmonic(0.08, 1.2))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    return one_mass(1.0, sb.Stops(upper=0.3, stiffness=8.0), damping=0.1, load=sb.Harmonic(0.08, 1.2))
 
 
 def by_runge_kutta(x: float, v: float, w: float) -> tuple[float, float]:
@@ -355,8 +348,7 @@ def test_a_sweep_over_cells_is_one_over_h():
 
 
 def driven(stop: sb.Stops, damping: float) -> sb.System:
-    load = ([1.0], sb.Harmonic(1.0, 2.6))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[damping]], loads=[load], contacts=[sb.Contact([1.0], stop)])
+    return one_mass(1.0, stop, damping=damping, load=sb.Harmonic(1.0, 2.6))
 
 
 def test_a_rigid_stop_has_no_largest_force():
@@ -400,9 +392,8 @@ def test_what_a_transient_leaves_is_that_of_the_values_varied():
 
 def test_the_period_of_a_motion_is_that_of_its_size():
     """With its stop at 0 a mass moves in proportion to the load, so that its period is the same at all amplitudes."""
-    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.8))
-    contact = sb.Contact([1.0], sb.Stops(upper=0.0, stiffness=25.0))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[contact])
+    stops = sb.Stops(upper=0.0, stiffness=25.0)
+    system = one_mass(1.0, stops, damping=0.1, load=sb.Harmonic(amplitude=1.0, frequency=2.8))
     options = {"method": "exact", "periods": 12, "transient": 80, "dt": 1e-2, "t_end": 1.0}
     answer = study("sweep", system, parameter="amplitude", values=[0.0, 1e-4, 1.0], **options).answer
     assert "every period of the drive at 1 of 3 values, every 2 to 8 periods at 2" in answer
@@ -410,8 +401,7 @@ def test_the_period_of_a_motion_is_that_of_its_size():
 
 def test_a_section_near_zero_is_compared_with_the_motion():
     """What is left of the start, 4e-4 of the motion, is 2 % of a section that the drive passes near 0."""
-    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=0.37))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.004]], loads=[load], observe=[1.0])
+    system = one_mass(1.0, damping=0.004, load=sb.Harmonic(amplitude=1.0, frequency=0.37))
     options = {"method": "exact", "periods": 12, "transient": 230, "dt": 1e-2, "t_end": 1.0}
     records = study("sweep", system, values=[0.37], **options)
     (section,) = sections(records.rows).values()
@@ -430,8 +420,7 @@ def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
 
 def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
     """It is 0 where nothing touches the stop, and not a number elsewhere."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], sb.Harmonic(1.0, 2.8))], contacts=[stop])
+    system = one_mass(1.0, sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8), load=sb.Harmonic(1.0, 2.8))
     for method in ("moreau-jean", "exact"):
         records = study(
             "sweep", system, dt=1e-2, t_end=20.0, parameter="loads[0].time.frequency", values=[1.1, 3.0],

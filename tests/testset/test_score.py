@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import passed
 
 import stiffbeam as sb
 from stiffbeam.testset.measure import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, ONE_RUN
@@ -353,12 +354,7 @@ def test_the_plugin_asks_every_problem(tmp_path):
         "    tip = known_problem.answers['tip'].value\n"
         "    assert tip.shape == known_problem.times.shape\n"
     )
-    (tmp_path / "pytest.ini").touch()  # nothing above the folder is asked
-    (tmp_path / "test_mine.py").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout
-    assert f"{len(sb.problems())} passed" in done.stdout
+    assert f"{len(sb.problems())} passed" in passed(tmp_path, text)
 
 
 def test_integrators_of_one_name_stay_apart(tmp_path, monkeypatch):

@@ -181,12 +181,13 @@ def function(field: str, value: Any, remedy: str = "leave it out") -> None:
         raise InputError(field, value, "be a function", remedy)
 
 
-def itself(field: str, value: Any, known: type) -> None:
-    """Raise InputError for a subclass of ``known``: the computation uses its fields only and would ignore overrides."""
+def itself(field: str, value: Any, known: type, remedy: str = "", rule: str = "") -> None:
+    """Raise InputError for what is no object of the type ``known``, by ``rule`` and ``remedy``, and for a subclass:
+    the computation uses its fields only and would ignore overrides."""
+    name = known.__name__
+    if not isinstance(value, known):
+        raise InputError(field, value, rule or f"be a {name}", remedy or f"make one with stiffbeam.{name}")
     if type(value) is not known:
-        name = known.__name__
-        if not isinstance(value, known):
-            raise InputError(field, value, f"be a {name}", f"make one with stiffbeam.{name}")
         remedy = f"what a subclass overrides would be ignored: give a {name}"
         raise InputError(field, f"a {type(value).__name__}", f"be a {name} itself", remedy)
 

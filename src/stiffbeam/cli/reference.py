@@ -71,7 +71,7 @@ def reference_command(
             from ..studies.references import remake as remake_files
 
             make_folder(remake, "--remake")
-            records = [{"file": name, "written": True} for name in remake_files(remake, None, show)]
+            records = [{"file": name, "written": True} for name in remake_files(remake, show)]
             failed = False
         else:
             assert case is not None

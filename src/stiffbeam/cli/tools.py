@@ -18,18 +18,7 @@ import typer
 
 from ..basics.resources import progress
 from ..basics.validation import InputError, integer
-from .application import (
-    Jobs,
-    Json,
-    References,
-    app,
-    check_json,
-    console,
-    make_folder,
-    option,
-    say,
-    write_json,
-)
+from .application import Jobs, Json, References, app, check_json, console, make_folder, option, say, write_json
 from .tables import table_of
 
 if TYPE_CHECKING:
@@ -71,8 +60,6 @@ def cases(
 def doctor(json_file: Json = None) -> None:
     """Print versions and cache folders, and test every solver on a small problem."""
     from rich.table import Table
-
-    from ..basics.resources import progress
 
     check_json(json_file)
     with progress() as show:

@@ -200,5 +200,4 @@ def _stop_marks(system: System, i: int, t: Array) -> tuple[float, list[Array]]:
     if system.problem is None:
         return float(i), edges
     stops = system.problem.all_stops[i]
-    place = system.problem.length if stops.position is None else float(stops.position)
-    return place, [offset_values(stops.motion, t) + edge for edge in edges]
+    return float(system.problem.place(stops)), [offset_values(stops.motion, t) + edge for edge in edges]

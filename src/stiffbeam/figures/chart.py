@@ -24,7 +24,7 @@ from ..basics.units import Units
 from ..measures.report import short
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES
-from ..schemes.labels import make, scheme_of
+from ..schemes.labels import scheme_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,11 +93,6 @@ def dashed(i: int) -> Any:
     """The i-th line style of the palette."""
     dashes = DASHES[i % len(DASHES)]
     return (0, dashes) if dashes else "-"
-
-
-def default_label(name: str) -> str:
-    """The label of a registered scheme with its default parameters."""
-    return str(make(name))
 
 
 WIDE = 34  # letters in an entry of a legend below a panel from which on it fills a line

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, instance, near, numbers, sequence
+from ..basics.validation import InputError, instance, numbers, one_of, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
@@ -106,8 +106,7 @@ def paper_figure(
     if not names:
         raise InputError("panels", panels, "be one or more names", f"known: {', '.join(PANELS)}")
     for name in names:
-        if name not in PANELS:
-            raise InputError("panels", name, "name a panel", near(name, PANELS))
+        one_of("panels", name, PANELS, "name a panel")
         if missing.get(name):
             remedy = "leave it out"
             raise InputError("panels", name, "be one that the system has: a stop, or a drive's period", remedy)

@@ -21,7 +21,6 @@ from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import largest, percent
 from ..model.contact import Stops
 from ..model.natural_modes import modes
-from ..model.problem import BeamProblem
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.ensemble import Ensemble
@@ -214,7 +213,7 @@ def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, co
     if not record.impacts.count:
         return
     side = int(record.impacts.stops[0])
-    stop = record.stops.upper_bound if side > 0 else record.stops.lower_bound
+    stop = record.stops.bound(side)
     if isinstance(reference, Reference) and reference.solution is not None:
         u, _ = reference.at(np.linspace(start, end, 800), contact)
     else:
@@ -407,11 +406,6 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
     return ax
 
 
-def _places(beam: BeamProblem) -> list[float]:
-    """Places of the stops along a beam."""
-    return [beam.length if stops.position is None else float(stops.position) for stops in beam.all_stops]
-
-
 def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The start of the motion between the stops: u(x, 0) of a beam, the unknowns of matrices by their numbers."""
     axis, returned = _axes(ax, repr(system).strip("<>"))
@@ -426,7 +420,7 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
     else:
         x = np.linspace(0.0, beam.length, 201)
         axis.plot(x, system.displacement([0.0], system.q0[None], x)[0], **style)
-        places = _places(beam)
+        places = [float(beam.place(stops)) for stops in beam.all_stops]
         axis.set_xlabel(units.label("position $x$", "length"))
     for i, (place, contact) in enumerate(zip(places, system.contacts, strict=True)):
         for stop, marker in ((contact.stops.upper, 7), (contact.stops.lower, 6)):  # carets that point at the beam
@@ -575,7 +569,7 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
     figure = new_figure(1.6 * count + 0.4, width=7.0)
     beam = system.problem
     axes = np.ravel(figure.subplots(count, 1, sharex=True, squeeze=False))
-    places = _places(beam) if beam else []
+    places = [float(beam.place(stops)) for stops in beam.all_stops] if beam else []
     for j, axis in enumerate(axes):
         for part, style in ((np.real(natural.shapes[:, j]), "-"), (np.imag(natural.shapes[:, j]), "--")):
             if not np.any(part):

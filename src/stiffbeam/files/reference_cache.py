@@ -17,7 +17,7 @@ from ..basics import storage
 from ..basics.resources import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
-from ..model.time_functions import in_closed_form, times_of
+from ..model.time_functions import require_closed_form, times_of
 from ..references import reference
 from ..references.registry import REFERENCES, RTOL, method_of
 from ..trajectory.trajectory import Reference
@@ -132,13 +132,9 @@ def _file(
     for name, value in (("atol", atol), ("max_step", steps[1])):
         if value is not None:
             positive(name, value)
-    functions = [f for _, f in system.loads] + [c.offset for c in system.contacts if c.offset is not None]
-    for function in functions:  # a bare callable has no content to make a key of
-        if not in_closed_form(function):
-            rule = "be made of Harmonic, Constant and Sampled for a cached reference"
-            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
-    rigid = any(contact.stops.rigid for contact in system.contacts)
-    anytime = method == "multiprecision" and digits == "auto" and not rigid  # frozen, it answers at any time
+    # A bare callable has no content to make a key of.
+    require_closed_form(system.time_functions, "a cached reference", "sample it: Sampled(t, values, 'cubic')")
+    anytime = method == "multiprecision" and digits == "auto" and not system.rigid  # frozen, it answers at any time
     key = {
         "fingerprint": system.fingerprint,
         "t_end": float(t_end),

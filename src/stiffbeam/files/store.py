@@ -45,7 +45,7 @@ def can_freeze(reference: Reference) -> bool:
     between rigid stops cannot be integrated again in float64."""
     system, t_end = reference.system, float(reference.provenance["t_end"])
     confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
-    return confirmed and system is not None and not any(contact.stops.rigid for contact in system.contacts)
+    return confirmed and system is not None and not system.rigid
 
 
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:

@@ -73,10 +73,8 @@ class Plan:
     ) -> Plan:
         """Raises InputError for bad arguments."""
         # Every argument by itself, then in combination.
-        if not isinstance(system, (System, FirstOrderSystem)):
-            remedy = "make it with semidiscretise or from_matrices"
-            raise InputError("system", type(system).__name__, "be a System", remedy)
-        itself("system", system, System if isinstance(system, System) else FirstOrderSystem)
+        kind = FirstOrderSystem if isinstance(system, FirstOrderSystem) else System
+        itself("system", system, kind, "make it with semidiscretise or from_matrices")
         require_scheme(scheme)
         dt, t_end = positive("dt", dt), positive("t_end", t_end)
         steps = step_count(dt, t_end)

@@ -443,6 +443,5 @@ def _place(system: System, i: int) -> str:
         return ""
     if system.problem is None:
         return f"contact {i + 1}"
-    position = system.problem.all_stops[i].position
-    length = system.problem.length if position is None else position
-    return f"stops at x = {system.units.measure(float(length), 'length', 'g')}"
+    place = float(system.problem.place(system.problem.all_stops[i]))
+    return f"stops at x = {system.units.measure(place, 'length', 'g')}"

@@ -131,12 +131,8 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
     """
     longest = max(c.window for c in comparisons)
     # A run whose impacts part within its first step would leave no step to compare.
-    ends = (c.matched_until for c in comparisons if c.matched_until > c.dt and not _ends_early(c, longest))
-    return min(ends, default=longest)
-
-
-def _ends_early(comparison: Comparison, horizon: float) -> bool:
-    return comparison.window < horizon * (1 - 1e-9)
+    whole = [c for c in comparisons if c.window >= longest * (1 - 1e-9)]
+    return min((c.matched_until for c in whole if c.matched_until > c.dt), default=longest)
 
 
 def comparison_tables(

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, positive
 from .contact_law import (
     G1,
@@ -178,10 +178,10 @@ class Stops(Parameters):
         """True if stiffness is inf."""
         return isinstance(self.stiffness, (int, float)) and self.stiffness == math.inf
 
-    def require_compliant(self, for_what: str) -> None:
+    def require_compliant(self, for_what: str, remedy: str = "") -> None:
         """Raise InputError for a rigid stop, whose reaction is no function of position and velocity."""
         if self.rigid:
-            remedy = "take the exact solution, or stops with a large stiffness"
+            remedy = remedy or "take the exact solution, or stops with a large stiffness"
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @cached_property
@@ -392,9 +392,7 @@ class Contact:
         if (row.ndim != 1 and len(row) != 2) or not np.all(np.isfinite(row)) or not np.any(row):
             raise InputError("contact.row", given, "be finite and not all zero", "for example [0, 0, 1]")
         object.__setattr__(self, "row", row)
-        if not isinstance(self.stops, Stops):
-            raise InputError("contact.stops", self.stops, "be Stops", "for example Stops(upper=0.1, stiffness=1e4)")
-        itself("contact.stops", self.stops, Stops)
+        itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
         for name, remedy in (("position", "put it into the row"), ("motion", "its negative is an offset")):
             if getattr(self.stops, name) is not None:
                 rule = "be None in a contact, which has row and offset"
@@ -430,7 +428,7 @@ class Contact:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        object.__setattr__(self, "row", read_only(self.row))  # a pickled array can be written to again
+        freeze(self, "row")
 
 
 def _row(given: Array) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, one_of, sequence
 from .contact import Contact, require_one_row
-from .time_functions import Constant, Harmonic, LoadFunction, combined, in_closed_form, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, combined, parts, parts_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -170,10 +170,8 @@ def _require_unseen(system: System, nodes: list[int]) -> None:
         rule = "not read a massless contact node, which is no linear function of the others"
         remedy = "dataclasses.replace(system, observe=None) makes .tip the first contact's position"
         raise InputError("observe", f"a row on {np.count_nonzero(system.observe)} unknowns", rule, remedy)
-    for vector, function in system.loads:
-        if np.any(vector[nodes]) and not in_closed_form(function):
-            rule = "be made of Harmonic, Constant and Sampled where it acts on a massless contact"
-            raise InputError("loads", function, rule, "give samples of it")
+    acting = [function for vector, function in system.loads if np.any(vector[nodes])]
+    require_closed_form(acting, "a load on a massless contact", "give samples of it")
 
 
 def _held(system: System, nodes: list[int]) -> Array:

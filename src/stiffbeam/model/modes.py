@@ -69,11 +69,7 @@ class Modes:
 def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
     """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``. Those of a
     system, which cannot change, are found once."""
-    if springs:
-        return _undamped(system, springs)
-    if system not in _UNDAMPED:
-        _UNDAMPED[system] = _shared(system, _undamped)
-    return _UNDAMPED[system]
+    return _once(_undamped, system, springs)
 
 
 def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
@@ -84,25 +80,22 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
     (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
     a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
     """
-    if not system.damped:
-        return undamped_modes(system, springs)
-    if springs:
-        return _damped(system, springs)
-    if system not in _DAMPED:
-        _DAMPED[system] = _shared(system, _damped)
-    return _DAMPED[system]
+    return _once(_damped, system, springs) if system.damped else undamped_modes(system, springs)
 
 
-_UNDAMPED: WeakKeyDictionary[System, Modes] = WeakKeyDictionary()
-_DAMPED: WeakKeyDictionary[System, Modes | None] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[System, dict[Any, Any]] = WeakKeyDictionary()
 _RECENT: Recent[Any] = Recent(16)
 
 
-def _shared(system: System, find: Callable[[System], Any]) -> Any:
-    """Modes of ``system``, or of a recent one with the same matrices."""
-    if system.size > MOST:
-        return find(system)
-    return _RECENT.get((find, *matrices(system)), lambda: find(system))
+def _once(find: Callable[..., Any], system: System, springs: tuple[tuple[Array, float], ...]) -> Any:
+    """Modes that ``find`` returns; without springs those known of ``system``, or of a recent one with its matrices."""
+    if springs:
+        return find(system, springs)
+    known = _KNOWN.setdefault(system, {})
+    if find not in known:
+        small = system.size <= MOST
+        known[find] = _RECENT.get((find, *matrices(system)), lambda: find(system)) if small else find(system)
+    return known[find]
 
 
 def matrices(system: System) -> tuple[bytes, ...]:

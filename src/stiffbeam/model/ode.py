@@ -18,7 +18,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from .right_hand_side import RightHandSide, numbers_of, rate_of_state
 from .right_hand_side_kernels import floats, integers, right_hand_side
 from .sampled import Sampled
-from .time_functions import breakpoints_of, parts_of
+from .time_functions import breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -64,9 +64,7 @@ class ODE:
     def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
         self.system, self.form = system, one_of("form", form, FORMS)
         for contact in system.contacts:
-            if contact.stops.rigid:
-                rule = "be finite for a differential equation"
-                raise InputError("stops.stiffness", contact.stops.stiffness, rule, "use a large one, 1e8 for example")
+            contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
         mass, first_order = system.descriptor() if form == "descriptor" else (None, system.first_order())
         self._rhs = RightHandSide(first_order, mass)
         self._n = self._rhs.states
@@ -143,9 +141,8 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        if self._rhs.in_python:
-            rule = "be made of Harmonic, Constant and Sampled for compiled code"
-            raise InputError("time function", "a callable", rule, "sample it: Sampled(t, values, 'cubic')")
+        remedy = "sample it: Sampled(t, values, 'cubic')"
+        require_closed_form(self.system.time_functions, "compiled code", remedy)
         # Kept by the object, since C reads these numbers at every call.
         self._data = np.array([self._rhs.block.ctypes.data, self._rhs.block.size, self._n, self._rhs.size], np.int64)
         return _called.address, self._data.ctypes.data

@@ -350,6 +350,10 @@ class BeamProblem:
         """The stops in the order given, () for none."""
         return (self.stops,) if isinstance(self.stops, Stops) else tuple(self.stops or ())
 
+    def place(self, stops: Stops) -> float:
+        """x of stops along the beam."""
+        return self.length if stops.position is None else stops.position
+
     def single_stops(self, field: str) -> Stops:
         """The stops of a problem that has them at one place. Raises InputError for none and for several."""
         if not isinstance(self.stops, Stops):
@@ -394,7 +398,7 @@ class BeamProblem:
                 raise InputError("stops", argument, "be a Stops or a list of them", remedy)
             itself("stops", stops, Stops)
             left, right = self.ends
-            position = self.length if stops.position is None else stops.position
+            position = self.place(stops)
             # A free left end may meet a stop at x = 0, which counts as outside the beam below.
             if position == 0.0 and left == "free":
                 continue

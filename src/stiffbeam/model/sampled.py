@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, is_read_only, read_only
+from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.resources import afford
 from ..basics.validation import InputError, instance, integer, itself, non_negative, numbers, one_of, positive, sequence
 
@@ -87,8 +87,7 @@ class Sampled:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        for name in ("t", "values"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))  # a pickled array can be written to again
+        freeze(self, "t", "values")
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.validation import InputError, itself, near
+from ..basics.validation import InputError, itself, one_of
 from .beam import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
 from .contact import Contact, Stops
 from .equations import FirstOrderContact, FirstOrderSystem, interleaved, of_rows
@@ -43,15 +43,10 @@ def contacts(problem: BeamProblem, row: Row) -> tuple[Contact, ...]:
 
 
 def _contact(problem: BeamProblem, stops: Stops, row: Row) -> Contact:
-    share = share_of(problem, stops)
+    share = problem.place(stops) / problem.length
     offset = combined((1.0 - share**2, problem.base), (-1.0, stops.motion))
     at_a_place = stops.position is not None or stops.motion is not None
     return Contact(row(share), replace(stops, position=None, motion=None) if at_a_place else stops, offset)
-
-
-def share_of(problem: BeamProblem, stops: Stops) -> float:
-    """x/L of the stops."""
-    return 1.0 if stops.position is None else stops.position / problem.length
 
 
 def observed(stops: tuple[Contact, ...], tip: Array) -> Array | None:
@@ -110,15 +105,12 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     itself("problem", problem, BeamProblem)
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:
         raise InputError("cells", cells, "be an integer >= 4", "the stencils at both ends must not overlap")
-    if not isinstance(form, str):
-        raise InputError("form", form, "be one that there is", near(form, ALL_FORMS))
+    one_of("form", form, ALL_FORMS)
     # A dozen dense matrices, and eigenvalues of some of them.
     unknowns = float(min(cells, 2**53)) * (2.0 if form == "hermite" else 1.0)
     afford("cells", cells, "take fewer cells", floats=12.0 * unknowns**2, seconds=3e-9 * unknowns**3)
     if form == "hermite":
         return hermite(problem, int(cells))
-    if form not in FORMS:
-        raise InputError("form", form, "be one that there is", near(form, ALL_FORMS))
     if problem.supports != "clamped-free":
         rule = f"be clamped-free in the {form} form"
         raise InputError("supports", problem.supports, rule, "its stencils are the cantilever's: use the form hermite")
@@ -286,23 +278,11 @@ def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Arr
     interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
     P = h * np.asarray(scipy.linalg.block_diag(interior, 1.0 / 3.0))
     Q = h * np.asarray(scipy.linalg.block_diag(1.0 / 3.0, interior))
-    L = np.zeros((M, M))  # acts on s_1..s_M, s_0 = 0
+    L = np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2)  # acts on s_1..s_M, s_0 = 0
     L[0, :2] = (4.0, -0.5)  # (3.9)
-    for i in range(1, M):
-        L[i, i] = 1.0  # s_{i+1}
-        L[i, i - 1] = -2.0  # s_i
-        if i >= 2:
-            L[i, i - 2] = 1.0  # s_{i-1}
-    L /= h**2
-    R = np.zeros((M, M))  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
-    for i in range(1, M):
-        R[i - 1, i - 1] = 1.0  # w_{i-1}
-        R[i - 1, i] = -2.0  # w_i
-        if i < M - 1:
-            R[i - 1, i + 1] = 1.0  # w_{i+1}
-    R[M - 1, M - 1] = 4.0
-    R[M - 1, M - 2] = -0.5  # (3.10)
-    return P, Q, L, R / h**2
+    R = np.eye(M) - 2.0 * np.eye(M, k=1) + np.eye(M, k=2)  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
+    R[-1, -2:] = (-0.5, 4.0)  # (3.10)
+    return P, Q, L / h**2, R / h**2
 
 
 def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:

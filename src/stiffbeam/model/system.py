@@ -264,9 +264,7 @@ class System:
         single = isinstance(self.contacts, Contact)
         contacts: Any = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
         for contact in contacts:
-            if not isinstance(contact, Contact):
-                raise InputError("contacts", contact, rule, remedy)
-            itself("contacts", contact, Contact)
+            itself("contacts", contact, Contact, remedy, rule)
             if contact.row.shape[-1] != n:
                 raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
         loads = []
@@ -568,10 +566,7 @@ class System:
 
 def require_system(system: Any, field: str = "system") -> System:
     """``system`` if it is exactly a System, not a subclass."""
-    if not isinstance(system, System):
-        remedy = "make it with semidiscretise or from_matrices"
-        raise InputError(field, f"a {type(system).__name__}", "be a System", remedy)
-    itself(field, system, System)
+    itself(field, system, System, "make it with semidiscretise or from_matrices")
     return system
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.units import KNOWN
 from ..basics.validation import InputError, near
 
 if TYPE_CHECKING:
@@ -169,6 +170,14 @@ class Request(NamedTuple):
     atol: float | None
     digits: int | str
     steps: Steps
+
+
+def provenance_of(system: System, method: str, t_end: float, notes: dict[str, Any]) -> dict[str, Any]:
+    """Provenance of a reference: what all have, and the ``notes`` of its method."""
+    from ..trajectory.trajectory import versions
+
+    units = {name: getattr(system.units, name) for name in KNOWN}
+    return {"method": method, "form": system.form, "units": units, "t_end": float(t_end), **notes, **versions()}
 
 
 def output_times(t_eval: Array | None, t_end: float) -> Array:

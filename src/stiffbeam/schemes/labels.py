@@ -12,7 +12,7 @@ import sys
 from inspect import signature
 from typing import Any
 
-from ..basics.validation import InputError, near
+from ..basics.validation import InputError, near, one_of
 from ..model.semidiscretisation import ALL_FORMS
 from . import RIGID, SCHEMES
 from .scheme import Scheme
@@ -82,9 +82,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     if match["printed"]:
         scheme = scheme.printed(*filter(None, (e.strip() for e in (match["errata"] or "").split(","))))
     form = match["form"] or default_form
-    if form not in KNOWN_FORMS:
-        raise InputError("form", form, "be one that there is", near(form, KNOWN_FORMS))
-    return scheme, form
+    return scheme, one_of("form", form, KNOWN_FORMS)
 
 
 def split_runs(text: str) -> list[str]:

@@ -37,10 +37,9 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
-from ..basics.validation import InputError, Renamed, instance, integer, near, one_of, positive, sequence
+from ..basics.validation import InputError, Renamed, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.choice import CONTACTS, takes_contact
-from ..march.ensemble import integrate_ensemble
 from ..march.integrate import integrate
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
@@ -58,7 +57,7 @@ from ..schemes import RIGID, SCHEMES, Scheme
 from ..schemes.labels import make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from .budget import Budget
-from .common import label_of
+from .common import label_of, run_members
 from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
 from .doubt import QUANTITIES as DOUBTED
 from .ensemble import difference, too_uncertain
@@ -480,21 +479,19 @@ def advise(
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
     wanted = dict(instance("want", WANT if want is None else want, Mapping, 'for example {"tip": 0.01}'))
-    rigid = any(contact.stops.rigid for contact in system.contacts)
     if want is None and not system.contacts:
         wanted = {"tip": WANT["tip"]}
-    elif want is None and rigid:
+    elif want is None and system.rigid:
         wanted["impulse"] = wanted.pop("peak_force")
     if not wanted:
         raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
     for name, tolerance in wanted.items():
-        if name not in QUANTITIES:
-            raise InputError("want", name, "name a quantity", near(name, QUANTITIES))
+        one_of("want", name, QUANTITIES, "name a quantity")
         wanted[name] = positive(f"want.{name}", tolerance)
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name in ("peak_force", *RATES) and rigid:
+        if name in ("peak_force", *RATES) and system.rigid:
             raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
@@ -558,9 +555,7 @@ class Statistics:
     ) -> tuple[dict[str, Any], float]:
         """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
         a member; Diverged where one overflows."""
-        many = integrate_ensemble(system, scheme, dt, t_end, self.systems, contact)
-        if np.any(np.isfinite(many.diverged)):
-            raise Diverged(str(scheme), float(np.nanmin(many.diverged)), "use a smaller dt")
+        many = run_members(scheme, self.systems, dt, t_end, contact)
         errors: dict[str, float] = {}
         for name, column in COLUMNS:
             pairs = zip(many.contacts, self.exact.contacts, strict=True)

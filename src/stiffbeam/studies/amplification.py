@@ -8,10 +8,11 @@ from typing import Annotated
 import numpy as np
 
 from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, column, default_label, look, short
+from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, column, look, short
 from ..files.cases import Case
 from ..measures.amplification import amplification
 from ..schemes import HHT, SCHEMES, GeneralisedAlpha, Scheme, registered
+from ..schemes.labels import make
 from ..schemes.sdirk import GAMMA_MIN
 from .common import Schemes, extremes, scheme_labels, scheme_of, significant
 from .interface import Answer, Point, Records, Row, Rows, declared
@@ -108,7 +109,7 @@ def picture(records: Records) -> Picture:
     """Lines: closed form; markers: the kernel's own step. Below: dt/T = 0.1 over the parameter of a family."""
     rows = records.numbers
     labels = list(dict.fromkeys(row["scheme"] for row in rows))
-    defaults = [label for name in SCHEMES if name != "theta" and (label := default_label(name)) in labels]
+    defaults = [label for name in SCHEMES if name != "theta" and (label := str(make(name))) in labels]
     shown = labels if records.options.get("schemes") else defaults or labels
     by_label = {label: [row for row in rows if row["scheme"] == label] for label in shown}
     undamped = [short(x) for x in by_label if max(r["damping_ratio"] for r in by_label[x] if _sampled(r)) <= NO_DAMPING]

@@ -42,12 +42,12 @@ from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, parts_of
+from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Superposition
 from ..references.ensemble import reference_ensemble
 from ..references.horizon import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
-from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once, system_of
+from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
@@ -74,11 +74,11 @@ def points(
 ) -> list[Point]:
     """Pairs of neighbouring motions, ``starts`` of them, by the exact solution and by every scheme at ``dt``. A pair is
     ``size`` apart at the start and is followed for ``span``. Also portraits of the exact motion."""
-    exact = solve_once(system_of(case, form), case.t_end)
+    exact = solve_once(case.system(form), case.t_end)
     most = (case.t_end if span is None else positive("span", span)) / STEPS
     if not dt <= most:
         raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
-    ends = _recorded(system_of(case, form))
+    ends = _recorded(case.system(form))
     if span is not None and span >= ends:
         remedy = "take a shorter span: each pair starts later than t = 0"
         raise InputError("span", span, f"end before the samples of the case, which reach t = {ends:g}", remedy)
@@ -88,7 +88,7 @@ def points(
     size = (CLOSE if known else CLOSE_TO_TOLERANCE) if size is None else positive("size", size)
     shared = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
     pairs = [{"kind": "pairs", "method": method} | shared for method in ["exact", *scheme_labels(case, schemes)]]
-    drive = drive_frequency(system_of(case, form))
+    drive = drive_frequency(case.system(form))
     tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
     portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
     long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
@@ -101,7 +101,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _pairs(case: Case, point: Point) -> list[Row]:
-    system = system_of(case, point["form"])
+    system = case.system(point["form"])
     basis, motion = undamped_modes(system), scales(system, case.t_end)
     exact = solve_once(system, case.t_end)
     dt, span = point["dt"], point["span"]
@@ -153,8 +153,7 @@ def before_stops(system: System, dq: Array) -> Array:
 
 def _recorded(system: System) -> float:
     """The time at which the first of the system's samples ends, inf without any."""
-    functions = [f for _, f in system.loads] + [offset for _, offset in system.channels]
-    return min((float(x.t[-1]) for f in functions for x in parts_of(f) if isinstance(x, Sampled)), default=np.inf)
+    return min((float(record.t[-1]) for record in Drive.of(system).records), default=np.inf)
 
 
 def later(system: System, t: float, q: Array, v: Array) -> System:
@@ -210,7 +209,7 @@ def _tangent(case: Case, point: Point) -> list[Row]:
     After a blow with restitution 0, or a rest on a stop, nothing is left of the distance: refused, with the time.
     """
     try:
-        grown = lyapunov(system_of(case, point["form"]), case.t_end)
+        grown = lyapunov(case.system(point["form"]), case.t_end)
     except SolverFailure as failure:
         if failure.reason != MERGED:
             raise
@@ -227,7 +226,7 @@ def _tangent(case: Case, point: Point) -> list[Row]:
 
 def _portrait(case: Case, point: Point) -> list[Row]:
     """(u(t), u'(t), u(t + T)) of the exact motion with T the drive's period, after a first tenth of the span."""
-    exact = solve_once(system_of(case, point["form"]), case.t_end)
+    exact = solve_once(case.system(point["form"]), case.t_end)
     delay = 2.0 * np.pi / point["drive"] if point["drive"] else 0.1 * case.t_end
     t = np.linspace(0.1 * case.t_end, case.t_end - delay, PORTRAIT)
     u, v = exact.at(t)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, Recent
 from ..basics.validation import InputError, sequence
 from ..figures.chart import Axis, Curve, short
 from ..files.cases import Case
@@ -47,8 +47,7 @@ Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
 Treatment = Annotated[str, "implicit, conserving, averaged, or extrapolated as in the paper"]
 
 STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
-_REFERENCES: dict[tuple[str, float], Reference] = {}
-_KEPT = 4
+_SOLVED = Recent[Reference](4)
 
 
 def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> list[str]:
@@ -67,7 +66,7 @@ def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> 
     stated: dict[str, Scheme] = {}
     for scheme, _ in case.runs:
         stated.setdefault(scheme.name, scheme)
-    rigid = RIGID if case.system(case.forms[0]).rigid else {}
+    rigid = RIGID if case.system().rigid else {}
     others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "theta" and name not in stated}
     chosen = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
     return [label_of(chosen[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in chosen]
@@ -140,7 +139,7 @@ def evaluations_of(label: str, run: Trajectory) -> int:
 
 def takes(case: Case, scheme: Scheme) -> bool:
     """Return True if ``scheme`` supports the stops of the case and its damping."""
-    system = case.system(case.forms[0])
+    system = case.system()
     modal = isinstance(scheme, RigidScheme) and scheme.modal_only
     return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
 
@@ -148,7 +147,7 @@ def takes(case: Case, scheme: Scheme) -> bool:
 def takes_extrapolation(case: Case) -> bool:
     """Return True if the force of the stops depends on the position alone, as the paper's extrapolated contact
     requires."""
-    return not any(c.stops.rigid or c.stops.dissipative for c in case.system(case.forms[0]).contacts)
+    return not any(c.stops.rigid or c.stops.dissipative for c in case.system().contacts)
 
 
 def tip_stops(case: Case) -> Stops:
@@ -198,11 +197,6 @@ def scheme_of(label: str) -> Scheme:
     return parse_run(label)[0]
 
 
-def system_of(case: Case, form: str) -> System:
-    """The system of ``case`` in ``form``, made once per process."""
-    return case.system(form)
-
-
 def significant(value: float, form: str, least: float = 1e-12) -> str:
     """A number as text, "0" where its size is below ``least``: rounding."""
     return "0" if abs(value) < least else f"{value:{form}}"
@@ -247,27 +241,30 @@ def to_the_end(steps: int, outputs: int) -> int:
     return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
 
 
-def run_members(method: str, members: EnsembleMembers, dt: float, t_end: float, contact: str = "implicit") -> Ensemble:
-    """The ensemble of a scheme by its label, or of the exact solution. Raises Diverged where a member overflows."""
+def run_members(
+    method: str | Scheme,
+    members: EnsembleMembers,
+    dt: float,
+    t_end: float,
+    contact: str = "implicit",
+    every: int | None = None,
+) -> Ensemble:
+    """The ensemble of a scheme or its label, or of the exact solution. Raises Diverged where a member overflows."""
     if method == "exact":
         return reference_ensemble(members.system, t_end, members)
-    many = integrate_ensemble(members.system, scheme_of(method), dt, t_end, members, contact)
+    scheme = scheme_of(method) if isinstance(method, str) else method
+    many = integrate_ensemble(members.system, scheme, dt, t_end, members, contact, every)
     if np.any(np.isfinite(many.diverged)):
         remedy = "use a smaller dt" if contact == "implicit" else "use the implicit contact or a smaller dt"
-        raise Diverged(method, float(np.nanmin(many.diverged)), remedy)
+        raise Diverged(str(method), float(np.nanmin(many.diverged)), remedy)
     return many
 
 
 def solve_once(system: System, t_end: float) -> Reference:
     """``best_reference``, remembered for the next points of the same process."""
-    key = (system.fingerprint, t_end)
-    if key not in _REFERENCES:
-        while len(_REFERENCES) >= _KEPT:
-            del _REFERENCES[next(iter(_REFERENCES))]
-        _REFERENCES[key] = best_reference(system, t_end)
-    return _REFERENCES[key]
+    return _SOLVED.get((system.fingerprint, t_end), lambda: best_reference(system, t_end))
 
 
 def first_impacts(case: Case, form: str, impacts: int) -> float:
     """The end of the case's first impacts, ``impacts`` of them, see ``first_impacts_end``."""
-    return first_impacts_end(solve_once(system_of(case, form), case.t_end), impacts)
+    return first_impacts_end(solve_once(case.system(form), case.t_end), impacts)

@@ -158,8 +158,8 @@ def compare_case(
     one_of("contact", contact, CONTACTS)
     positive("budget", budget)
     solver = _Solver(cache, budget)
-    first = case.system(case.forms[0])
-    rigid, by_law = any(contact.stops.rigid for contact in first.contacts), any_law(first, contact)
+    first = case.system()
+    rigid, by_law = first.rigid, any_law(first, contact)
     if not rigid:  # the references do not need the march
         given = b""
         with suppress(Exception):  # a system with functions that no other process can have

@@ -64,7 +64,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 def _pairs(case: Case, point: Point) -> list[Row]:
     """The durations of a run over the exact ones, of the contacts that match."""
-    system, end = common.system_of(case, point["form"]), point["t_end"]
+    system, end = case.system(point["form"]), point["t_end"]
     exact = common.solve_once(system, case.t_end)
     run = integrate(system, common.scheme_of(point["method"]), point["dt"], end, every=round(end / point["dt"]))
     rows = []
@@ -84,7 +84,7 @@ def _pairs(case: Case, point: Point) -> list[Row]:
 
 def _ensemble(case: Case, point: Point) -> list[Row]:
     """The distribution of durations over all contacts of all members, stop by stop."""
-    system, t_end = common.system_of(case, point["form"]), point["t_end"]
+    system, t_end = case.system(point["form"]), point["t_end"]
     members = perturbed_members(system, point["members"], SPREAD, t_end=t_end)
     many = common.run_members(point["method"], members, point["dt"], t_end)
     rows: list[Row] = []
@@ -139,10 +139,10 @@ def answer(rows: Rows, case: Case) -> Answer:
             parts.append(f"{known}schemes {schemes} at the {name} stop")
     if not table:
         return Answer("No contact came to an end.")
-    rigid = any(contact.stops.rigid for contact in case.system(case.forms[0]).contacts)
     notes = "Half of the time from: half of the time in contact is spent in contacts of at least this duration."
-    blow = " An exact impact on a rigid stop takes no time, that of a scheme a step or two." if rigid else ""
-    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, notes + blow)
+    if case.system().rigid:
+        notes += " An exact impact on a rigid stop takes no time, that of a scheme a step or two."
+    return Answer(f"Median duration of a contact: {'; '.join(parts) or 'not known'}.", table, notes)
 
 
 def picture(records: Records) -> Picture:
@@ -169,8 +169,8 @@ def picture(records: Records) -> Picture:
 
 def _sides(case: Case, row: Row) -> list[str]:
     """The sides on which the contact of this row has a stop."""
-    stops = common.system_of(case, row["form"]).contacts[row["contact_number"] - 1].stops
-    return [name for side, name in SIDES.items() if np.isfinite(stops.upper_bound if side > 0 else stops.lower_bound)]
+    stops = case.system(row["form"]).contacts[row["contact_number"] - 1].stops
+    return [SIDES[side] for side, _ in stops.sides]
 
 
 def _errors(rows: Sequence[Row]) -> list[Mark]:

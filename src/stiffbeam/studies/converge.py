@@ -47,7 +47,7 @@ def points(
     smooth: the slow motion of the case without stops, over one period of the drive or of the lowest mode, whichever is
     longer. contact: the case itself until the first ``impacts`` impacts are over.
     """
-    system, chosen = common.system_of(case, form), common.integrators_of(case, schemes)
+    system, chosen = case.system(form), common.integrators_of(case, schemes)
     for one in chosen:
         if one.kind == SOLVER:
             remedy = "stiffbeam precision shows its error against its work"
@@ -101,7 +101,7 @@ def smooth_end(system: System, t_end: float) -> float:
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Row with the tip error at one step, the reason why it does not count in the slope, or "", and the impacts of the
     exact motion."""
-    system = common.system_of(case, point["form"])
+    system = case.system(point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
     steps, t_end = point["steps"], point["t_end"]

@@ -53,7 +53,6 @@ from ..basics.text import html_table, plain, several, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
-from ..march.ensemble import integrate_ensemble
 from ..measures.rates import stationary_mean, windows
 from ..measures.report import percent
 from ..model.members import perturbed_members
@@ -65,8 +64,8 @@ from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
 from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
-from ..trajectory.trajectory import Diverged
 from .budget import FINER, MEASURED, Budget, Column, budget_of, mean_of, of_span, scatter, shift
+from .common import run_members
 from .interface import Answer
 
 if TYPE_CHECKING:
@@ -304,9 +303,7 @@ def doubts(
     runs = []
     for scheme in schemes:
         show(f"doubt: {scheme}, {members} members", 0, 0)
-        runs.append(integrate_ensemble(system, scheme, dt, t_end, drawn, contact, every))
-        if np.any(np.isfinite(runs[-1].diverged)):
-            raise Diverged(str(scheme), float(np.nanmin(runs[-1].diverged)), "use a smaller dt")
+        runs.append(run_members(scheme, drawn, dt, t_end, contact, every))
     t = runs[0].t
 
     def exact_on(mesh: System) -> Ensemble:
@@ -401,16 +398,16 @@ def _quantities(exact: Ensemble, past: Ensemble | None) -> list[Quantity]:
         return distance(many.tip, np.median(many.tip, axis=0))
 
     scatters = {"rounding": mean_of(np.zeros(len(exact))) if past is None else apart(past), "data": apart(exact)}
-    size = float(np.max(np.abs(exact.tip)))
+    size, t_end = float(np.max(np.abs(exact.tip))), float(exact.provenance["t_end"])
     found = [Quantity("tip", size, lambda many: distance(many.tip, exact.tip), scatters)]
     functions: dict[str, Callable[[Ensemble], Array]] = {}
     spans: dict[str, Column] = {}
     for i in range(len(exact.contacts)):
         place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""
         for quantity, field in QUANTITIES.items():
-            functions[quantity + place] = partial(_at_contact, i, field)
+            functions[quantity + place] = lambda many, i=i, field=field: getattr(many.contacts[i], field)
             if quantity == "impacts" and _driven(exact.members.system):
-                functions[RATE + place] = partial(_impact_rate, i)
+                functions[RATE + place] = lambda many, i=i: many.contacts[i].impact_count / t_end
                 spans[RATE + place] = _span(exact, i)
     functions["energy"] = cache(_mean_energies)
     for name, of in functions.items():
@@ -425,14 +422,6 @@ def _quantities(exact: Ensemble, past: Ensemble | None) -> list[Quantity]:
 
 def _error(of: Callable[[Ensemble], Array], wanted: Array, many: Ensemble) -> Column:
     return shift(of(many), wanted)
-
-
-def _at_contact(contact: int, field: str, many: Ensemble) -> Array:
-    return getattr(many.contacts[contact], field)
-
-
-def _impact_rate(contact: int, many: Ensemble) -> Array:
-    return many.contacts[contact].impact_count / float(many.provenance["t_end"])
 
 
 def _driven(system: System) -> bool:

@@ -49,7 +49,7 @@ def points(
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Energy balance of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
     form = point["form"]
-    system = common.system_of(case, form.removesuffix(FIRST_ORDER))
+    system = case.system(form.removesuffix(FIRST_ORDER))
     if point["scheme"] == "exact":
         run: Trajectory = common.solve_once(system, point["t_end"])
         ledger = run.energy

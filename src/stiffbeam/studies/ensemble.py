@@ -95,7 +95,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of members, quantiles of peak forces and the spectrum, of one method."""
-    system = common.system_of(case, point["form"])
+    system = case.system(point["form"])
     dt, t_end = point["dt"], point["t_end"]
     members = members_of(case, system, point)
     recorded, scheme = point.get("recorded"), None if point["method"] == "exact" else known_scheme(point["method"])

@@ -39,7 +39,7 @@ def points(
 ) -> list[Point]:
     """Every misprint of the case's schemes, and the paper's extrapolated contact, at ``dt`` (the case's), dt/2, ..."""
     window = common.first_impacts(case, form, impacts) if case.has_stops else 0.0
-    smooth = smooth_end(common.system_of(case, form), case.t_end)
+    smooth = smooth_end(case.system(form), case.t_end)
     plan: list[Point] = []
     labels = common.scheme_labels(case, schemes)
     if schemes is None:  # without contact, a misprint costs the same whatever the stops are
@@ -68,7 +68,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: the errors of the corrected and of the printed scheme at one step."""
-    system = common.system_of(case, point["form"])
+    system = case.system(point["form"])
     if point["kind"] == "smooth":
         system = smooth_motion(system)
     exact = common.solve_once(system, point["t_end"])

@@ -52,7 +52,7 @@ def points(
     """Every scheme at ``dt`` (the case's), dt/2, ..., until the first ``impacts`` impacts are over.
 
     Schemes that accept averaged or conserving contact run with these too."""
-    system = common.system_of(case, form)
+    system = case.system(form)
     if not takes("exact", system, case.t_end):
         rule = "have an exact solution: linear stops, and functions of time in closed form"
         remedy = "take stops without exponent and dissipation, and Harmonic, Constant or cubic Sampled functions"
@@ -75,7 +75,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: relative errors of value and derivative, rms over the starts."""
-    system, end = common.system_of(case, point["form"]), point["t_end"]
+    system, end = case.system(point["form"]), point["t_end"]
     direction = undamped_modes(system).shapes[:, 0]
     direction = direction / np.max(np.abs(direction))
     moved, size = starts_of(system, end, point["starts"], direction)

@@ -84,7 +84,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each contact: counts, forces and impulses of one scheme, of the exact ensemble or of a reference."""
-    system = common.system_of(case, point["form"])
+    system = case.system(point["form"])
     dt, t_end = point["dt"], point["t_end"]
     count = point["members"] * (8 if point["scheme"] == EXACT else 1)
     members = perturbed_members(system, count, SPREAD, t_end=t_end)
@@ -141,7 +141,7 @@ def reference_solution(case: Case, point: Point) -> Reference:
         solution = frozen(Path(point["references"]), case, point["form"], point["t_end"])
         if solution is not None:
             return solution
-    return common.solve_once(common.system_of(case, point["form"]), point["t_end"])
+    return common.solve_once(case.system(point["form"]), point["t_end"])
 
 
 def right_from(rows: Rows, scheme: str, tolerance: float = 0.05) -> float:

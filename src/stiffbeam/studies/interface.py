@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..basics.resources import afford
 from ..basics.storage import write_whole
 from ..basics.text import cells_of, html_table, plain, several
-from ..basics.validation import InputError, integer, near, positive
+from ..basics.validation import InputError, integer, one_of, positive
 from ..figures.chart import Axis, Panel, Picture, heading, png, render, save_figure, short, with_nan
 from ..model.time_functions import covered, stays_at_rest
 from ..references import substitute
@@ -154,8 +154,7 @@ class Study:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
         for name in options:
-            if name not in known:
-                raise InputError(f"option of {self.name}", name, "be one the study knows", near(name, known))
+            one_of(f"option of {self.name}", name, known, "be one the study knows")
         options = {name: value for name, value in options.items() if value is not None}
         for name, value in options.items():
             if name in ("dt", "t_end", "courant"):
@@ -247,7 +246,7 @@ class Records:
     @property
     def found(self) -> Rows:
         """The rows of points that were evaluated."""
-        return self._chosen(lambda row: "failed" not in row and "refused" not in row)
+        return self._found()
 
     @property
     def failures(self) -> list[Row]:
@@ -274,12 +273,12 @@ class Records:
     @property
     def numbers(self) -> Rows:
         """``found`` with NaN where a row has no number."""
-        return self._chosen(lambda row: "failed" not in row and "refused" not in row, with_nan)
+        return self._found(with_nan)
 
-    def _chosen(self, keep: Callable[[Row], bool], change: Callable[[Row], Row] | None = None) -> Rows:
-        """The rows that are kept, changed: a list where the rows are one."""
-        chosen = Selection(self.rows, keep, change)
-        return list(chosen) if isinstance(self.rows, list) else chosen
+    def _found(self, change: Callable[[Row], Row] | None = None) -> Rows:
+        """The rows of points that were evaluated, each changed: a list where the rows are one."""
+        found = Selection(self.rows, lambda row: "failed" not in row and "refused" not in row, change)
+        return list(found) if isinstance(self.rows, list) else found
 
     def figure(self) -> Figure:
         """The study's picture under its verdict, a matplotlib Figure."""
@@ -348,7 +347,7 @@ class Column:
         if kinds == {int} and min(values) >= -(2**63) and max(values) < 2**63:
             return cls(np.array(values, np.min_scalar_type(max(values)) if min(values) >= 0 else np.int64), None)
         place: dict[str, int] = {}
-        codes = [place.setdefault(json.dumps(value, default=_plain), len(place)) for value in values]
+        codes = [place.setdefault(json.dumps(value, default=scalar), len(place)) for value in values]
         return cls.counted(np.array(codes), [json.loads(text) for text in place])
 
     @classmethod
@@ -396,7 +395,7 @@ class Batch:
             place.setdefault(tuple(row), []).append(row)
         index = {names: i for i, names in enumerate(place)}
         kinds = np.array([index[tuple(row)] for row in rows], np.min_scalar_type(len(place)))
-        columns = [[Column.of([_plain(row[name]) for row in some]) for name in names] for names, some in place.items()]
+        columns = [[Column.of([scalar(row[name]) for row in some]) for name in names] for names, some in place.items()]
         return cls(kinds, [list(names) for names in place], columns)
 
     def __len__(self) -> int:
@@ -433,7 +432,7 @@ class Batch:
         return cls(kinds, entry["names"], columns)
 
 
-def _plain(value: Any) -> Any:
+def scalar(value: Any) -> Any:
     """A NumPy scalar as a plain number."""
     return value.item() if isinstance(value, np.generic) else value
 

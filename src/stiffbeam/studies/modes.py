@@ -16,7 +16,7 @@ from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
-from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, significant, system_of
+from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, significant
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 
@@ -37,7 +37,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row for each mode with omega dt < pi: elongation and damping, measured and in theory."""
-    system = replace(without_contact(system_of(case, point["form"])), loads=())
+    system = replace(without_contact(case.system(point["form"])), loads=())
     basis, natural = undamped_modes(system), modes(system)
     if not np.any(natural.omega):
         return [{"refused": "no mode oscillates: without its stops the system has no stiffness"}]

@@ -24,7 +24,7 @@ from ..references.exact.continuation import Bifurcation, Branch, continuation
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
 from . import sweep
-from .common import Form, Treatment, system_of
+from .common import Form, Treatment
 from .interface import Answer, Point, Records, Row, Rows, declared
 from .parameters import (
     EXACT,
@@ -79,7 +79,7 @@ def points(
     """
     for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
         integer(option, given, least)
-    if drive_period(system_of(case, form), parameter) is None:
+    if drive_period(case.system(form), parameter) is None:
         remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
         raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
     if parameter not in PARAMETERS and not is_path(parameter):
@@ -116,7 +116,7 @@ def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
 
 def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callable[[float], float]]:
     """The system and the period of the orbit as functions of the parameter."""
-    system, rules = system_of(case, point["form"]), couplings(point["couple"])
+    system, rules = case.system(point["form"]), couplings(point["couple"])
     shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
 
     def setup(x: float) -> Any:

@@ -57,7 +57,7 @@ def points(
     solver spends in Python's calls of the compiled right-hand side. All columns but seconds, setup, python and
     tracked_seconds are the same in every run.
     """
-    system = common.system_of(case, form)
+    system = case.system(form)
     chosen = common.integrators_of(case, schemes)
     asked = [*(methods or ()), *(x.label for x in chosen if x.kind == SOLVER)]
     for method in asked:
@@ -87,7 +87,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: work, seconds and tip error of one method at one step or tolerance."""
-    system = common.system_of(case, point["form"])
+    system = case.system(point["form"])
     exact = common.solve_once(system, case.t_end)
     measured = (_steps if point["dt"] else _solver)(system, exact, point, point["t_end"])
     return [measured | _tracked(system, exact, point)]

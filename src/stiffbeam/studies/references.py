@@ -24,7 +24,6 @@ from ..references import expected_seconds, reference, solve
 from ..references.horizon import agreement, time_tolerance
 from ..references.registry import BUDGET, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Steps
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .common import system_of
 
 MANIFEST = "MANIFEST.json"
 PARAMETERS = "decimals and multiples of pi exactly as written in the case, not the doubles nearest to them"
@@ -82,7 +81,7 @@ def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> st
             return f"the manifest says {said} {name.replace('_', ' ')}, and not {fact}"
     for table in entry.get("tables", ()):
         case = paper_cases().get(table)
-        if case is None or system_of(case, entry["form"]).fingerprint != solution.fingerprint:
+        if case is None or case.system(entry["form"]).fingerprint != solution.fingerprint:
             return f"the manifest says it is of {table}, which is another system"
     return ""
 
@@ -95,7 +94,7 @@ def frozen(folder: Path, case: Case, form: str, t_end: float) -> Reference | Non
     for entry in _entries(folder):
         if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= t_end:
             solution = load(folder / entry["file"])
-            if isinstance(solution, Reference) and solution.fingerprint == system_of(case, form).fingerprint:
+            if isinstance(solution, Reference) and solution.fingerprint == case.system(form).fingerprint:
                 return solution
     return None
 
@@ -139,29 +138,26 @@ def wanted() -> list[tuple[str, str, list[str]]]:
     systems: dict[tuple[str, float], tuple[str, str, list[str]]] = {}
     for case in paper_cases().values():
         for form in ["displacement", *sorted({form for _, form in case.runs} - {"displacement"})]:
-            key = (system_of(case, form).fingerprint, case.t_end)
+            key = (case.system(form).fingerprint, case.t_end)
             systems.setdefault(key, (case.name, form, []))[2].append(case.name)
     return list(systems.values())
 
 
-def remake(folder: Path, only: list[str] | None = None, progress: Show = silent) -> list[str]:
+def remake(folder: Path, progress: Show = silent) -> list[str]:
     """Compute and store the missing references in ``folder``; returns the files written.
 
     A file that is complete, of this version and as the manifest states is kept. Interrupted work continues where it
-    stopped, and a deleted file is computed again. ``only``: names of tables. All of them take about a quarter of an
-    hour.
+    stopped, and a deleted file is computed again. All of them take about a quarter of an hour.
     """
-    jobs = [job for job in wanted() if only is None or set(only) & set(job[2])]
-    if not jobs:
-        raise InputError("only", only, "name tables of the paper", "for example table10")
-    written, kept = [], whole(folder, progress)
+    jobs, kept = wanted(), whole(folder, progress)
+    written: list[str] = []
     for done, (name, form, tables) in enumerate(jobs):
         progress(f"{name}@{form}", done, len(jobs))
         file = folder / f"{name}-{form}.nc"
         case = paper_cases()[name]
         if kept.get(file.name) == case.t_end:
             continue
-        solution = reference(system_of(case, form), case.t_end, "multiprecision")
+        solution = reference(case.system(form), case.t_end, "multiprecision")
         entry = freeze(solution, case_text(name), file) | {"tables": tables}
         note(folder, entry)
         TALK.kept = True

@@ -18,7 +18,7 @@ from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..model.members import varied_members
 from ..references.exact.rigid_reference import rigid_limit
-from .common import Form, ImpactCount, fit, order_over, solve_once, system_of
+from .common import Form, ImpactCount, fit, order_over, solve_once
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 4000
@@ -32,7 +32,7 @@ def points(
     impacts: ImpactCount = 3,
 ) -> list[Point]:
     """Stops of the case's stiffness times 4^0 .. 4^9, until the first ``impacts`` impacts on rigid stops are over."""
-    system = system_of(case, form)
+    system = case.system(form)
     if len(system.contacts) != 1:
         count = f"{len(system.contacts)} contacts"
         remedy = "keep the stops at one place"
@@ -50,7 +50,7 @@ def points(
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """One row: how far the compliant motion at one stiffness is from the rigid one."""
-    system = system_of(case, point["form"])
+    system = case.system(point["form"])
     stops = system.contacts[0].stops
     kappa = stops.stiffness * point["factor"]
     rigid = rigid_limit(system, case.t_end)

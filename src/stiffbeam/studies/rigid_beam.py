@@ -88,8 +88,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     system = system.massless_contacts() if point["node"] == MASSLESS else system
     end, method = point["t_end"], point["method"]
     if method == EXACT:
-        rigid = any(contact.stops.rigid for contact in system.contacts)
         ends = np.array([0.0, end])
+        rigid = system.rigid
         run = solve_rigid(system, end, ends, trusted=False) if rigid else solve(system, end, EXACT, ends, 0.0, None)
         return [_with_ranges([_figures(run, end)])]
     scheme = scheme_of(method.removesuffix(" conserving"))

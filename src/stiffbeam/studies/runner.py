@@ -33,7 +33,7 @@ from ..schemes import Scheme
 from ..schemes.labels import user_source
 from ..testset.integrators import integrator
 from ..trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfinished
-from .interface import FEW, Batch, Point, Records, Row, Study, Table
+from .interface import FEW, Batch, Point, Records, Row, Study, Table, scalar
 
 try:
     import fcntl
@@ -85,8 +85,8 @@ def run_study(
     finished = len(points) - len(missing)
     with journal if missing else nullcontext():
         if missing and study.marches and executor is None:
-            system = case.system(case.forms[0])
-            if not any(contact.stops.rigid for contact in system.contacts):  # which another kernel marches
+            system = case.system()
+            if not system.rigid:  # another kernel marches rigid stops
                 if not compiled():
                     progress(f"{study.command}: {COMPILING}", 0, 0)
                 warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
@@ -402,12 +402,12 @@ class Journal:
             entry["source"] = source
         # Through JSON, so that this run returns the rows that a resumed one reads.
         if len(rows) < FEW:
-            entry = json.loads(json.dumps(entry | {"rows": rows}, default=_number))
+            entry = json.loads(json.dumps(entry | {"rows": rows}, default=scalar))
             kept = entry["rows"]
         else:
             kept = Batch.of(rows)
             if self.file is not None:
-                entry = json.loads(json.dumps(entry | {"table": kept.to_json()}, default=_number))
+                entry = json.loads(json.dumps(entry | {"table": kept.to_json()}, default=scalar))
         if self.file is not None:
             try:
                 with self.file.open("a", encoding="utf-8") as stream:
@@ -448,18 +448,13 @@ def _sum(entry: dict[str, Any]) -> str:
 
 
 def _key(point: Point) -> str:
-    return json.dumps(point, sort_keys=True, default=_number)
+    return json.dumps(point, sort_keys=True, default=scalar)
 
 
 def _source(point: Point) -> str:
     """Return the source text of the modules of a user's schemes in a point."""
     labels = [value for value in point.values() if isinstance(value, str) and ":" in value]
     return "".join(user_source(label) for label in labels if label not in REFERENCES)
-
-
-def _number(value: Any) -> Any:
-    """A NumPy scalar as a plain number."""
-    return value.item()
 
 
 def _digest(study: str, case: Case) -> str:

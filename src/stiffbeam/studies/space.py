@@ -15,7 +15,7 @@ from ..measures.frequencies import steady_state, without_contact
 from ..model.beam import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
-from .common import Cells, Forms, ImpactCount, extremes, first_impacts, order_over, solve_once, system_of
+from .common import Cells, Forms, ImpactCount, extremes, first_impacts, order_over, solve_once
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 SAMPLES = 2000
@@ -58,7 +58,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _frequencies(case: Case, point: Point) -> list[Row]:
-    system = system_of(replace(case, cells=point["cells"]), point["form"])
+    system = replace(case, cells=point["cells"]).system(point["form"])
     basis = modes(replace(without_contact(system), damping=np.zeros_like(system.damping)))
     assert basis is not None
     exact = natural_frequencies(case.problem, point["modes"])
@@ -70,7 +70,7 @@ def _frequencies(case: Case, point: Point) -> list[Row]:
 
 def _response(case: Case, point: Point) -> list[Row]:
     """The amplitude of u(1, t) per amplitude of the base in the steady motion."""
-    system = without_contact(system_of(replace(case, cells=point["cells"]), point["form"]))
+    system = without_contact(replace(case, cells=point["cells"]).system(point["form"]))
     base = case.problem.base
     assert isinstance(base, Harmonic)
     y, _ = steady_state(system)
@@ -83,12 +83,12 @@ def _response(case: Case, point: Point) -> list[Row]:
 
 def _contact(case: Case, point: Point) -> list[Row]:
     n, span = point["impacts"], point["t_end"]
-    finest = system_of(replace(case, cells=point["finest"]), point["form"])
+    finest = replace(case, cells=point["finest"]).system(point["form"])
     fine = solve_once(finest, span)
     while len(impact_times(fine)) <= n and span < case.t_end:  # the finest grid may meet the stop later
         span = min(case.t_end, 2.0 * span)
         fine = solve_once(finest, span)
-    coarse = solve_once(system_of(replace(case, cells=point["cells"]), point["form"]), span)
+    coarse = solve_once(replace(case, cells=point["cells"]).system(point["form"]), span)
     there = min(len(impact_times(fine)), len(impact_times(coarse)))
     if there < n:
         remedy = "ask for fewer, or lengthen t_end"

@@ -43,7 +43,7 @@ from ..references.exact.piecewise import refuse
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .common import Form, Treatment, label_of, scheme_of, system_of
+from .common import Form, Treatment, label_of, scheme_of
 from .interface import Answer, Point, Records, Row, Rows, Selection, by_contact, declared
 from .parameters import (
     EXACT,
@@ -114,23 +114,23 @@ def points(
     one_of("start", start, STARTS)
     if method is None:
         runs = [label_of(run) for run, *_ in case.runs]
-        rigid = any(contact.stops.rigid for contact in system_of(case, form).contacts)
+        rigid = case.system(form).rigid
         method = next((run for run in runs if not rigid or isinstance(scheme_of(run), RigidScheme)), EXACT)
     method = method if method == EXACT else label_of(method)
     for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
         if periods_given is not None:
             integer(name, periods_given, least)
     # Without a period of the drive, every value is one run from 0 to t_end, without sections.
-    period = drive_period(system_of(case, form), parameter)
+    period = drive_period(case.system(form), parameter)
     once = period is None
     if once:
-        covered(system_of(case, form).time_functions, case.t_end)
+        covered(case.system(form).time_functions, case.t_end)
         for name, stated in (("periods", periods), ("transient", transient)):
             if stated is not None:
                 remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
                 raise InputError(name, stated, "be left out for a case without a period", remedy)
         if parameter == "frequency" and values is None:
-            paths = sorted(paths_of(system_of(case, form)), key=lambda path: "[" not in path)  # loads and contacts
+            paths = sorted(paths_of(case.system(form)), key=lambda path: "[" not in path)  # loads and contacts
             known = ", ".join(paths[:3])
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {known}"
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
@@ -167,7 +167,7 @@ def points(
         "dt": None if method == EXACT else positive("dt", dt),
     } | ({"t_end": case.t_end} if once else {})  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-    base = system_of(case, form)
+    base = case.system(form)
 
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
@@ -204,7 +204,7 @@ def points(
 
 
 def _seconds(setup: Setup, periods: int) -> float:
-    rigid = any(contact.stops.rigid for contact in setup.system.contacts)
+    rigid = setup.system.rigid
     if setup.scheme is None:
         samples = int(np.sum(Drive.of(setup.system).edges < setup.period))
         return (EXACT_PERIOD[rigid] + EXACT_SAMPLE * samples) * periods
@@ -215,7 +215,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
     rows: list[Row] = []
     groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
-    system, scheme = system_of(case, point["form"]), method_of(point)
+    system, scheme = case.system(point["form"]), method_of(point)
     if point.get("start") == LAST:
         return _continued(system, point)
     decays: dict[tuple[Any, ...], float] = {}
@@ -376,7 +376,7 @@ def answer(rows: Rows, case: Case) -> Answer:
         ("fraction", "time in contact, %", "", 0.01),
         ("peak_force", "largest force", "force", 1.0),
     )
-    table, system = [], system_of(case, first["form"])
+    table, system = [], case.system(first["form"])
     for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
         for name, words, quantity, scale in columns[: 2 if _rigid(system, contacts) else 3]:
             known = [r for r in contacts if np.isfinite(r[name])]
@@ -471,7 +471,7 @@ def picture(records: Records) -> Picture:
     legend = "inside" if len(section) > 1 else ""
     title = "the tip once in every period $T$ of the drive"
     panels = [] if once else [[Panel(title, across, tip, section, legend=legend)]]
-    rigid = all(contact.stops.rigid for contact in system_of(case, rows[0]["form"]).contacts)
+    rigid = all(contact.stops.rigid for contact in case.system(rows[0]["form"]).contacts)
     measures = [("count", counted, "", "impacts")]
     measures += [("fraction", "share of the time", "", "time in contact")] if once else []
     measures += [] if rigid else [("peak_force", r"peak $|\sigma|$", "force", "largest contact force")]
@@ -499,7 +499,7 @@ def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
     force = case.units.label(r"peak force $|\sigma|$", "force")
     counted, over = _rate(group, case)
     quantities = [("count", counted), ("fraction", "share of time in contact")]
-    quantities += [] if _rigid(system_of(case, group[0]["form"]), group) else [("peak_force", force)]
+    quantities += [] if _rigid(case.system(group[0]["form"]), group) else [("peak_force", force)]
     return [
         Panel(label + place, across, up, [Map(x, y, _measured(group, quantity, over), label)])
         for quantity, label in quantities

@@ -116,7 +116,7 @@ class Problem:
     @property
     def rigid(self) -> bool:
         """True if a stop is rigid, with a restitution."""
-        return any(contact.stops.rigid for contact in self.system.contacts)
+        return self.system.rigid
 
     @cached_property
     def system(self) -> System:

@@ -432,7 +432,7 @@ def run_fields(
         "system": system,
         "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
         "ledger": None
-        if system is None or q is None or v is None or any(contact.stops.rigid for contact in system.contacts)
+        if system is None or q is None or v is None or system.rigid
         else partial(_ledger, system, times, q, v),
     }
 

@@ -415,7 +415,7 @@ def as_it_starts(
     row, offset = system.channels[channel]
     at_start, moving = channel_motion(row, offset, 0.0, *((system.q0, system.v0) if start is None else start))
     u = np.where(begins, at_start, u)
-    if not any(contact.stops.rigid for contact in system.contacts):
+    if not system.rigid:
         v = np.where(begins, moving, v)
     return u, v
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...trajectory.recorder import contact_spans
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
-from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import KEEP, REFERENCES, RESTART, Request, output_times
+from ...trajectory.trajectory import Reference, Work
+from ..registry import KEEP, REFERENCES, RESTART, Request, output_times, provenance_of
 from .pieces import smooth_pieces
 from .restarts import Contacts, Outcome, Path, Phase, follow, scales_of
 
@@ -100,11 +99,7 @@ def reference_from(
 
     # Record of how the solution was computed.
     bounds = [piece.max_step for piece in pieces.pieces if np.isfinite(piece.max_step)]
-    provenance: dict[str, Any] = {
-        "method": method,
-        "form": system.form,
-        "units": asdict(system.units),
-        "t_end": float(t_end),
+    notes: dict[str, Any] = {
         "rtol": rtol,
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "switches": switches if system.contacts else "none",
@@ -113,8 +108,6 @@ def reference_from(
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({"loads_scanned_every": pieces.spacing} if pieces.spacing else {}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
-        **versions(),
-        **REFERENCES[method].versions(),
     }
     return Reference(
         t=t,
@@ -125,7 +118,7 @@ def reference_from(
             for i in range(len(system.contacts))
         ),
         work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
-        provenance=provenance,
+        provenance=provenance_of(system, method, t_end, notes) | REFERENCES[method].versions(),
         system=system,
         evaluate=answers.channel,
         state_at=answers.states,
@@ -253,14 +246,6 @@ def contact_record(
             # Peak and impulse of a contact that is closed at the end are still open.
             impacts.append((entry, left, side, peak, impulse) if ended else (entry, nan, side, nan, nan))
     impacts.sort(key=lambda impact: impact[0])
-    columns = np.array(impacts).reshape(-1, len(COLUMNS)).T
-    return ContactRecord(
-        stops=stops,
-        position=position,
-        velocity=velocity,
-        force=force,
-        impacts=Impacts.at(columns[0], columns[2], "event", ends=columns[1], peaks=columns[3], impulses=columns[4]),
-        fraction=closed_time / t_end,
-        peak_force=float(largest),
-        impulse=total,
-    )
+    times, ends, of_sides, peaks, impulses = np.array(impacts).reshape(-1, len(COLUMNS)).T
+    found = Impacts.at(times, of_sides, "event", ends=ends, peaks=peaks, impulses=impulses)
+    return ContactRecord(stops, position, velocity, force, found, closed_time / t_end, float(largest), total)

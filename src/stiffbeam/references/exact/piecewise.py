@@ -14,7 +14,6 @@ from typing import Any
 from ...basics import compiling
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
-from ...basics.units import KNOWN
 from ...basics.validation import InputError, positive
 from ...model.contact import require_one_row
 from ...model.modes import undamped_modes
@@ -27,8 +26,8 @@ from ...piecewise.motion import observe as observe_motion
 from ...piecewise.regimes import Known
 from ...piecewise.tracer import rehearse, tracer_of
 from ...trajectory.records import ContactRecord, as_it_starts
-from ...trajectory.trajectory import Reference, Work, versions
-from ..registry import Request, output_times
+from ...trajectory.trajectory import Reference, Work
+from ..registry import Request, output_times, provenance_of
 from .derivative import derivative
 
 
@@ -111,14 +110,7 @@ def reference_of(
             march_seconds=seconds,
             counters={"evaluations": solution.evaluations, "switches": len(solution.times) - 1},
         ),
-        provenance={
-            "method": method,
-            "form": system.form,
-            "units": {name: getattr(system.units, name) for name in KNOWN},
-            "t_end": float(t_end),
-            **notes,
-            **versions(),
-        },
+        provenance=provenance_of(system, method, t_end, notes),
         system=system,
         evaluate=partial(path_of, system, solution),
         state_at=solution.states,

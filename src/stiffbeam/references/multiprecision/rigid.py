@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,8 +16,8 @@ from ...basics.resources import clock
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate
 from ...trajectory.records import ContactRecord, Impacts, Ledger, as_it_starts, last_before
-from ...trajectory.trajectory import Reference, SolverFailure, Work, versions
-from ..registry import Request, output_times
+from ...trajectory.trajectory import Reference, SolverFailure, Work
+from ..registry import Request, output_times, provenance_of
 from ..rigid_stops import require_rigid, require_smooth
 from .impacting import Impact, March, Motion
 from .linear_flow import Undecided
@@ -165,6 +165,12 @@ class Solved:
             share = motion.held[c] / t_end
             contacts.append(ContactRecord(contact.stops, *seen, R[:, c], impacts, share, peak, motion.pressed[c]))
         tip, velocity = as_it_starts(system, system.tip_channel, t, *self.observed(t, system.tip_channel))
+        notes = {
+            "digits": self.digits,
+            "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
+            "python-flint": flint.__version__,
+            "chatter_left_out": motion.left_out,
+        }
         seconds = clock() - begun
         return Reference(
             t=t,
@@ -172,17 +178,7 @@ class Solved:
             tip_velocity=velocity,
             contacts=tuple(contacts),
             work=Work(seconds=seconds, march_seconds=seconds, counters={"stretches": len(self.times)}),
-            provenance={
-                "method": "multiprecision",
-                "form": system.form,
-                "units": asdict(system.units),
-                "t_end": float(t_end),
-                "digits": self.digits,
-                "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
-                "python-flint": flint.__version__,
-                "chatter_left_out": motion.left_out,
-                **versions(),
-            },
+            provenance=provenance_of(system, "multiprecision", t_end, notes),
             system=system,
             evaluate=self.observed,
             state_at=self.states,
