@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas
 import pytest
@@ -169,6 +171,30 @@ def test_the_stated_quadrature_holds(damping):
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
     np.testing.assert_allclose(found, np.abs(works), rtol=1e-8)
     assert float(result.sources[0].rpartition(" ")[2]) < 1e-7
+
+
+def test_rates_of_an_adaptive_solution_take_a_few_solves():
+    """A solver answers other times by another solve, and amplifies rounding: works of two solves differ by more than
+    the panels of one."""
+    K = np.array([[230.0, -200.0], [-200.0, 200.0]])
+    contacts = [
+        sb.Contact([-1.8, -1.3], sb.Stops(-0.5, 0.15, stiffness=8500.0)),
+        sb.Contact([1.0, -1.3], sb.Stops(upper=0.1, stiffness=7e4, exponent=1.5, dissipation=0.006)),
+    ]
+    system = sb.System.from_matrices(
+        np.eye(2), K, loads=[([1.0, 0.5], sb.Harmonic(20.0, 4.0))], contacts=contacts, initial_velocity=[2.0, -1.0]
+    )
+    reference, solves = sb.reference(system, 6.0, "cvode"), []
+
+    def counted(times, channel):
+        solves.append(len(times))
+        assert len(solves) < 60
+        assert len(times) < 30_000
+        return reference.evaluate(times, channel)
+
+    rates = sb.contact_rates(replace(reference, evaluate=counted))
+    assert min(contact.impacts.count for contact in reference.contacts) > 5
+    assert all(float(source.rpartition(" ")[2]) < 1e-7 for source in rates.sources)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():
