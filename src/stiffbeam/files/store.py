@@ -30,7 +30,7 @@ from ..piecewise.motion import Motion
 from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
-from ..schemes.labels import parse_run, run_label
+from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
@@ -416,9 +416,8 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     label does not define."""
     if notes.get("source") == "arrays":
         return None
-    try:
-        scheme = parse_run(notes["method"])[0]
-    except InputError:
+    scheme = scheme_at_hand(notes["method"])
+    if scheme is None:
         return None
     # The form in which the scheme ran, which its label does not have.
     form = system.first_order() if notes["form"].endswith("first order") else system
