@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.cli import app
-from stiffbeam.measures.rates import stationary_mean
+from stiffbeam.measures.rates import stationary_mean, windows
 
 CASES = 300
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
@@ -209,6 +209,12 @@ def test_a_contact_that_the_start_of_the_rates_cuts():
     wanted = [np.trapezoid(x, t) / 6.7 for x in (force, force * np.abs(v))]
     assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=1e-8)
     assert rates["contact"].value == pytest.approx(1.0, rel=1e-12)
+
+
+def test_whole_periods_have_their_parts_whatever_the_rounding():
+    for omega in np.arange(1.0, 40.0):
+        system = sb.System.from_matrices([[1.0]], [[omega**2]], observe=[1.0], initial_velocity=[1.0])
+        assert len(windows(system, 0.0, np.nextafter(40.0 * (2.0 * np.pi / omega), 0.0))) == 21
 
 
 def test_what_is_not_known_is_said(tmp_path):

@@ -279,7 +279,7 @@ class _Sums:
 def windows(system: System | None, since: float, end: float) -> Array:
     """Edges of the parts of a run."""
     # Two periods a part, so that its correlation does not swing.
-    parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period))
+    parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period) * (1 + 1e-12))
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
 
