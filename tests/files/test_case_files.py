@@ -161,6 +161,7 @@ def problem_with(line):
         (PLAIN.replace("t_end = 0.1", "t_end = -1"), "mine: t_end", -1, "be > 0"),
         (PLAIN.replace("cells", 'runs = "hht"\ncells'), "mine: runs", "hht", "be a list of runs"),
         (PLAIN.replace("cells", "runs = [1]\ncells"), "mine: runs", 1, "be strings like"),
+        (PLAIN.replace("cells", 'runs = ["this:Zen"]\ncells'), "mine: runs", "this:Zen", "be schemes of the package"),
         (PLAIN.replace("cells", 'runs = ["hhtt"]\ncells'), "mine: scheme", "hhtt", "be a registered scheme"),
         (PLAIN.replace("cells", 'runs = ["HHT(alpha=0.2)"]\ncells'), "mine: alpha", 0.2, "lie in [-0.333333, 0]"),
         (PLAIN.replace("cells", 'runs = ["HHT@disp"]\ncells'), "mine: form", "disp", "be one that there is"),

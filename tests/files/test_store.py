@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
@@ -25,6 +26,13 @@ def run(system):
 @pytest.fixture(scope="module")
 def exact(system):
     return sb.reference(system, 0.05, t_eval=np.linspace(0.0, 0.05, 101))
+
+
+class HHT(sb.HHT):
+    """Half a step for a step."""
+
+    def step(self, equation, dt, z, loads, reactions):
+        return super().step(equation, 0.5 * dt, z, loads, reactions)
 
 
 def assert_same(a, b):
@@ -123,6 +131,34 @@ def test_a_thinned_run_comes_back_at_its_output_times(system, tmp_path):
     thin = sb.integrate(system, sb.HHT(), 5e-5, 0.02, every=8)
     assert len(thin.t) == 51
     assert_same(sb.load(thin.save(tmp_path / "thin.nc")), thin)
+
+
+def test_a_run_step_by_step_has_its_states_again_with_its_system(tmp_path):
+    stops = sb.Contact([1.0], sb.Stops(-0.1, 0.2, stiffness=400.0))
+    small = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[stops], initial_velocity=[1.0])
+    run = sb.integrate(small, sb.HHT(-0.1), 0.05, 12.0, every=3, engine="direct")
+    again = sb.load(run.save(tmp_path / "run.nc"), small)
+    assert np.array_equal(again.y, run.y)
+    assert str(sb.contact_rates(again)) == str(sb.contact_rates(run))
+
+
+def test_a_scheme_with_the_name_of_a_registered_one_has_its_own_states_again(tmp_path):
+    """States of a loaded run were those of the registered scheme."""
+    small = sb.System.from_matrices([[1.0]], [[4.0]], observe=[1.0], initial_velocity=[1.0])
+    run = sb.integrate(small, HHT(-0.1), 0.05, 12.0)
+    again = sb.load(run.save(tmp_path / "run.nc"), small)
+    assert again.label == run.label == "test_store:HHT(alpha=-0.1)@matrices"
+    np.testing.assert_allclose(again.states[0][:, 0], run.tip, rtol=0.0, atol=1e-12)
+
+
+def test_a_file_cannot_import_a_module(run, tmp_path):
+    method = {"method": "this:Zen(theta=0.5)"}
+    loaded = sb.load(dataclasses.replace(run, provenance=run.provenance | method).save(tmp_path / "run.nc"), run.system)
+    assert loaded.provenance["method"] == method["method"]
+    print(loaded, loaded.plot())
+    with pytest.raises(sb.InputError, match="states"):
+        print(loaded.states)
+    assert "this" not in sys.modules
 
 
 def test_the_file_is_one_that_xarray_opens(run, tmp_path):

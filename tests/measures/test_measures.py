@@ -68,6 +68,23 @@ def test_a_lag_is_undefined_in_a_window_too_short_or_without_a_minimum():
     assert np.isnan(ramp.lag)
 
 
+def test_the_step_at_the_end_of_the_window_counts_whatever_its_rounding():
+    """Seven steps of 0.1 end at 0.7000000000000001, beyond a window of 0.7 that the impacts match."""
+    system = sb.System.from_matrices([[1.0]], [[4.0]], observe=[1.0], initial_velocity=[1.0])
+    run, reference = sb.integrate(system, sb.BDF2(), 0.1, 0.7), sb.reference(system, 0.7)
+    result = sb.compare(run, reference)
+    assert run.t[-1] > result.matched_until == result.window == 0.7
+    assert result.tip_error_matched == result.tip_error_rms
+
+
+@pytest.mark.parametrize("end", [3.0, np.nextafter(3.0, 0.0)])
+def test_a_drift_that_is_as_long_as_the_window_has_its_lag_whatever_the_rounding(end):
+    t = np.linspace(0.0, 3.0, 3001)
+    u_ref = lambda s: np.sin(7.0 * s)  # noqa: E731
+    late = phase_lag(t, u_ref(t - 0.01), 7.0 * np.cos(7.0 * (t - 0.01)), u_ref, end, drive=0.0, first=2.0 * np.pi / 3.0)
+    assert late.lag == pytest.approx(0.01, rel=1e-6)
+
+
 def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     reference = impacts([1.0, 2.0, 2.4, 4.0], [1, -1, 1, -1])
     same = match(reference, reference, 5.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas
 import pytest
@@ -13,7 +15,7 @@ from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.cli import app
-from stiffbeam.measures.rates import stationary_mean
+from stiffbeam.measures.rates import stationary_mean, windows
 
 CASES = 300
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
@@ -168,6 +170,30 @@ def test_the_stated_quadrature_holds(damping):
     assert float(result.sources[0].rpartition(" ")[2]) < 1e-7
 
 
+def test_rates_of_an_adaptive_solution_take_a_few_solves():
+    """A solver answers other times by another solve, and amplifies rounding: works of two solves differ by more than
+    the panels of one."""
+    K = np.array([[230.0, -200.0], [-200.0, 200.0]])
+    contacts = [
+        sb.Contact([-1.8, -1.3], sb.Stops(-0.5, 0.15, stiffness=8500.0)),
+        sb.Contact([1.0, -1.3], sb.Stops(upper=0.1, stiffness=7e4, exponent=1.5, dissipation=0.006)),
+    ]
+    system = sb.System.from_matrices(
+        np.eye(2), K, loads=[([1.0, 0.5], sb.Harmonic(20.0, 4.0))], contacts=contacts, initial_velocity=[2.0, -1.0]
+    )
+    reference, solves = sb.reference(system, 6.0, "cvode"), []
+
+    def counted(times, channel):
+        solves.append(len(times))
+        assert len(solves) < 60
+        assert len(times) < 30_000
+        return reference.evaluate(times, channel)
+
+    rates = sb.contact_rates(replace(reference, evaluate=counted))
+    assert min(contact.impacts.count for contact in reference.contacts) > 5
+    assert all(float(source.rpartition(" ")[2]) < 1e-7 for source in rates.sources)
+
+
 def test_a_contact_that_the_start_of_the_rates_cuts():
     """A mass that never leaves its stop: integrals from a time within the contact, against the trapezoidal rule."""
     loads = [([1.0], sb.Constant(30.0)), ([1.0], sb.Harmonic(3.0, 2.7))]
@@ -180,6 +206,12 @@ def test_a_contact_that_the_start_of_the_rates_cuts():
     wanted = [np.trapezoid(x, t) / 6.7 for x in (force, force * np.abs(v))]
     assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=1e-8)
     assert rates["contact"].value == pytest.approx(1.0, rel=1e-12)
+
+
+def test_whole_periods_have_their_parts_whatever_the_rounding():
+    for omega in np.arange(1.0, 40.0):
+        system = sb.System.from_matrices([[1.0]], [[omega**2]], observe=[1.0], initial_velocity=[1.0])
+        assert len(windows(system, 0.0, np.nextafter(40.0 * (2.0 * np.pi / omega), 0.0))) == 21
 
 
 def test_what_is_not_known_is_said(tmp_path):

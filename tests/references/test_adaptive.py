@@ -6,6 +6,7 @@ import dataclasses
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -455,3 +456,33 @@ def test_a_corner_at_the_end_takes_no_output_away(method):
     run = sb.reference(system, 4.0, method, t_eval=np.linspace(0.0, 4.0, 401))
     assert run.states[0].shape == (401, 1)
     assert abs(run.at(np.array([3.99999]))[0][0] - run.tip[-1]) < 1e-4
+
+
+def test_a_solve_for_further_times_that_is_interrupted_leaves_no_wrong_states():
+    """The times of the interrupted solve counted as solved, with the states of the one before."""
+    broken = []
+
+    def push(t):
+        if broken:
+            raise KeyboardInterrupt
+        return np.sin(1.3 * np.asarray(t))
+
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], push)], observe=[1.0])
+    reference = sb.reference(system, 6.0, "dop853", t_eval=[0.0, 3.0, 6.0])
+    broken.append(True)
+    with pytest.raises(KeyboardInterrupt):
+        reference.at([1.0, 2.0, 4.0])
+    broken.clear()
+    tip, _ = reference.at([1.0, 2.0, 4.0])
+    exact = (np.sin([1.3, 2.6, 5.2]) - 0.65 * np.sin([2.0, 4.0, 8.0])) / (4.0 - 1.3**2)
+    np.testing.assert_allclose(tip, exact, atol=1e-7)
+
+
+def test_several_threads_ask_one_reference_for_further_times():
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 1.3))], observe=[1.0])
+    reference = sb.reference(system, 6.0, "dop853", t_eval=[0.0, 6.0])
+    times = [np.linspace(0.0, 6.0, 50 + k) for k in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        for t, (tip, _) in zip(times, pool.map(reference.at, times), strict=True):
+            exact = (np.sin(1.3 * t) - 0.65 * np.sin(2.0 * t)) / (4.0 - 1.3**2)
+            np.testing.assert_allclose(tip, exact, atol=1e-7)

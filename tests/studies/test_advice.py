@@ -255,6 +255,14 @@ def test_the_time_a_run_stays_within_an_error():
         sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
 
 
+@pytest.mark.parametrize("omega", [1.0, 3.0 * 0.37, 24.0 * 0.37])
+def test_over_whole_periods_the_tried_steps_do_not_depend_on_rounding(omega):
+    """Over six periods the coarsest run has eight steps a period, not one more where rounding puts six above six."""
+    system = sb.System.from_matrices([[1.0]], [[omega**2]], observe=[1.0], initial_velocity=[1.0])
+    advice = sb.advise(system, {"tip": 0.1}, t_end=6.0 * (2.0 * np.pi / omega), schemes=[sb.Trapezoidal()])
+    assert min(probe.steps for probe in advice.candidates) == 48
+
+
 def test_a_run_whose_tip_is_off_from_its_first_step_on_says_so():
     system = one_mass(4.0, sb.Stops(upper=5.0, stiffness=400.0), v=1.0)
     advice = sb.advise(system, {"impacts": 0.05}, t_end=3.0, schemes=[sb.Trapezoidal()], most_steps=64)

@@ -24,7 +24,7 @@ from ..basics.units import Units
 from ..measures.report import short
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES
-from ..schemes.labels import scheme_of
+from ..schemes.labels import scheme_at_hand
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def look(label: str) -> dict[str, Any]:
     if label in REFERENCES:
         k = REFERENCES[label].look
         return {"color": ("0.6", "0.3")[k % 2], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
-    scheme = scheme_of(label)
+    scheme = scheme_at_hand(label)
     # A class of one's own may have kept the name of the one it is made from.
     known = None if scheme is None or ":" in label else scheme.name
     colour, dashes, marker = look_of_name(known or label)

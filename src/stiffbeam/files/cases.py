@@ -441,6 +441,10 @@ class _Reader(Reader):
         for run in runs:
             if not isinstance(run, str):
                 raise self.error("runs", run, "be strings like 'HHT(alpha=-0.1)@displacement'", "write it in quotes")
+            # Data from others must not import modules.
+            if ":" in run:
+                remedy = "leave it out, and name it on the command line: --schemes mymodule:Central"
+                raise self.error("runs", run, "be schemes of the package", remedy)
             parsed.append(self.build(parse_run, run, form))
         # What the source has published, and notes on it.
         published = self.get("published", dict, "be a table", {})

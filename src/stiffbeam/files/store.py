@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.storage import Arrays, read_netcdf, require_whole, write_netcdf
 from ..basics.validation import InputError, file_path, numbers
-from ..march.integrate import Plan
+from ..march.integrate import DIRECT, Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..piecewise.linear import Perturbation
@@ -30,7 +30,7 @@ from ..piecewise.motion import Motion
 from ..piecewise.tracer import tracer_of
 from ..references import solve
 from ..references.exact.piecewise import reference_of
-from ..schemes.labels import parse_run, run_label
+from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
@@ -416,15 +416,15 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     label does not define."""
     if notes.get("source") == "arrays":
         return None
-    try:
-        scheme = parse_run(notes["method"])[0]
-    except InputError:
+    scheme = scheme_at_hand(notes["method"])
+    if scheme is None:
         return None
     # The form in which the scheme ran, which its label does not have.
     form = system.first_order() if notes["form"].endswith("first order") else system
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        plan = Plan.of(form, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, notes["engine"])
+        engine = DIRECT if notes["engine"] == "numpy" else notes["engine"]  # see ``Plan.provenance``
+        plan = Plan.of(form, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, engine)
         return plan.states(form)
 
     return pieces

@@ -21,6 +21,7 @@ from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
+from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, require_scheme
 from ..trajectory.ensemble import Runs
 from ..trajectory.recorder import Reactions, SampledImpacts, overflow, record
@@ -164,7 +165,7 @@ class Plan:
         """Provenance of the run."""
         units = self.system.units
         return {
-            "method": str(self.scheme),
+            "method": label_of_run(self.scheme),
             "form": self.form,
             "units": {name: getattr(units, name) for name in KNOWN},
             "contact": self.contact,

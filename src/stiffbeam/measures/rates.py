@@ -44,7 +44,7 @@ LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the work where panels are halved, and where the refinement ends
 GRADED = 8.0 ** -np.arange(1, 5)  # panels begin there in a contact, for forces that die out fast after its beginning
-SAMPLES, BISECTIONS = np.linspace(0.0, 1.0, 65), 30  # of the search for v = 0 in a contact
+SAMPLES, PARTS, ROUNDS = np.linspace(0.0, 1.0, 65), 8, 5  # of the search for v = 0 in a contact
 RATES = {
     "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
     "force_rms": "force",
@@ -279,7 +279,7 @@ class _Sums:
 def windows(system: System | None, since: float, end: float) -> Array:
     """Edges of the parts of a run."""
     # Two periods a part, so that its correlation does not swing.
-    parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period))
+    parts = MOST if system is None else int((end - since) / (2.0 * scales(system, end).period) * (1 + 1e-12))
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
 
@@ -429,15 +429,16 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
             rows.append(_sliding(run, i, *run.state_at(t.ravel()), tangent))
         return np.reshape(rows, (-1, *t.shape))
 
-    # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there, found by bisection.
+    # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there. A few rounds of many parts each: an
+    # adaptive solver solves again for every set of times. An error e of the corner changes the work by e^2.
     samples, turns = starts[:, None] + lengths * SAMPLES, []
     for row, speed in enumerate(read(samples)[1:], 1):
         one, at = np.nonzero(speed[:, :-1] * speed[:, 1:] < 0.0)
-        low, high, sign = samples[one, at], samples[one, at + 1], np.sign(speed[one, at])
-        for _ in range(BISECTIONS if len(low) else 0):
-            middle = 0.5 * (low + high)
-            before = sign * read(middle)[row] > 0.0
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        low, width, sign = samples[one, at], samples[one, at + 1] - samples[one, at], np.sign(speed[one, at])
+        for _ in range(ROUNDS if len(low) else 0):
+            width = width / PARTS
+            before = sign * read(low + np.arange(1, PARTS)[:, None] * width)[row] > 0.0
+            low = low + np.sum(np.logical_and.accumulate(before), axis=0) * width
         turns.append(low)
     # Panels also end at the edges of the parts of the run.
     holds = np.searchsorted(starts, edges, "right") - 1
@@ -455,21 +456,23 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         works = [np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds]
         return np.stack([t, weights, force, *speeds]), np.array(works)
 
-    nodes, whole, count = list[Array](), panels(left, width)[1], 0
-    totals, change = np.sum(whole, axis=1), np.zeros(len(whole))
+    nodes, totals, change, count = list[Array](), 0.0, 0.0, 0
     while len(left):
-        width = np.repeat(0.5 * width, 2)
-        left = np.repeat(left, 2)
-        left[1::2] += width[1::2]
-        new, works = panels(left, width)
+        # Panels and halves from one set of times: those of two solves differ by more than the halves do.
+        halves = 0.5 * np.repeat(width, 2)
+        begins = np.repeat(left, 2)
+        begins[1::2] += halves[1::2]
+        both, works = panels(np.append(left, begins), np.append(width, halves))
+        left, width, new = begins, halves, both[:, len(left) :]
+        whole, works = np.split(works, [len(works[0]) // 3], axis=1)
         off = np.abs(works[:, ::2] + works[:, 1::2] - whole)
-        totals += np.sum(works, axis=1) - np.sum(whole, axis=1)
+        totals = totals + np.sum(works, axis=1) - (np.sum(whole, axis=1) if count else 0.0)
         count += new[0].size
         done = np.all(off <= CLOSE * totals[:, None] / len(starts), axis=0) | (2 * count > MOST_NODES)
         change += np.sum(off[:, done], axis=1)
         both = np.repeat(done, 2)
         nodes.append(new[:, both].reshape(len(new), -1))
-        left, width, whole = left[~both], width[~both], works[:, ~both]
+        left, width = left[~both], width[~both]
     t, weights, force, v, *sliding = np.concatenate(nodes, axis=1)
     error = np.max(np.divide(change, totals, out=np.zeros(len(totals)), where=totals > 0.0), initial=1e-15)
     speeds = v, sliding[0] if sliding else np.full(len(t), np.nan)

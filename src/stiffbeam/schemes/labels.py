@@ -98,15 +98,29 @@ def scheme_of(label: str) -> Scheme | None:
         return None
 
 
+def scheme_at_hand(label: str) -> Scheme | None:
+    """The scheme that the label of a run or a file names; None for a module that is not imported, because data from
+    others must not run code."""
+    module, colon, _ = label.partition(":")
+    return None if colon and module.strip() not in sys.modules else scheme_of(label)
+
+
+def label_of_run(scheme: Scheme) -> str:
+    """The label of a run: that of its scheme, with the module of a class that has the name of a registered one."""
+    label = str(scheme)
+    named = scheme_of(label)
+    return label if named is None or type(named) is type(scheme) else f"{type(scheme).__module__}:{label}"
+
+
 def short_label(label: str) -> str:
     """The label of a scheme where space is short, parameters to four digits; any other text as it is."""
-    scheme = scheme_of(label)
+    scheme = scheme_at_hand(label)
     return label if scheme is None else scheme.label(digits=4)
 
 
 def run_label(label: str) -> str:
     """A scheme's label as it is written today, of files that older versions have written; any other text as it is."""
-    scheme = scheme_of(label)
+    scheme = scheme_at_hand(label)
     return label if scheme is None or ":" in label else str(scheme)
 
 

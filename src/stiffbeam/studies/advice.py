@@ -444,7 +444,7 @@ def advise(
     direct = MOST_MEMBER if past else MOST_DIRECT
     most = most_steps or (direct if modes(system) is None else MOST_STEPS)
     candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
-    coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end)))))
+    coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end) * (1 - 1e-12)))))
     probe = partial(_probe, system, t_end, criterion, journal)
     tried: list[Probe] = []
     chosen: Probe | None = None

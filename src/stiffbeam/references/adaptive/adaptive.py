@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from .restarts import Contacts, Outcome, Path, Phase, follow, scales_of
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
 UNCONTROLLED = 1e200  # the absolute tolerance of the impulses, which follow the motion
+SOLVING = RLock()  # of references that are asked for further times, by several threads at once
 
 
 Solver = Callable[[Phase], Outcome]
@@ -134,16 +136,19 @@ class Answers:
 
     def __init__(self, solve: Callable[[Array], Path], rhs: RightHandSide, t_end: float, t: Array, y: Array) -> None:
         self.solve, self.rhs, self.t_end = solve, rhs, t_end
-        self.t, self.y = t, y
+        self.kept = t, y
 
     def at(self, times: Array) -> Array:
         """The states (k, size) at ``times`` (k,), in any order, in [0, t_end]."""
-        due = np.unique(times)
-        # Only states at output times are stored: other times need a second solve, with outputs at them.
-        if not np.all(np.isin(due, self.t)):
-            self.t = due if len(due) > 1 else np.unique([0.0, *due, self.t_end])
-            self.y = self.solve(self.t).states[:, : self.rhs.states]
-        return self.y[np.searchsorted(self.t, times)]
+        due, (t, y) = np.unique(times), self.kept
+        # Only states at output times are stored: other times need a second solve, with outputs at them. Times and
+        # states are kept together, so that an interrupted solve leaves no others; two solves would share the rhs.
+        if not np.all(np.isin(due, t)):
+            t = due if len(due) > 1 else np.unique([0.0, *due, self.t_end])
+            with SOLVING:
+                y = self.solve(t).states[:, : self.rhs.states]
+            self.kept = t, y
+        return y[np.searchsorted(t, times)]
 
     def channel(self, times: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at ``times``."""
