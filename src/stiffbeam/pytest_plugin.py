@@ -81,14 +81,13 @@ def within_reference(
     if isinstance(run, (tuple, list)):
         if len(run) not in (2, 3):
             raise InputError("run", f"{len(run)} arrays", rule, "leave others out")
-        given = run[:2]
         if len(run) == 3 and np.ndim(run[1]) == 2:
             run = Trajectory.from_arrays(run[0], states=(run[1], run[2]), system=reference.system)
     elif not isinstance(run, Trajectory):
         raise InputError("run", type(run).__name__, rule, "put the arrays into a list: [t, u]")
     if isinstance(run, Trajectory):
         require_same_system(run, reference)
-        given = run.t, run.tip
+    given = (run.t, run.tip) if isinstance(run, Trajectory) else run[:2]
     unmasked("run", *given)
     if any(np.iscomplexobj(x) for x in given):
         raise InputError("run", "complex numbers", "be real", "take the real part")

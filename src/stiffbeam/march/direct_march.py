@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from .choice import require_averages, require_giving_way, require_moved, rule_of
 from .probe import Together, ends_there
 
 STEPS_PER_PIECE = 4096
+MINUTES = 60.0  # seconds from which on it is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +164,10 @@ def _direct_blocks(
                 before = arguments[-1].copy()
             path[k] = z
         seconds = clock() - begun
+        left = seconds * (first + steps - start - count) / count
+        if holes and start == first and length > 1 and left >= MINUTES:
+            advice = "flat stops, such as a polygon of them, take a fraction of it"
+            warnings.warn(f"the march with a round hole will take about {left:.0f} s more: {advice}", stacklevel=2)
         # Positions and velocities of all channels at the ends of the steps.
         y = path[:, :order]
         ends = (start + 1 + np.arange(count)) * dt
