@@ -60,7 +60,7 @@ def assert_within_reference() -> Callable[..., None]:
 
 
 def within_reference(
-    run: Trajectory | tuple[Any, ...], reference: Reference, tolerance: float, until: float | None = None
+    run: Trajectory | tuple[Any, ...] | list[Any], reference: Reference, tolerance: float, until: float | None = None
 ) -> None:
     """Assert |u_run - u_ref| <= tolerance max |u_ref| at the run's times up to ``until`` (default: its end).
 
@@ -69,6 +69,7 @@ def within_reference(
     compare with, a reference without a horizon, a run of another system, no time up to ``until``, numbers that are
     complex or not finite.
     """
+    __tracebackhide__ = True  # the report shows the test, not this function
     import numpy as np
 
     from .basics.validation import InputError, positive, unmasked
@@ -76,13 +77,17 @@ def within_reference(
     from .trajectory.trajectory import Trajectory
 
     tolerance = positive("tolerance", tolerance)
-    if isinstance(run, tuple) and len(run) not in (2, 3):
-        raise InputError("run", f"{len(run)} arrays", "be a run, or (t, u), (t, u, v) or (t, q, v)", "leave others out")
-    if isinstance(run, tuple) and len(run) == 3 and np.ndim(run[1]) == 2:
-        run = Trajectory.from_arrays(run[0], states=(run[1], run[2]), system=reference.system)
-    if not isinstance(run, tuple):
+    rule = "be a run, or (t, u), (t, u, v) or (t, q, v)"
+    if isinstance(run, (tuple, list)):
+        if len(run) not in (2, 3):
+            raise InputError("run", f"{len(run)} arrays", rule, "leave others out")
+        if len(run) == 3 and np.ndim(run[1]) == 2:
+            run = Trajectory.from_arrays(run[0], states=(run[1], run[2]), system=reference.system)
+    elif not isinstance(run, Trajectory):
+        raise InputError("run", type(run).__name__, rule, "put the arrays into a list: [t, u]")
+    if isinstance(run, Trajectory):
         require_same_system(run, reference)
-    given = run[:2] if isinstance(run, tuple) else (run.t, run.tip)
+    given = (run.t, run.tip) if isinstance(run, Trajectory) else run[:2]
     unmasked("run", *given)
     if any(np.iscomplexobj(x) for x in given):
         raise InputError("run", "complex numbers", "be real", "take the real part")

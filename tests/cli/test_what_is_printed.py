@@ -355,3 +355,17 @@ def test_a_table_that_is_too_wide_is_printed_in_parts_without_a_broken_number(wi
         assert len(mine) == len(parts)
         cells = [cell for row in mine for cell in " ".join(row[2:]).replace(" ± 0.125", "").split()]
         assert cells == [f"{10 * i + j}.25" for i in range(8)]
+
+
+@pytest.mark.parametrize("width", [70, 80, 120])
+def test_a_table_of_numbers_with_their_places_loses_none_of_its_text(width):
+    """As that of ``sweep``: the first column gives way, or the table is printed in parts."""
+    lines = [{"over all values": "time in contact, % of the time", "least": "3.04 at frequency 2.5546 rad/s",
+              "most": "5.877 at frequency 2.3025 rad/s"}]  # fmt: skip
+    screen = Console(file=StringIO(), width=width)
+    screen.print(*tables_of(lines, width))
+    printed = screen.file.getvalue()  # type: ignore[attr-defined]
+    assert max(map(len, printed.splitlines())) <= width
+    assert lines[0]["least"] in printed
+    assert lines[0]["most"] in printed
+    assert {"time", "in", "contact,", "%", "of", "the"} <= set(printed.split())

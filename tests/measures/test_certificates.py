@@ -39,6 +39,19 @@ def test_runs_that_prove_nothing_are_refused(reference, t, u, word):
         within_reference((np.array(t), np.array(u)), reference, 1e-3)
 
 
+def test_arrays_in_a_list_are_a_run_and_one_array_is_none(reference):
+    """``sb.compare`` asks for lists."""
+    t, u = reference.t, reference.tip
+    within_reference([t, u], reference, 1e-12)
+    within_reference([t, u, reference.tip_velocity], reference, 1e-12)
+    with pytest.raises(AssertionError, match="off by"):
+        within_reference([t, 1.01 * u], reference, 1e-3)
+    with pytest.raises(sb.InputError, match=r"got 'ndarray': put the arrays into a list"):
+        within_reference(np.column_stack([t, u]), reference, 1e-3)
+    with pytest.raises(sb.InputError, match="4 arrays"):
+        within_reference([t, u, u, u], reference, 1e-3)
+
+
 @pytest.mark.parametrize("tolerance", [np.inf, np.nan, 0.0, -1.0])
 def test_tolerances_that_prove_nothing_are_refused(reference, tolerance):
     with pytest.raises(sb.InputError, match="tolerance"):

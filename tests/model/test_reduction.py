@@ -206,5 +206,12 @@ def test_half_a_matrix_is_refused():
     M, K, tip = strip(10)
     for name, arguments in (("mass", (scipy.sparse.triu(M), K)), ("stiffness", (M, scipy.sparse.tril(K))),
                             ("damping", (M, K, scipy.sparse.triu(K)))):  # fmt: skip
-        with pytest.raises(sb.InputError, match=f"{name} must be symmetric, .*give both halves"):
+        with pytest.raises(sb.InputError, match=rf"{name} must be symmetric, .*give both halves: A \+ A\.T without"):
             sb.reduce_model(*arguments, observe=tip, modes=3)
+        with pytest.raises(sb.InputError, match=rf"{name} must be symmetric to .*give both halves: A \+ A\.T without"):
+            sb.System.from_matrices(*arguments, observe=tip)
+    K = K.toarray()
+    K[0, 1] += K[0, 0]
+    for call, more in ((sb.reduce_model, {"modes": 3}), (sb.System.from_matrices, {})):
+        with pytest.raises(sb.InputError, match="got 'an unsymmetric matrix': give the symmetric part"):
+            call(M, K, observe=tip, **more)

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
+from stiffbeam.march import direct_march
 from stiffbeam.model.contact import laws
 from stiffbeam.model.stage import solve_turning
 
@@ -310,3 +311,33 @@ def test_what_takes_no_hole_refuses_it_with_a_remedy():
     for call in calls:
         with pytest.raises(sb.InputError, match=r"round hole.*sides=12"):
             call()
+
+
+def test_a_march_of_minutes_through_a_hole_is_announced(monkeypatch):
+    """With its estimate, after the first steps; flat stops march in compiled code."""
+    system = oscillator(LAWS["linear"])
+    sb.integrate(system, sb.HHT(-0.05), 1e-3, T_END)  # a warning would fail the test
+    monkeypatch.setattr(direct_march, "MINUTES", 1e-9)
+    with pytest.warns(UserWarning, match=r"a round hole will take about \d+ s more: flat stops"):
+        sb.integrate(system, sb.HHT(-0.05), 1e-3, T_END)
+    flat = replace(system, contacts=(sb.Contact([1.0, 0.0], sb.Stops(-0.1, 0.1, stiffness=KAPPA)),))
+    sb.integrate(flat, sb.HHT(-0.05), 1e-3, T_END, engine="direct")
+
+
+def test_sliding_in_a_reduced_model_takes_its_rows_by_the_basis():
+    """As with the whole model; a row of the whole model is refused with this remedy."""
+    matrices = np.eye(9), np.diag([4.0, 4.0, *range(400, 1100, 100)]) + 0.5, 0.1 * np.eye(9)
+    rows = np.eye(9)[:2]
+    loads = [(rows[0], sb.Harmonic(2.0, 3.0)), (rows[1], sb.Harmonic(2.0, 3.0, 1.2))]
+    data = {"loads": loads, "contacts": [sb.Contact(rows, LAWS["linear"])], "observe": rows[0]}
+    turned = np.array([-rows[1], rows[0]])
+    whole = sb.integrate(sb.System.from_matrices(*matrices, **data), sb.HHT(), 1e-3, T_END)
+    model = sb.reduce_model(*matrices, **data, modes=2)
+    run = sb.integrate(model.system, sb.HHT(), 1e-3, T_END)
+    found, known = (
+        sb.contact_rates(x, tangents=[t]).rates[0]["sliding_work"].value
+        for x, t in ((run, turned @ model.basis), (whole, turned))
+    )
+    assert found == pytest.approx(known, rel=1e-2)
+    with pytest.raises(sb.InputError, match=r"pass row @ model\.basis"):
+        sb.contact_rates(run, tangents=[turned])

@@ -29,8 +29,9 @@ def table_of(lines: Sequence[Mapping[str, str]], width: float = math.inf) -> Tab
     columns = list(zip(*rows, strict=True))
     room = width - EDGES
     narrow = sum(max(map(len, [name, *cells])) + 1 for name, cells in zip(headings, columns, strict=True)) > room
+    rest = sum(_least(name, cells) + 1 for name, cells in zip(headings[1:], columns[1:], strict=True))
     for i, (name, cells) in enumerate(zip(headings, columns, strict=True)):
-        number, whole = _numbers(cells), not i and max(map(len, cells)) <= NAME
+        number, whole = _numbers(cells), not i and max(map(len, cells)) <= min(NAME, room - rest)
         head = "\n".join(wrap(name, _least(name, cells), break_on_hyphens=False)) if narrow and number else name
         side = "right" if number else "left"
         table.add_column(head, justify=side, overflow="fold", no_wrap=whole or (narrow and number))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from .choice import require_averages, require_giving_way, require_moved, rule_of
 from .probe import Together, ends_there
 
 STEPS_PER_PIECE = 4096
+MINUTES = 60.0  # seconds from which on it is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,16 @@ def direct_pieces(
         march = _March(view, scheme, dt, contact, history, done)
         length = STEPS_PER_PIECE // 4
         for step in range(done, steps, length):
-            yield march.piece(step, min(length, steps - step))
+            piece = march.piece(step, min(length, steps - step))
+            if step == done and march.holes:
+                _warn_of_minutes(piece.seconds / len(piece.positions) * (steps - step - len(piece.positions)))
+            yield piece
+
+
+def _warn_of_minutes(seconds: float) -> None:
+    if seconds >= MINUTES:
+        advice = "flat stops, such as a polygon of them, take a fraction of it"
+        warnings.warn(f"the march with a round hole will take about {seconds:.0f} s more: {advice}", stacklevel=3)
 
 
 class _March:

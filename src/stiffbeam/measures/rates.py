@@ -323,7 +323,8 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     for i, row in enumerate(rows):
         shape = (size,) if run.system is None else run.system.contacts[i].row.shape
         if row is not None and row.shape != shape:
-            raise InputError("tangents", row.shape, f"be rows of {size} numbers", "one for each unknown of the system")
+            remedy = "one for each unknown of the system; of a reduced model pass row @ model.basis"
+            raise InputError("tangents", row.shape, f"be rows of {size} numbers", remedy)
         # Rows of x and y themselves would give the normal work a second time.
         if row is not None and row.ndim == 2 and run.system and np.array_equal(row, run.system.contacts[i].row):
             rule = "be the rows of a hole turned by a right angle"

@@ -29,7 +29,7 @@ from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, Renamed, instance, integer, non_negative, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
-from .system import SYMMETRIC, System
+from .system import System, unsymmetric
 from .time_functions import LoadFunction
 
 DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
@@ -254,7 +254,7 @@ def _symmetric(name: str, matrix: Any) -> Any:
         raise InputError(name, sparse.shape, "be square", "give a row and a column for each unknown")
     size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
     if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
-        raise InputError(name, "an unsymmetric matrix", "be symmetric", SYMMETRIC)
+        raise unsymmetric(name, sparse, "be symmetric")
     return sparse
 
 

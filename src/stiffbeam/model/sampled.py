@@ -164,9 +164,9 @@ class Sampled:
         slack = BEYOND * float(self.t[-1] - self.t[0])
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
-                remedy = "give it samples that say what acts there, 0 for nothing"
+                remedy = "end the run there, or append samples, 0 where nothing acts"
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                rule = f"be asked within its samples, {where}"
+                rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def taylor(self, t: ArrayLike) -> Array:

@@ -12,6 +12,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from .ode import ODE
 
 
-SYMMETRIC = "give both halves, or the symmetric part 0.5*(A + A.T); gyroscopic and follower forces have no place here"
 BANDED = 64  # unknowns, above which a banded matrix is factorised as one
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
@@ -57,8 +57,16 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         return dense
     size = np.sqrt(np.abs(np.diag(dense)))
     if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
-        raise InputError(name, "an unsymmetric matrix", "be symmetric to 1e-12 of its diagonal there", SYMMETRIC)
+        raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
     return read_only(0.5 * (dense + dense.T))
+
+
+def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
+    """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
+    if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
+        return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
+    remedy = "give the symmetric part 0.5*(A + A.T); gyroscopic and follower forces have no place here"
+    return InputError(name, "an unsymmetric matrix", rule, remedy)
 
 
 def _dense(name: str, matrix: Any) -> Any:
@@ -75,7 +83,8 @@ def definite_matrix(name: str, matrix: Array) -> Array:
         return matrix
     if name == "mass":
         if not _factorises(matrix):
-            remedy, least = "stiffbeam.reduce_model condenses unknowns without mass", np.linalg.eigvalsh(matrix)[0]
+            least = np.linalg.eigvalsh(matrix)[0]
+            remedy = "stiffbeam.reduce_model condenses unknowns without mass; in a case file: modes = 40"
             raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
     elif not _semidefinite(matrix) and (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"

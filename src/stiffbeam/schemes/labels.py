@@ -9,6 +9,7 @@ import inspect
 import os
 import re
 import sys
+from functools import lru_cache
 from inspect import signature
 from typing import Any
 
@@ -107,9 +108,13 @@ def scheme_at_hand(label: str) -> Scheme | None:
 
 def label_of_run(scheme: Scheme) -> str:
     """The label of a run: that of its scheme, with the module of a class that has the name of a registered one."""
-    label = str(scheme)
+    return _label_of(str(scheme), type(scheme))
+
+
+@lru_cache
+def _label_of(label: str, kind: type[Scheme]) -> str:
     named = scheme_of(label)
-    return label if named is None or type(named) is type(scheme) else f"{type(scheme).__module__}:{label}"
+    return label if named is None or type(named) is kind else f"{kind.__module__}:{label}"
 
 
 def short_label(label: str) -> str:
