@@ -6,6 +6,7 @@ import dataclasses
 import sys
 
 import numpy as np
+import pandas
 import pytest
 import xarray as xr
 
@@ -97,7 +98,9 @@ def test_a_loaded_exact_reference_knows_its_contacts_between_the_steps(system, e
     """With steps of a twentieth of a contact, a sampled peak is far below that of the exact solution."""
     coarse, loaded = sb.integrate(system, sb.HHT(-0.1), 1e-3, 0.05), sb.load(exact.save(tmp_path / "exact.nc"), system)
     fresh, stored = sb.compare(coarse, exact), sb.compare(coarse, loaded)
-    assert stored.to_dict()["contacts"] == fresh.to_dict()["contacts"]
+    # On some processors the last bits of a position depend on how many times are evaluated at once.
+    both = (pandas.json_normalize(x.to_dict()["contacts"]) for x in (stored, fresh))
+    pandas.testing.assert_frame_equal(*both, rtol=1e-12, atol=0.0)
     assert stored.contacts[0].reference.events
     assert stored.contacts[0].reference.peak_force == pytest.approx(exact.contacts[0].peak_force, rel=1e-12)
 

@@ -457,7 +457,7 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         works = [np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds]
         return np.stack([t, weights, force, *speeds]), np.array(works)
 
-    nodes, totals, change, count = list[Array](), 0.0, 0.0, 0
+    nodes, count, totals, change = list[Array](), 0, np.zeros(1), np.zeros(1)
     while len(left):
         # Panels and halves from one set of times: those of two solves differ by more than the halves do.
         halves = 0.5 * np.repeat(width, 2)
@@ -470,7 +470,7 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         totals = totals + np.sum(works, axis=1) - (np.sum(whole, axis=1) if count else 0.0)
         count += new[0].size
         done = np.all(off <= CLOSE * totals[:, None] / len(starts), axis=0) | (2 * count > MOST_NODES)
-        change += np.sum(off[:, done], axis=1)
+        change = change + np.sum(off[:, done], axis=1)
         both = np.repeat(done, 2)
         nodes.append(new[:, both].reshape(len(new), -1))
         left, width = left[~both], width[~both]
