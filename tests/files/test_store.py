@@ -153,6 +153,12 @@ def test_a_scheme_with_the_name_of_a_registered_one_has_its_own_states_again(tmp
     assert again.label == run.label == "test_store:HHT(alpha=-0.1)@matrices"
     np.testing.assert_allclose(again.states[0][:, 0], run.tip, rtol=0.0, atol=1e-12)
 
+    local = type("HHT", (sb.HHT,), {"__qualname__": "within.HHT", "__module__": __name__})
+    again = sb.load(sb.integrate(small, local(-0.1), 0.05, 12.0).save(tmp_path / "local.nc"), small)
+    assert again.label == "test_store:within.HHT(alpha=-0.1)@matrices"
+    with pytest.raises(sb.InputError, match="states"):
+        print(again.states)
+
 
 def test_a_file_cannot_import_a_module(run, tmp_path):
     method = {"method": "this:Zen(theta=0.5)"}

@@ -114,7 +114,10 @@ def label_of_run(scheme: Scheme) -> str:
 @lru_cache
 def _label_of(label: str, kind: type[Scheme]) -> str:
     named = scheme_of(label)
-    return label if named is None or type(named) is kind else f"{kind.__module__}:{label}"
+    if named is None or type(named) is kind:
+        return label
+    # Of a class within another or within a function, the place too: the module may have another of its name.
+    return f"{kind.__module__}:{kind.__qualname__}{label.removeprefix(kind.__name__)}"
 
 
 def short_label(label: str) -> str:
