@@ -9,7 +9,6 @@ import inspect
 import os
 import re
 import sys
-from functools import lru_cache
 from inspect import signature
 from typing import Any
 
@@ -24,11 +23,11 @@ KNOWN_FORMS = (*ALL_FORMS, "matrices")
 
 def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
-    known = {_plain(each): kind for kind in (*SCHEMES.values(), *RIGID.values()) for each in (kind.name, kind.__name__)}
-    if _plain(name) not in known and ":" not in name:
+    kind = _registered(name)
+    if kind is None and ":" not in name:
         remedy = near(name, [kind.__name__ for kind in (*SCHEMES.values(), *RIGID.values())])
         raise InputError("scheme", name, "be a registered scheme", remedy)
-    kind = user_class(name) if ":" in name else known[_plain(name)]
+    kind = kind or user_class(name)
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
     names = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
@@ -36,6 +35,12 @@ def make(name: str, **parameters: Any) -> Scheme:
             remedy = near(parameter, names) if names else "leave it out: it has none"
             raise InputError(f"{name}'s parameter", parameter, "be one of its own", remedy)
     return kind(**parameters)
+
+
+def _registered(name: str) -> type[Scheme] | None:
+    """The registered class of this name, None for another."""
+    kinds: list[type[Scheme]] = [*SCHEMES.values(), *RIGID.values()]
+    return {_plain(each): kind for kind in kinds for each in (kind.name, kind.__name__)}.get(_plain(name))
 
 
 def _plain(name: str) -> str:
@@ -108,13 +113,8 @@ def scheme_at_hand(label: str) -> Scheme | None:
 
 def label_of_run(scheme: Scheme) -> str:
     """The label of a run: that of its scheme, with the module of a class that has the name of a registered one."""
-    return _label_of(str(scheme), type(scheme))
-
-
-@lru_cache
-def _label_of(label: str, kind: type[Scheme]) -> str:
-    named = scheme_of(label)
-    if named is None or type(named) is kind:
+    kind, label = type(scheme), str(scheme)
+    if kind in (*SCHEMES.values(), *RIGID.values()) or scheme.erratum or _registered(kind.__name__) is None:
         return label
     # Of a class within another or within a function, the place too: the module may have another of its name.
     return f"{kind.__module__}:{kind.__qualname__}{label.removeprefix(kind.__name__)}"
