@@ -156,7 +156,7 @@ def test_a_scheme_with_the_name_of_a_registered_one_has_its_own_states_again(tmp
     local = type("HHT", (sb.HHT,), {"__qualname__": "within.HHT", "__module__": __name__})
     again = sb.load(sb.integrate(small, local(-0.1), 0.05, 12.0).save(tmp_path / "local.nc"), small)
     assert again.label == "test_store:within.HHT(alpha=-0.1)@matrices"
-    with pytest.raises(sb.InputError, match="states"):
+    with pytest.raises(sb.InputError, match="load it then, or integrate again"):
         print(again.states)
 
 

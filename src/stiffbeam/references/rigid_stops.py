@@ -36,7 +36,8 @@ def require_rigid(system: System, t_end: float) -> None:
     least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
     if not least > 1e-12 * most:
         rule = "be independent of each other for rigid stops"
-        raise InputError("contacts", f"{len(rows)} that follow from each other", rule, "leave one out")
+        remedy = "leave one out; stops on both sides of one row are one, Stops(lower=, upper=)"
+        raise InputError("contacts", f"{len(rows)} that follow from each other", rule, remedy)
 
 
 def require_smooth(system: System) -> None:
