@@ -84,10 +84,10 @@ def test_a_minimum_that_is_flat_to_rounding_is_no_error():
 
 
 @pytest.mark.parametrize("time", [-np.inf, 0.0, np.nan, 1.0])
-def test_an_error_to_a_time_outside_the_window_is_refused(table10, time):
-    run = sb.integrate(table10, sb.HHT(-0.1), 1e-5, 0.05)
+def test_an_error_to_a_time_outside_the_window_is_refused(table10_system, time):
+    run = sb.integrate(table10_system, sb.HHT(-0.1), 1e-5, 0.05)
     with pytest.raises(sb.InputError, match="window"):
-        sb.compare(run, sb.reference(table10, 0.05)).tip_error_to(time)
+        sb.compare(run, sb.reference(table10_system, 0.05)).tip_error_to(time)
 
 
 @pytest.mark.parametrize("end", [3.0, np.nextafter(3.0, 0.0)])
