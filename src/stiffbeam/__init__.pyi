@@ -50,8 +50,6 @@ from .model.uncertain import Uncertain as Uncertain
 from .model.uncertain import uncertain_members as uncertain_members
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
-from .references.exact.continuation import Branch as Branch
-from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
@@ -60,18 +58,13 @@ from .references.horizon import PerturbationGrowth as PerturbationGrowth
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
-from .references.orbit_proof import OrbitProof as OrbitProof
 from .schemes import *  # noqa: F403
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
 from .studies.doubt import Doubt as Doubt
 from .studies.doubt import doubt as doubt
-from .testset.problem import EnclosedAnswer as EnclosedAnswer
-from .testset.problem import FrozenOrbit as FrozenOrbit
 from .testset.problem import Problem as Problem
-from .testset.problem import frozen_orbit as frozen_orbit
-from .testset.problem import frozen_orbits as frozen_orbits
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
 from .testset.score import score as score

@@ -23,8 +23,7 @@ from stiffbeam.references.registry import Steps
 
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
 PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.seconds < 1.0]
-ANY_FUNCTION = [method for method in PHASED if method != "heyoka"]  # which refuses callables, and "through"
-WAYS = [(m, w) for m in PHASED for w in ("restart", "through") if w == "restart" or m in ANY_FUNCTION]
+WAYS = [(m, w) for m in PHASED for w in ("restart", "through")]
 
 
 def struck(width: float, start: float = 0.5, load=None) -> sb.System:
@@ -42,7 +41,7 @@ def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
     return smooth_pieces(struck(0.002, load=load), t_end, Steps(**options)).pieces
 
 
-@pytest.mark.parametrize("method", [*ANY_FUNCTION, pytest.param("radau", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("width", "impacts", "peak"), [(2e-3, 10, 0.008955748138), (2e-4, 0, 0.001120889584)])
 @pytest.mark.fast(1)
 def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
@@ -293,11 +292,8 @@ def test_the_work_of_a_load_is_as_good_as_the_motion_where_that_asks_for_no_shor
     assert np.max(np.abs(ledger.loss)) < 1e-4 * np.max(ledger.energy)
 
 
-@pytest.mark.parametrize(
-    "method",
-    ["scipy:RK45", "scipy:BDF", *(pytest.param(m, marks=pytest.mark.slow) for m in ("diffrax:Tsit5", "kvaerno5"))],
-)
-def test_a_solver_by_its_name_in_a_library_finds_every_impact(method):
+@pytest.mark.parametrize("method", ["lsoda", pytest.param("kvaerno5", marks=pytest.mark.slow)])
+def test_a_solver_of_a_library_finds_every_impact(method):
     system, t_end = bouncing_chain(), 1.0
     exact, run = sb.reference(system, t_end), sb.reference(system, t_end, method, rtol=1e-9)
     assert exact.impacts.count > 0
@@ -417,7 +413,7 @@ def test_a_damped_stop_lets_go_where_it_starts_to_recede(method, law):
     assert run.contacts[0].fraction == pytest.approx(1.0 / 3.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("method", "way"), [(m, w) for m, w in WAYS if m in ANY_FUNCTION])
+@pytest.mark.parametrize(("method", "way"), WAYS)
 @pytest.mark.parametrize("law", [{}, {"dissipation": 1.0}])
 def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
     t = np.linspace(0.0, 3.0, 61)

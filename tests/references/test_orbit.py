@@ -144,22 +144,24 @@ def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
 @pytest.mark.slow
 def test_an_orbit_at_a_fold_closes_or_raises():
     """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
+    from stiffbeam.studies.orbits import follow
 
-    def softly_stopped(w: float) -> sb.System:
-        return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, w))
+    def softly_stopped(w: float) -> tuple[sb.System, float]:
+        return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, w)), 2 * np.pi / w
 
-    branch = sb.continuation(softly_stopped, "frequency", np.linspace(1.15, 1.45, 8), lambda w: 2.0 * np.pi / w)
-    for fold, inside in zip((x for x in branch.bifurcations if x.kind == "fold"), (-1.0, 1.0), strict=True):
-        with pytest.raises(sb.SolverFailure, match="a multiplier is 1 but for rounding: a fold"):
-            sb.periodic_orbit(softly_stopped(fold.value), 2.0 * np.pi / fold.value, (fold.z[:1], fold.z[1:]))
-        # The multiplier is 1 - c sqrt(distance): three decades below, a factor of 10^1.5.
-        gaps = []
-        for distance in (1e-9, 1e-6):
-            w = fold.value + inside * distance
-            orbit = sb.periodic_orbit(softly_stopped(w), 2.0 * np.pi / w, (fold.z[:1], fold.z[1:]))
-            assert orbit.closure < 1e-13
-            gaps.append(1.0 - orbit.multipliers[0].real)
-        assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
+    branch, end = follow(softly_stopped, [1.25, 1.35], sb.periodic_orbit(*softly_stopped(1.25)))
+    assert "a fold" in end
+    # The multiplier is 1 - c sqrt(distance): its square is linear in w near the fold.
+    (w0, one), (w1, other) = ((w, 1.0 - orbit.multipliers[0].real) for w, orbit in branch[-2:])
+    fold = w1 + (w1 - w0) * other**2 / (one**2 - other**2)
+    gaps = []
+    for distance in (1e-7, 1e-4):
+        orbit = sb.periodic_orbit(*softly_stopped(fold - distance), branch[-1][1])
+        assert orbit.closure < 1e-13
+        gaps.append(1.0 - orbit.multipliers[0].real)
+    assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
+    with pytest.raises(sb.SolverFailure):
+        sb.periodic_orbit(*softly_stopped(fold + 1e-7), branch[-1][1])
 
 
 @pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])
@@ -213,6 +215,3 @@ def test_a_period_may_start_at_a_zero_of_position_or_velocity(turned):
     orbit = sb.periodic_orbit(driven(1.2), T, ([0.0], [0.0]) if turned else ([0.0], [1.0]))
     np.testing.assert_allclose([*orbit.q, *orbit.v], [size * np.sin(turned), 1.2 * size * np.cos(turned)], atol=1e-13)
     assert np.min(np.abs(orbit.multipliers - np.exp(T * (-0.15 + 1j * np.sqrt(2.0 - 0.15**2))))) < 1e-13
-    branch = sb.continuation(driven, "frequency", np.linspace(1.0, 1.4, 5), lambda w: 2.0 * np.pi / w)
-    assert branch.values[-1] == 1.4
-    assert branch.end == "at the end of the values"

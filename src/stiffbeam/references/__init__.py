@@ -66,9 +66,7 @@ def reference(
         "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
         exact solution in as many ``digits`` as error growth requires, confirmed with more digits; for rigid stops with
         separate code); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
-        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy; any solver of these two
-        libraries with error control by its name there, such as "diffrax:Tsit5" and "scipy:RK45"; "heyoka" (Taylor
-        series, an extra: pip install 'stiffbeam[heyoka]').
+        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy.
     t_eval : (k,) array, optional
         Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
         time: an exact one from its closed form, an adaptive one by solving once more where other times are asked.
@@ -204,8 +202,7 @@ def solve(
         missing = (error.name or "").partition(".")[0]
         if missing not in entry.libraries:
             raise
-        package = f"'stiffbeam[{entry.extra}]'" if entry.extra else entry.libraries[missing]
-        rule, remedy = f"have its library {missing} installed", f"pip install {package}"
+        rule, remedy = f"have its library {missing} installed", f"pip install {entry.libraries[missing]}"
         raise InputError("method", method, rule, remedy) from None
 
 
