@@ -306,7 +306,6 @@ def test_what_takes_no_hole_refuses_it_with_a_remedy():
         lambda: sb.lyapunov(system, T_END),
         lambda: sb.periodic_orbit(system, 2.0 * np.pi / 3.0),
         lambda: sb.integrate(system, sb.Trapezoidal(), 1e-3, T_END, contact="conserving"),
-        lambda: sb.integrate(system, sb.HHT(), 1e-3, T_END, contact="averaged"),
     ]
     for call in calls:
         with pytest.raises(sb.InputError, match=r"round hole.*sides=12"):

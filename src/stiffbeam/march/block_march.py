@@ -18,7 +18,7 @@ from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
 from ..model.modes import matrices
-from ..model.stage import AVERAGED, LINEAR
+from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
@@ -41,7 +41,7 @@ from ..trajectory.sampling import (
     new_tally,
 )
 from ..trajectory.trajectory import Trajectory, Work
-from .choice import nodes_per_block, require_averages, require_giving_way, require_moved, rule_of, unsolved
+from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
@@ -133,8 +133,6 @@ class Stepper:
         for made in (one, block):
             if made is not None and len(made.block.rates):
                 require_giving_way(made.one.scheme, *made.compliances)
-                if rule == AVERAGED:
-                    require_averages(made.one.scheme, *made.compliances)
         return cls(coordinates, scheme, dt, contact, one, block, rule, RUNS[engine])
 
     @property

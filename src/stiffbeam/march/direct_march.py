@@ -12,12 +12,12 @@ from ..basics.arrays import Array
 from ..basics.resources import clock
 from ..model.contact import laws, polar
 from ..model.equations import FirstOrderSystem
-from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_several, solve_stage, solve_turning, turned
+from ..model.stage import BY_LAW, LINEAR, MEAN, solve_several, solve_stage, solve_turning, turned
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from .block_march import initial_channels
-from .choice import require_averages, require_giving_way, require_moved, rule_of, unsolved
+from .choice import require_giving_way, require_moved, rule_of, unsolved
 from .probe import Together, ends_there
 
 STEPS_PER_PIECE = 4096
@@ -81,7 +81,6 @@ class _March:
         self.view, self.scheme, self.dt, self.contact, self.equation = view, scheme, dt, contact, view.equation
         self.stops = [c.stops for c in system.contacts]
         self.rule, self.law = rule_of(system.contacts, contact), laws(system.contacts)
-        self.way = 0.5 * dt if self.rule == AVERAGED else 1.0  # see Block
         # Rows of the contacts, two of a hole; ``heads`` is the first row of each channel.
         m = len(self.stops)
         self.holes = [c for c, each in enumerate(system.contacts) if each.radial]
@@ -132,13 +131,11 @@ class _March:
                 if self.contact != "extrapolated":
                     self.of_position[s, c] = np.array([y[0] for y in stages]) @ self.contact_rows.T
                     velocities = np.array([equation.velocity(y) for y in stages])
-                    self.of_velocity[s, c] = self.way * velocities @ self.contact_rows.T
+                    self.of_velocity[s, c] = velocities @ self.contact_rows.T
         # A force that depends on velocity is unique only where these hold.
-        if self.rule in RATED:
+        if self.rule == BY_LAW:
             compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (self.of_position, self.of_velocity)]
             require_giving_way(self.scheme, *compliances)
-            if self.rule == AVERAGED:
-                require_averages(self.scheme, *compliances)
             if any(stop.jumps for stop in self.stops):
                 require_moved(self.scheme, np.array([self.of_position[s, :, s] for s in range(S)]))
 
@@ -155,7 +152,7 @@ class _March:
         shifts = np.zeros((2, count, len(nodes), len(self.owners)))
         for c, offset in enumerate(self.offsets[: len(self.owners)]):
             shifts[0, ..., c] = offset_values(offset, times)
-            if self.rule in RATED:
+            if self.rule == BY_LAW:
                 shifts[1, ..., c] = offset_rate(offset, times)
         path, node_forces, none = np.empty((count, *self.z.shape)), np.zeros((count, m)), self._unloaded()
         for k in range(count):
@@ -188,9 +185,9 @@ class _March:
         of the step without contact forces, shifts (2, nodes, rows) those of the stops, and their rates."""
         x = np.array(predicted or [y[0] for y in stages]) @ self.contact_rows.T + shifts[0]
         v = np.zeros_like(x)
-        if self.rule in RATED:
+        if self.rule == BY_LAW:
             moved = np.array([self.equation.velocity(y) for y in stages]) @ self.contact_rows.T + shifts[1]
-            v = self.way * moved
+            v = moved
         forces = np.zeros(len(self.stops))
         for s in range(len(x)):
             forces, on_rows = self._solved(s, x[s], v[s])
@@ -200,7 +197,7 @@ class _March:
             # A force moves its node and all later ones, and the state at the end.
             if np.any(forces):
                 x = x + np.tensordot(on_rows, self.of_position[s], 1)
-                if self.rule in RATED:
+                if self.rule == BY_LAW:
                     v = v + np.tensordot(on_rows, self.of_velocity[s], 1)
                 self.z = self.z + np.tensordot(on_rows, self.of_state[s], 1)
         self._before = x[-1].copy()

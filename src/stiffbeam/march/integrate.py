@@ -346,13 +346,12 @@ def integrate(
         The time step, which must divide t_end.
     t_end : float
         End of the run, in the system's unit of time.
-    contact : {"implicit", "extrapolated", "conserving", "averaged"}
+    contact : {"implicit", "extrapolated", "conserving"}
         "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
         "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper; it can overflow,
         and takes no damped stops. "conserving": the mean force over the step that keeps the sum of kinetic, elastic and
         stop energy (see ``stage``), for schemes that conserve energy without contact; impulses are then
-        those of the mean forces. "averaged": the force averaged over a step around the node, for schemes with one force
-        in a step; derivatives of the run in parameters and initial data then have order 2, as the run itself.
+        those of the mean forces.
     every : int
         Keep every so many steps as output. Impacts, peaks and the energy ledger see every step.
     progress : callable, optional

@@ -1,9 +1,7 @@
 """The contacts of one node under any law: u = r + S F, u' = w + S' F, every F_c after its own law.
 
-w is the velocity at the node, for averaged contact the way of half a step at this velocity. F_c may also be a mean
-force of the stop, from its energies at two positions: over a step, and around a node.
-
-Over a step the mean force neither gains nor loses energy:
+w is the velocity at the node. F_c may also be the mean force of the stop over the step, from its energies at both ends,
+which neither gains nor loses energy:
 
     F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
 
@@ -11,15 +9,6 @@ u0 at the start of the step, r where it would end without the force. F does the 
 whatever the step is, so that a scheme which conserves the energy of the linear system under a force that is
 constant over the step conserves the sum of both. U is convex, so its secant slope grows with u+ and there is
 one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP 43 (1992) 757-792.
-
-Around a node it is the force averaged over one step, half of it before the node and half after, at the node's velocity:
-
-    F = -(U(u + h) - U(u - h))/(2 h),   u = r + s F,   h = w + s' F
-
-h is what the node covers in half a step. The windows of consecutive steps join, so that a contact acts for as long as
-it lasts, where F(u) acts for a whole number of steps. Both have order 2, but only the slope of the average has: it is
-the share of the window in contact. F is unique if s >= s', because U'' enters with weights s + s' and s - s' at the two
-ends. The averaged contact conserves no energy.
 
 Several stops that are springs, F_c = F_c(v_c) with v = r + S F, are a complementarity problem, which ``solve_node``
 ends in finitely many steps.
@@ -53,10 +42,8 @@ from .contact_law import (
     stored,
 )  # fmt: skip
 
-# How a node finds its force: the linear law in closed form, any law, its mean over the step by the discrete gradient,
-# or its average around the node.
-LINEAR, BY_LAW, MEAN, AVERAGED = range(4)
-RATED = (BY_LAW, AVERAGED)  # these need the velocity at the node
+# How a node finds its force: the linear law in closed form, any law, or the mean over the step (the discrete gradient).
+LINEAR, BY_LAW, MEAN = range(3)
 ITERATIONS = 200
 # Roundings of f(F), as ``_alone`` adds them up, within which a force counts as solved.
 ROUNDINGS = 16.0
@@ -149,45 +136,6 @@ def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     return max(0.0, (elastic(depth(u, law.g1, law.g2), law) - slope) / (u - u0))
 
 
-@compiled
-def averaged_force(r: float, w: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
-    """(F, dF/dr, dF/dw) of the force averaged around a node, by Newton's method inside its bracket."""
-    mean = secant(r + w, r - w, law)
-    if mean == 0.0:
-        return 0.0, 0.0, 0.0
-    sign = math.copysign(1.0, mean)
-    left, right, P = 0.0, abs(mean), 0.0
-    to_depth = to_way = 0.0
-    # As in ``mean_force``, with two slopes.
-    for _ in range(NEWTON):
-        u, h = r - sign * s * P, w - sign * s_rate * P
-        value = sign * secant(u + h, u - h, law)
-        to_depth, to_way = _averaged_slopes(u, h, sign * value, law)
-        if value > P:
-            left = P
-        else:
-            right = P
-        new = P + (value - P) / (1.0 + s * to_depth + s_rate * to_way)
-        if not left <= new <= right:
-            new = 0.5 * (left + right)
-        change, P = abs(new - P), new
-        if change <= 2e-16 * P or left >= right:
-            break
-    below = 1.0 + s * to_depth + s_rate * to_way
-    return -sign * P, -to_depth / below, -to_way / below
-
-
-@compiled
-def _averaged_slopes(u: float, h: float, mean: float, law: Law) -> tuple[float, float]:
-    """Derivatives of (U(u + h) - U(u - h))/(2 h) by u and by h."""
-    d = depth(u, law.g1, law.g2)
-    # The quotient's limit as h goes to zero is U''.
-    if abs(h) <= 1e-7 * abs(d) or h == 0.0:
-        return (elastic_slope(abs(d), law) if d != 0.0 else 0.0), 0.0
-    ahead, behind = elastic(depth(u + h, law.g1, law.g2), law), elastic(depth(u - h, law.g1, law.g2), law)
-    return 0.5 * (ahead - behind) / h, (0.5 * (ahead + behind) - mean) / h
-
-
 @inlined
 def one(
     r: float, w: float, s: float, s_rate: float, u0: float, rule: int, law: Array, c: int
@@ -196,8 +144,6 @@ def one(
     if rule == MEAN:
         F, slope = mean_force(r, u0, s, law_of(law, c))
         return F, slope, 0.0
-    if rule == AVERAGED:
-        return averaged_force(r, w, s, s_rate, law_of(law, c))
     return stage_law(r, w, s, s_rate, law_of(law, c))
 
 
