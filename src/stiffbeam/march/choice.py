@@ -38,9 +38,6 @@ def rule_of(contacts: Sequence[Contact], contact: str) -> int:
                     "averaged": "be 0 for the averaged contact, which averages elastic forces",
                 }[contact]
                 raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use the implicit contact")
-    if contact in ("conserving", "averaged") and any(each.radial for each in contacts):
-        rule = "be 'implicit' or 'extrapolated' for a round hole"
-        raise InputError("contact", contact, rule, "or take a polygon: sb.two_planes(..., sides=12)")
     if contact in ("conserving", "averaged") and contacts:
         return MEAN if contact == "conserving" else AVERAGED
     return LINEAR if all_linear(contacts) else BY_LAW
