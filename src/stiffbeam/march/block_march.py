@@ -13,7 +13,7 @@ import numpy as np
 
 from ..basics.arrays import MOST, Array, Recent, aligned, content
 from ..basics.resources import clock
-from ..model.contact import channel_motion, laws
+from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
@@ -461,8 +461,5 @@ def initial_channels(systems: Sequence[System], q0: Array, v0: Array) -> tuple[A
     for i in range(len(q0)):
         own = min(i, len(systems) - 1)
         for c, (row, _) in enumerate(systems[own].channels):
-            if row.ndim == 2:
-                u[i, c], v[i, c] = channel_motion(row, None, 0.0, q0[i], v0[i])
-            else:
-                u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
+            u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
     return u, v

@@ -37,9 +37,6 @@ def rule_of(contacts: Sequence[Contact], contact: str) -> int:
                     "conserving": "be 0 for the conserving contact, which keeps the energy of the stops",
                 }[contact]
                 raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use the implicit contact")
-    if contact == "conserving" and any(each.radial for each in contacts):
-        rule = "be 'implicit' or 'extrapolated' for a round hole"
-        raise InputError("contact", contact, rule, "or take a polygon: sb.two_planes(..., sides=12)")
     if contact == "conserving" and contacts:
         return MEAN
     return LINEAR if all_linear(contacts) else BY_LAW

@@ -120,10 +120,9 @@ class Plan:
             if engine != "numba":
                 raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
-        turns = any(each.radial for each in parent.contacts)
-        coordinates = Together.of(system) if basis is None or turns else InModes(parent, basis)
-        # Single steps where the user asks for them, where forces turn, or where blocks with their set-up take longer.
-        if engine == DIRECT or turns or not pays(coordinates, scheme, steps):
+        coordinates = Together.of(system) if basis is None else InModes(parent, basis)
+        # Single steps where the user asks for them, or where blocks with their set-up take longer.
+        if engine == DIRECT or not pays(coordinates, scheme, steps):
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, DIRECT, None)
         stepper = Stepper.of(coordinates, scheme, dt, contact, engine)
         return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, stepper)

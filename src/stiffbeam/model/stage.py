@@ -21,7 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from .contact import Stops
 from .contact_law import (
@@ -47,7 +47,6 @@ LINEAR, BY_LAW, MEAN = range(3)
 ITERATIONS = 200
 # Roundings of f(F), as ``_alone`` adds them up, within which a force counts as solved.
 ROUNDINGS = 16.0
-LARGEST = 0.5  # turn of a hole's direction in one iteration
 
 
 @compiled
@@ -212,73 +211,6 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     for c in range(m):
         F[c] = np.nan
     return F
-
-
-def turned(r: Array, owners: IntArray) -> Array:
-    """N (R, m): the direction in which each contact acts on its rows at r (R,), 1 for a single row.
-
-    owners: (R,), the contact of each row.
-    """
-    counts = np.bincount(owners)
-    x = np.where(counts[owners] == 1, 1.0, r)
-    size = np.sqrt(np.bincount(owners, x * x))
-    N = np.zeros((len(r), len(counts)))
-    N[np.arange(len(r)), owners] = x / np.where(size > 0.0, size, 1.0)[owners]
-    return N
-
-
-def solve_turning(r: Array, w: Array, S: Array, S_rate: Array, law: Array, owners: IntArray) -> tuple[Array, Array]:
-    """Forces (m,) of contacts of which some are round holes, and those on the rows (R,); NaN where the search fails.
-
-    r, w: (R,); S, S_rate: (R, R). A hole presses along the direction n of the solution u = r + S F. For given
-    directions it is a stop on the row n, see ``solve_stage``. u across n, which vanishes at the solution, gives the new
-    directions: by Newton's method, else by the compliance of each hole alone. A single hole with S = s I presses along
-    r, where the search starts and then ends.
-    """
-    N, m = turned(r, owners), len(law)
-    pairs = np.flatnonzero(np.bincount(owners) == 2)
-    first = np.searchsorted(owners, pairs)
-    before = np.inf
-    for k in range(ITERATIONS):
-        along, along_rate = N.T @ S @ N, N.T @ S_rate @ N
-        f = solve_stage(N.T @ r, N.T @ w, along, along_rate, np.zeros(m), BY_LAW, law)
-        if not np.all(np.isfinite(f)):
-            break
-        # T: the directions turned by a right angle. A change of n by T turns rows, compliances and forces.
-        F, T = N @ f, np.zeros_like(N)
-        T[first, pairs], T[first + 1, pairs] = -N[first + 1, pairs], N[first, pairs]
-        u, v = r + S @ F, w + S_rate @ F
-        g = (T.T @ u)[pairs]
-        alone = (N.T @ u - np.diagonal(T.T @ S @ T) * f)[pairs]
-        step = np.arctan2(g, alone)  # where u lies beyond the centre, most of half a turn
-        change = float(np.max(np.abs(step)))
-        if not np.any(f) or change <= ROUNDINGS * float(np.finfo(float).eps):
-            return f, F
-        # Where a contact opens and closes in turn Newton's method may go round in circles.
-        if k % 20 >= 10:
-            step = 0.5 * step
-        elif change < before:
-            step = np.linalg.lstsq(_turning(N, T, u, v, f, F, S, S_rate, law)[np.ix_(pairs, pairs)], g)[0]
-        before = change
-        turn = np.zeros(m)
-        turn[pairs] = np.clip(step, -LARGEST, LARGEST)
-        N = turned((N + T * turn)[np.arange(len(r)), owners], owners)
-    return np.full(m, np.nan), np.full(len(r), np.nan)
-
-
-def _turning(N: Array, T: Array, u: Array, v: Array, f: Array, F: Array, S: Array, S_rate: Array, law: Array) -> Array:
-    """-dg/dn (m, m) for g = T^T u, the forces following their law."""
-    along, along_rate = N.T @ S @ N, N.T @ S_rate @ N
-    moved = np.diag(T.T @ u) + N.T @ S @ (T * f)
-    moved_rate = np.diag(T.T @ v) + N.T @ S_rate @ (T * f)
-    own, own_rate = np.diag(np.diagonal(along)), np.diag(np.diagonal(along_rate))
-    here, rate = N.T @ u - np.diagonal(along) * f, N.T @ v - np.diagonal(along_rate) * f
-    slopes = [stage_law(here[c], rate[c], along[c, c], along_rate[c, c], law_of(law, c))[1:] for c in range(len(law))]
-    to_u, to_rate = np.array(slopes).T[:, :, None]
-    # df = slopes times what moves each contact, the forces of the others among it.
-    left = np.eye(len(law)) - to_u * (along - own) - to_rate * (along_rate - own_rate)
-    df = np.linalg.solve(left, to_u * moved + to_rate * moved_rate)
-    return np.diag(N.T @ u) - T.T @ S @ (T * f + N @ df)
 
 
 @inlined

@@ -14,7 +14,6 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
-from ...model.contact import require_one_row
 from ...model.contact_law import Law, damps, depth_holding, jumps, law_of, pressure
 from ...model.right_hand_side import RightHandSide
 from ...model.time_functions import require_closed_form
@@ -59,7 +58,6 @@ def solve(request: Request) -> Reference:
     if switches == KEEP:
         raise InputError("switches", switches, f"be {RESTART!r} for heyoka", "use the adaptive solver cvode")
     require_closed_form(system.time_functions, "heyoka")
-    require_one_row(system.contacts, "heyoka", "use the adaptive solver cvode, or ")
     for contact in system.contacts:
         stops = contact.stops
         if exponent_of(stops.coefficients.p) is None:
