@@ -36,7 +36,7 @@ CHAPTERS = {
         "studies/guide/model.md", "studies/guide/runs.md", "studies/guide/ensembles.md",
         "studies/guide/derivatives.md", "studies/guide/orbits.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
-        "studies/loose_supports.py", "studies/identify.py",
+        "studies/loose_supports.py", "studies/identify.py", "studies/round_hole.py",
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/outputs.md", "studies/speed.md",

@@ -33,8 +33,6 @@ from .model.problem import BeamSection as BeamSection
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile
-from .model.radial import TwoPlanes as TwoPlanes
-from .model.radial import two_planes as two_planes
 from .model.reduction import ReducedModel as ReducedModel
 from .model.reduction import reduce_model as reduce_model
 from .model.sampled import Sampled as Sampled

@@ -30,7 +30,6 @@ REFUSED = {
     "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
     "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
     "orbits": "a linear law|one drive frequency|exactly one Harmonic drive|be a multiple of 2 pi",
-    "gradient": "have an exact solution",  # with power laws
     "errata": "keep the printed|have a misprint",  # some grow at some steps; HHT has none beside its contact
     "modes": "does not oscillate|no mode oscillates",  # over-damped, or without any stiffness beside the stops
     "chaos": "neighbouring motions become equal",  # by blows with e = 0, after which nothing of a neighbour is left

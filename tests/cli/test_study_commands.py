@@ -55,7 +55,7 @@ contacts = [{ row = [1.0], upper = 0.1, stiffness = 1e3 }]
 
 @pytest.mark.parametrize(
     "words",
-    [["ensemble", "--members", "3"], ["impacts"], ["rigid"], ["energy"], ["converge"], ["precision"], ["gradient"],
+    [["ensemble", "--members", "3"], ["impacts"], ["rigid"], ["energy"], ["converge"], ["precision"],
      ["sweep", "--parameter", "contacts[0].stops.stiffness", "--values", "1e3:2e3:3"]],
 )  # fmt: skip
 def test_a_record_shorter_than_the_run_is_bad_input_of_every_study(words, command, tmp_path):

@@ -23,7 +23,6 @@ def motion() -> sb.Reference:
 
 EYE = np.eye(3)
 STIFF = np.diag([1.0, 2.0, 3.0])
-BEAM = sb.BeamProblem(stiffness=3.0, stops=sb.Stops(-0.01, 0.01, stiffness=100.0))
 CALLS = {
     "want": lambda x: sb.advise(chain(), x, 1.0),
     "schemes": lambda x: sb.advise(chain(), {"tip": 1e-2}, 1.0, schemes=x),
@@ -44,8 +43,6 @@ CALLS = {
     "tangents": lambda x: sb.contact_rates(motion(), tangents=x),
     "problems": lambda x: sb.score("hht", x),
     "order": lambda x: sb.score(sb.HHT(), "hertz", x),
-    "problem": lambda x: sb.two_planes(x, 4),
-    "second": lambda x: sb.two_planes(BEAM, 4, x),
     "states": lambda x: sb.Trajectory.from_arrays([0.0, 0.1, 0.2], system=chain(), states=x),
     "wrt": motion().derivative,
     "file": lambda x: motion().animate(x),

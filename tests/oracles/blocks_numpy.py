@@ -16,7 +16,7 @@ from stiffbeam.basics.arrays import Array
 from stiffbeam.march.kernels.blocks import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
 from stiffbeam.model.contact import Stops
 from stiffbeam.model.contact_law import G1, G2, KAPPA, Law, all_laws, damps, stage_force, stage_stiffness
-from stiffbeam.model.stage import AVERAGED, LINEAR, MEAN, solve_node, solve_stage
+from stiffbeam.model.stage import LINEAR, MEAN, solve_node, solve_stage
 from stiffbeam.trajectory.sampling import (
     CONTACT,
     END,
@@ -190,13 +190,10 @@ def _by_law(block: Block, law: Array, before: Array, row: Array, forces: Array) 
         inside = (row[here] > law[:, G2]) | (row[here] < law[:, G1])
         if block.rule == MEAN:
             inside |= (before > law[:, G2]) | (before < law[:, G1])
-        if block.rule == AVERAGED:
-            ahead, behind = (row[here] + side * block.way * row[rates[here]] for side in (1.0, -1.0))
-            inside |= (np.maximum(ahead, behind) > law[:, G2]) | (np.minimum(ahead, behind) < law[:, G1])
         if np.any(inside):
             rate, S_rate = np.zeros(m), np.zeros((m, m))
             if len(rates):
-                rate, S_rate = block.way * row[rates[here]], block.way * block.push[np.ix_(here, rates[here])].T
+                rate, S_rate = row[rates[here]], block.push[np.ix_(here, rates[here])].T
             S = np.ascontiguousarray(block.compliance[here].T)
             forces[here] = solve_stage.py_func(row[here], rate, S, S_rate, before, block.rule, law)
             row += forces[here] @ block.push[here]

@@ -64,7 +64,6 @@ CROUCHING = replace(STRUCK, contacts=(replace(STOP, stops=sb.Stops(upper=0.1, st
     [
         (lambda: sb.System.from_matrices(np.eye(2), np.eye(2), [[0.0, 1.0], [-1.0, 0.0]]), r"0\.5\*\(A \+ A\.T\)"),
         (lambda: sb.reference(STRUCK, 1.0, "cvode", switches="through"), "leave switches out"),
-        (lambda: study("gradient", CROUCHING, dt=1e-3, t_end=1.0), "without exponent and dissipation"),
         (lambda: sb.Stops.from_restitution(0.0, speed=1.0, stiffness=9.0, upper=0.1), "for 0 use a rigid stop"),
         (lambda: study("energy", STRUCK, dt=1e-3, t_end=1.0, schemes=["Trapezoidal(rho=1)"]), "leave it out"),
     ],

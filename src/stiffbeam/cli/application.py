@@ -163,7 +163,7 @@ def _verbose(value: bool) -> None:
 Complete = Callable[[str], list[str]]
 WORDS = {  # of options with few values
     "form": ("displacement", "velocity-curvature", "hermite"),
-    "contact": ("implicit", "extrapolated", "conserving", "averaged"),
+    "contact": ("implicit", "extrapolated", "conserving"),
 }
 
 
@@ -277,7 +277,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "amplification": ("stiffbeam amplification", "stiffbeam amplification --schemes BDF2,bathe"),
     "modes": ("stiffbeam modes table10", "stiffbeam modes my-beam.toml --schemes BDF2"),
     "energy": ("stiffbeam energy table10", "stiffbeam energy my-beam.toml --t-end 0.1"),
-    "gradient": ("stiffbeam gradient table10", "stiffbeam gradient my-beam.toml --schemes BDF2,bathe --impacts 3"),
     "converge": ("stiffbeam converge table10", "stiffbeam converge my-beam.toml --schemes 'HHT(alpha=-0.1),bathe'"),
     "space": ("stiffbeam space table10", "stiffbeam space my-beam.toml --cells 10,20,40"),
     "rigid": ("stiffbeam rigid table10", "stiffbeam rigid my-beam.toml --impacts 2"),

@@ -65,9 +65,7 @@ def compare(
     case: Case,
     schemes: Annotated[str | None, option(SCHEMES, "integrators")] = None,
     references: Annotated[str | None, option(MAIN, "methods")] = None,
-    contact: Annotated[str, option("implicit, conserving, averaged, or extrapolated as in the paper", "contact")] = (
-        "implicit"
-    ),
+    contact: Annotated[str, option("implicit, conserving, or extrapolated as in the paper", "contact")] = ("implicit"),
     dt: Dt = None,
     t_end: TEnd = None,
     out: Annotated[

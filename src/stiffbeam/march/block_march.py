@@ -13,12 +13,12 @@ import numpy as np
 
 from ..basics.arrays import MOST, Array, Recent, aligned, content
 from ..basics.resources import clock
-from ..model.contact import channel_motion, laws
+from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
 from ..model.modes import matrices
-from ..model.stage import AVERAGED, LINEAR
+from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
@@ -41,7 +41,7 @@ from ..trajectory.sampling import (
     new_tally,
 )
 from ..trajectory.trajectory import Trajectory, Work
-from .choice import nodes_per_block, require_averages, require_giving_way, require_moved, rule_of, unsolved
+from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes
@@ -133,8 +133,6 @@ class Stepper:
         for made in (one, block):
             if made is not None and len(made.block.rates):
                 require_giving_way(made.one.scheme, *made.compliances)
-                if rule == AVERAGED:
-                    require_averages(made.one.scheme, *made.compliances)
         return cls(coordinates, scheme, dt, contact, one, block, rule, RUNS[engine])
 
     @property
@@ -463,8 +461,5 @@ def initial_channels(systems: Sequence[System], q0: Array, v0: Array) -> tuple[A
     for i in range(len(q0)):
         own = min(i, len(systems) - 1)
         for c, (row, _) in enumerate(systems[own].channels):
-            if row.ndim == 2:
-                u[i, c], v[i, c] = channel_motion(row, None, 0.0, q0[i], v0[i])
-            else:
-                u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
+            u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
     return u, v

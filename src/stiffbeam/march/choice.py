@@ -16,18 +16,18 @@ from ..model.contact import Contact
 from ..model.contact import linear as all_linear
 from ..model.equations import Matrices
 from ..model.modes import modes
-from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN
+from ..model.stage import BY_LAW, LINEAR, MEAN
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..schemes import RigidScheme, Scheme
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, InModes, independent
 
-CONTACTS = ("implicit", "extrapolated", "conserving", "averaged")
+CONTACTS = ("implicit", "extrapolated", "conserving")
 
 
 def rule_of(contacts: Sequence[Contact], contact: str) -> int:
-    """LINEAR, BY_LAW, MEAN or AVERAGED, see stage. Raises InputError for laws that ``contact`` does not take."""
+    """LINEAR, BY_LAW or MEAN, see stage. Raises InputError for laws that ``contact`` does not take."""
     if contact != "implicit":
         for each in contacts:
             if each.stops.dissipative:
@@ -35,29 +35,20 @@ def rule_of(contacts: Sequence[Contact], contact: str) -> int:
                 why = {
                     "extrapolated": "be 0 for the extrapolated contact, which predicts positions only",
                     "conserving": "be 0 for the conserving contact, which keeps the energy of the stops",
-                    "averaged": "be 0 for the averaged contact, which averages elastic forces",
                 }[contact]
                 raise InputError(f"stops.{name}", getattr(each.stops, name), why, "use the implicit contact")
-    if contact in ("conserving", "averaged") and any(each.radial for each in contacts):
-        rule = "be 'implicit' or 'extrapolated' for a round hole"
-        raise InputError("contact", contact, rule, "or take a polygon: sb.two_planes(..., sides=12)")
-    if contact in ("conserving", "averaged") and contacts:
-        return MEAN if contact == "conserving" else AVERAGED
+    if contact == "conserving" and contacts:
+        return MEAN
     return LINEAR if all_linear(contacts) else BY_LAW
 
 
 def takes_contact(scheme: Scheme, contact: str) -> bool:
     """Return True if a scheme takes this treatment of contact, see ``integrate``."""
-    if contact == "averaged":
-        return scheme.averages and not isinstance(scheme, RigidScheme)
     return contact != "conserving" or scheme.conserving is not None
 
 
 def scheme_for(scheme: Scheme, contact: str) -> Scheme:
     """The scheme itself, or its form for contact="conserving". Raises InputError if it does not take this contact."""
-    if contact == "averaged" and not takes_contact(scheme, contact):
-        rule = f"have one force in a step, of enough effect on its node, for the averaged contact, as {scheme} has not"
-        raise InputError("scheme", str(scheme), rule, "use trapezoidal, hht or bdf2, or the implicit contact")
     if contact != "conserving":
         return scheme
     if scheme.conserving is None:
@@ -78,18 +69,6 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
         if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
             rule = f"move the {name} of a node along with the force there, for stops whose force depends on velocity"
             raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
-
-
-def require_averages(scheme: Scheme, S: Array, S_way: Array) -> None:
-    """Raise InputError unless a force moves its node at least as far as in half a step at the velocity it gives.
-
-    Else a force averaged around the node may have several values. S, S_way: (..., m, m), see ``stage``.
-    """
-    here, way = (np.diagonal(x, axis1=-2, axis2=-1) for x in (S, S_way))
-    # The trapezoidal rule has equality: a force moves the end of its step by dt/2 times the velocity it gives there.
-    if np.any(here < (1.0 - 1e-9) * way):
-        rule = "move a node by a force as far as half a step at the velocity it gives, for the averaged contact"
-        raise InputError("scheme", str(scheme), rule, "use trapezoidal, hht or bdf2, or the implicit contact")
 
 
 def require_moved(scheme: Scheme, S: Array) -> None:

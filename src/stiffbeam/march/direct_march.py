@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -10,18 +9,17 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import clock
-from ..model.contact import laws, polar
+from ..model.contact import laws
 from ..model.equations import FirstOrderSystem
-from ..model.stage import AVERAGED, BY_LAW, LINEAR, MEAN, RATED, solve_several, solve_stage, solve_turning, turned
+from ..model.stage import BY_LAW, LINEAR, MEAN, solve_several, solve_stage
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from .block_march import initial_channels
-from .choice import require_averages, require_giving_way, require_moved, rule_of, unsolved
+from .choice import require_giving_way, require_moved, rule_of, unsolved
 from .probe import Together, ends_there
 
 STEPS_PER_PIECE = 4096
-MINUTES = 60.0  # seconds from which on it is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +57,7 @@ def direct_pieces(
         march = _March(view, scheme, dt, contact, history, done)
         length = STEPS_PER_PIECE // 4
         for step in range(done, steps, length):
-            piece = march.piece(step, min(length, steps - step))
-            if step == done and march.holes:
-                _warn_of_minutes(piece.seconds / len(piece.positions) * (steps - step - len(piece.positions)))
-            yield piece
-
-
-def _warn_of_minutes(seconds: float) -> None:
-    if seconds >= MINUTES:
-        advice = "flat stops, such as a polygon of them, take a fraction of it"
-        warnings.warn(f"the march with a round hole will take about {seconds:.0f} s more: {advice}", stacklevel=3)
+            yield march.piece(step, min(length, steps - step))
 
 
 class _March:
@@ -81,14 +70,8 @@ class _March:
         self.view, self.scheme, self.dt, self.contact, self.equation = view, scheme, dt, contact, view.equation
         self.stops = [c.stops for c in system.contacts]
         self.rule, self.law = rule_of(system.contacts, contact), laws(system.contacts)
-        self.way = 0.5 * dt if self.rule == AVERAGED else 1.0  # see Block
-        # Rows of the contacts, two of a hole; ``heads`` is the first row of each channel.
-        m = len(self.stops)
-        self.holes = [c for c, each in enumerate(system.contacts) if each.radial]
-        self.owners = np.repeat(np.arange(m), [len(c.rows) for c in system.contacts])
-        self.contact_rows = view.rows[: len(self.owners)]
-        self.heads = [*np.searchsorted(self.owners, np.arange(m)), *range(len(self.owners), len(view.rows))]
-        self.offsets = [offset for row, offset in system.channels for _ in np.atleast_2d(row)]
+        self.contact_rows = view.rows[: len(self.stops)]
+        self.offsets = [offset for _, offset in system.channels]
         self._begin(history, first)
         self._respond()
 
@@ -98,17 +81,14 @@ class _March:
         if first:
             # After the starter the contacts follow from the computed state.
             shift, rate = (np.array([of(o, t0) for o in self.offsets]) for of in (offset_values, offset_rate))
-            rows = view.rows @ history[0][0] + shift, view.rows @ self.equation.velocity(history[0]) + rate
-            at_start, moving = self._of_channels(*rows)
+            at_start = view.rows @ history[0][0] + shift
+            moving = view.rows @ self.equation.velocity(history[0]) + rate
         else:  # as given: on a stop, rounding would tell the side
             own = view.system if isinstance(view.system, System) else view.system.system
             at_start, moving = (x[0] for x in initial_channels([own], own.q0[None], own.v0[None]))
         force = view.load(view.system, t0)
         if self.rule != MEAN:  # whose reactions are means over a step, not there at a time
-            columns = view.columns
-            if self.holes:
-                columns = turned(self.contact_rows @ history[0][0], self.owners).T @ columns
-            pressing = zip(self.stops, at_start, moving, columns, strict=False)
+            pressing = zip(self.stops, at_start, moving, view.columns, strict=False)
             force = force + sum(stop.force(x, v) * column for stop, x, v, column in pressing)
         self.z = self.scheme.initial(self.equation, history, force)
         # Positions at the node before: the mean rule takes the force between both ends of the step.
@@ -116,7 +96,7 @@ class _March:
 
     def _respond(self) -> None:
         """The responses of a step to a unit force on each row at each node, which superposition needs."""
-        S, R, equation = len(self.scheme.nodes), len(self.owners), self.equation
+        S, R, equation = len(self.scheme.nodes), len(self.stops), self.equation
         zero, none = np.zeros_like(self.z), self._unloaded()
         self.of_state = np.empty((S, R, *zero.shape))
         self.of_position = np.zeros((S, R, S, R))  # [node, row] of the force, [node, row] of the position
@@ -132,13 +112,11 @@ class _March:
                 if self.contact != "extrapolated":
                     self.of_position[s, c] = np.array([y[0] for y in stages]) @ self.contact_rows.T
                     velocities = np.array([equation.velocity(y) for y in stages])
-                    self.of_velocity[s, c] = self.way * velocities @ self.contact_rows.T
+                    self.of_velocity[s, c] = velocities @ self.contact_rows.T
         # A force that depends on velocity is unique only where these hold.
-        if self.rule in RATED:
+        if self.rule == BY_LAW:
             compliances = [np.array([x[s, :, s].T for s in range(S)]) for x in (self.of_position, self.of_velocity)]
             require_giving_way(self.scheme, *compliances)
-            if self.rule == AVERAGED:
-                require_averages(self.scheme, *compliances)
             if any(stop.jumps for stop in self.stops):
                 require_moved(self.scheme, np.array([self.of_position[s, :, s] for s in range(S)]))
 
@@ -152,10 +130,10 @@ class _March:
         # Loads and moving stops at the nodes of all these steps at once.
         times = (start + np.arange(count))[:, None] * self.dt + np.array(nodes) * self.dt
         loads = view.load(view.system, times)
-        shifts = np.zeros((2, count, len(nodes), len(self.owners)))
-        for c, offset in enumerate(self.offsets[: len(self.owners)]):
+        shifts = np.zeros((2, count, len(nodes), m))
+        for c, offset in enumerate(self.offsets[:m]):
             shifts[0, ..., c] = offset_values(offset, times)
-            if self.rule in RATED:
+            if self.rule == BY_LAW:
                 shifts[1, ..., c] = offset_rate(offset, times)
         path, node_forces, none = np.empty((count, *self.z.shape)), np.zeros((count, m)), self._unloaded()
         for k in range(count):
@@ -175,7 +153,8 @@ class _March:
         velocities = velocities + np.stack([offset_rate(o, ends) for o in self.offsets], axis=-1)
         return Piece(
             start,
-            *self._of_channels(positions, velocities),
+            positions,
+            velocities,
             lambda: view.states(np.moveaxis(y, 1, 0)),
             seconds,
             # Means over the steps, or forces at the last node where that is the end of the step.
@@ -188,44 +167,30 @@ class _March:
         of the step without contact forces, shifts (2, nodes, rows) those of the stops, and their rates."""
         x = np.array(predicted or [y[0] for y in stages]) @ self.contact_rows.T + shifts[0]
         v = np.zeros_like(x)
-        if self.rule in RATED:
+        if self.rule == BY_LAW:
             moved = np.array([self.equation.velocity(y) for y in stages]) @ self.contact_rows.T + shifts[1]
-            v = self.way * moved
+            v = moved
         forces = np.zeros(len(self.stops))
         for s in range(len(x)):
-            forces, on_rows = self._solved(s, x[s], v[s])
+            forces = self._solved(s, x[s], v[s])
             # An overflow makes the position NaN too, and is reported by the caller.
             if np.any(np.isnan(forces)) and not np.any(np.isnan(x[s])):
                 raise unsolved(self.scheme, float(times[s]))
             # A force moves its node and all later ones, and the state at the end.
             if np.any(forces):
-                x = x + np.tensordot(on_rows, self.of_position[s], 1)
-                if self.rule in RATED:
-                    v = v + np.tensordot(on_rows, self.of_velocity[s], 1)
-                self.z = self.z + np.tensordot(on_rows, self.of_state[s], 1)
+                x = x + np.tensordot(forces, self.of_position[s], 1)
+                if self.rule == BY_LAW:
+                    v = v + np.tensordot(forces, self.of_velocity[s], 1)
+                self.z = self.z + np.tensordot(forces, self.of_state[s], 1)
         self._before = x[-1].copy()
         return forces
 
-    def _solved(self, s: int, x: Array, v: Array) -> tuple[Array, Array]:
-        """Forces of the contacts and on their rows at node ``s``, where without them the rows move by x and v, (R,)."""
+    def _solved(self, s: int, x: Array, v: Array) -> Array:
+        """Forces (m,) of the contacts at node ``s``, where without them the contacts move by x and v, (m,)."""
         compliance = self.of_position[s, :, s].T
         if self.rule != LINEAR:
             r, S_r, S_v = (np.ascontiguousarray(part) for part in (x, compliance, self.of_velocity[s, :, s].T))
-            if self.holes:
-                return solve_turning(r, v, S_r, S_v, self.law, self.owners)
-            forces = solve_stage(r, v.copy(), S_r, S_v, self._before, self.rule, self.law)
-        elif len(self.stops) == 1:
-            forces = self.stops[0].solve(x, compliance[0, 0])
-        else:
-            forces = solve_several(x, compliance, self.stops)
-        return forces, forces
-
-    def _of_channels(self, x: Array, v: Array) -> tuple[Array, Array]:
-        """Positions and velocities of the channels (..., C) from those of the rows (..., R)."""
-        if not self.holes:
-            return x, v
-        u, rate = x[..., self.heads], v[..., self.heads]
-        for c in self.holes:
-            both = slice(self.heads[c], self.heads[c] + 2)
-            u[..., c], rate[..., c] = polar(x[..., both], v[..., both])
-        return u, rate
+            return solve_stage(r, v.copy(), S_r, S_v, self._before, self.rule, self.law)
+        if len(self.stops) == 1:
+            return self.stops[0].solve(x, compliance[0, 0])
+        return solve_several(x, compliance, self.stops)

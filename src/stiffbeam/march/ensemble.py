@@ -47,7 +47,7 @@ def integrate_ensemble(
         From ``perturbed_members``, ``varied_members`` or ``uncertain_members``, or systems that differ from
         ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
         own are set up one by one.
-    contact : {"implicit", "extrapolated", "conserving", "averaged"}
+    contact : {"implicit", "extrapolated", "conserving"}
         As in ``integrate``.
     every : int, optional
         Keep tip and tip velocity every so many steps. None keeps none; memory then grows with the impacts only.

@@ -120,10 +120,9 @@ class Plan:
             if engine != "numba":
                 raise InputError("engine", engine, "be numba for rigid stops", "leave engine out")
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, None, True)
-        turns = any(each.radial for each in parent.contacts)
-        coordinates = Together.of(system) if basis is None or turns else InModes(parent, basis)
-        # Single steps where the user asks for them, where forces turn, or where blocks with their set-up take longer.
-        if engine == DIRECT or turns or not pays(coordinates, scheme, steps):
+        coordinates = Together.of(system) if basis is None else InModes(parent, basis)
+        # Single steps where the user asks for them, or where blocks with their set-up take longer.
+        if engine == DIRECT or not pays(coordinates, scheme, steps):
             return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, DIRECT, None)
         stepper = Stepper.of(coordinates, scheme, dt, contact, engine)
         return cls(system, parent, scheme, dt, steps, t_end, contact, form, omega_max, engine, stepper)
@@ -346,13 +345,12 @@ def integrate(
         The time step, which must divide t_end.
     t_end : float
         End of the run, in the system's unit of time.
-    contact : {"implicit", "extrapolated", "conserving", "averaged"}
+    contact : {"implicit", "extrapolated", "conserving"}
         "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
         "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper; it can overflow,
         and takes no damped stops. "conserving": the mean force over the step that keeps the sum of kinetic, elastic and
         stop energy (see ``stage``), for schemes that conserve energy without contact; impulses are then
-        those of the mean forces. "averaged": the force averaged over a step around the node, for schemes with one force
-        in a step; derivatives of the run in parameters and initial data then have order 2, as the run itself.
+        those of the mean forces.
     every : int
         Keep every so many steps as output. Impacts, peaks and the energy ledger see every step.
     progress : callable, optional

@@ -22,8 +22,7 @@ class Coordinates:
     """x (N,) with q = q(x): y = (x, x') for an equation of second order, y = x for one of first order.
 
     They fall into ``parts`` that no linear step couples: N of them, or 1. rows: (C, N), channel c is at
-    rows[c] @ x + o_c(t). columns: (m, N), what a unit force of a contact adds to the right-hand side. A round hole has
-    two of both, one after the other, in ``Together`` only.
+    rows[c] @ x + o_c(t). columns: (m, N), what a unit force of a contact adds to the right-hand side.
     """
 
     system: System
@@ -131,14 +130,13 @@ class Together(Coordinates):
     def _terms(self) -> tuple[Equation, int, Array, Array]:
         given = self.given
         if isinstance(given, System):
-            rows = np.array([x for row, _ in given.channels for x in np.atleast_2d(row)])
-            columns = rows[: sum(len(c.rows) for c in given.contacts)]
+            rows = np.array([row for row, _ in given.channels])
+            columns = rows[: len(given.contacts)]
             equation: Equation = Matrices(given.mass, given.damping, given.stiffness)
         else:
             seen = [c.row for c in given.contacts] + ([] if given.observe is None else [given.observe])
-            rows = np.array([x for row in seen for x in np.atleast_2d(row)])
-            columns = np.array([x for c in given.contacts for x in np.atleast_2d(c.column)])
-            columns = columns.reshape(-1, len(given.y0))
+            rows = np.array(seen)
+            columns = np.array([c.column for c in given.contacts]).reshape(-1, len(given.y0))
             equation = FirstOrder(given.matrix)
         return equation, 1, rows, columns
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, aligned, padded
-from ..model.stage import AVERAGED, LINEAR, MEAN, RATED
+from ..model.stage import BY_LAW, LINEAR, MEAN
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
@@ -208,11 +208,11 @@ class Propagator:
 
     @property
     def compliances(self) -> tuple[Array, Array]:
-        """(nodes, m, m) each: how the forces at a node move its contacts and their velocities, see Block.way."""
+        """(nodes, m, m) each: how the forces at a node move its contacts and their velocities."""
         (nodes, m), rates = self.block.compliance.shape, self.block.rates
         S = self.block.compliance.reshape(-1, m, m).swapaxes(1, 2)
         of_rates = [self.block.push[np.ix_(here, rates[here])].T for here in np.arange(nodes).reshape(-1, m)]
-        return S, self.block.way * np.array(of_rates).reshape(S.shape)
+        return S, np.array(of_rates).reshape(S.shape)
 
     @property
     def harmonic(self) -> bool:
@@ -377,8 +377,7 @@ def build(
 ) -> Propagator:
     """Probe a step of ``scheme`` and arrange what ``steps`` of them do.
 
-    ``rule``: how a node finds its force, see Block; those of RATED have the velocities at the nodes among the
-    entries.
+    ``rule``: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries.
     ``reduced``: leave out the components of the state that only add to others, see ``probe.independent``.
     """
     # Loads and offsets that are no formula are sampled; the others are left to ``forcing``.
@@ -386,7 +385,7 @@ def build(
     samples = drive.split(coordinates.loads(system), coordinates.rows.shape[1])[1]
     offset_samples = drive.offsets(system)[1]
     vectors = np.array([vector for vector, _ in samples]) if samples else None
-    one = probe(scheme, coordinates, dt, contact == "extrapolated", rule in RATED, vectors, reduced)
+    one = probe(scheme, coordinates, dt, contact == "extrapolated", rule == BY_LAW, vectors, reduced)
     powers, entries = Powers(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape
@@ -437,7 +436,6 @@ def build(
         velocity_push=velocity_push,
         rates=entries.rates,
         rule=rule,
-        way=0.5 * dt if rule == AVERAGED else 1.0,
     )
     # The samples come load by load, then step by step.
     kind_by_kind = (0, 2, 1)

@@ -25,7 +25,7 @@ def compiled() -> bool:
 
 def any_law(system: System, contact: str) -> bool:
     """Return True where runs of the system take the kernel for any law, and not that for linear stops."""
-    return contact in ("conserving", "averaged") or not all_linear(system.contacts)
+    return contact == "conserving" or not all_linear(system.contacts)
 
 
 def warm_up(by_law: bool = False) -> None:
@@ -38,7 +38,7 @@ def warm_up(by_law: bool = False) -> None:
     row = np.zeros((1, LANES))
     none = np.zeros((0, 1, 1))
     kernel.run(
-        Block(row, row, row, row, index[0], index[0], none, none, index[0], 0, 1.0),
+        Block(row, row, row, row, index[0], index[0], none, none, index[0], 0),
         np.zeros((0, 1, LAW)), Forcing(0.0, z, none, np.zeros((0, 1, 1, 1))), Inflow(z, none),
         Marchers(z, z, z, np.zeros((0, 1, TALLY)), index[0]), Kept(row[0], none, none, none, none, z, z),
         row, 0, 0, 1.0, 1, np.zeros(3, np.int64), *((None, 1) if by_law else ()),

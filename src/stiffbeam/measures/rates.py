@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.text import table
 from ..basics.validation import InputError, instance, number, numbers, sequence
-from ..model.contact import channel_motion, polar
+from ..model.contact import channel_motion
 from ..model.scales import scales
 from ..piecewise.measures import NODES, WEIGHTS
 from ..trajectory.ensemble import record_from
@@ -192,9 +192,8 @@ def contact_rates(
     since : float
         Time after which the motion counts as stationary.
     tangents : sequence of (n,) arrays, optional
-        For each contact the row of its sliding velocity, tangent . q', or None; of a hole its two rows, turned by a
-        right angle: (-y, x). For a rotation of the section the row of the slope times the radius. Without it the
-        sliding work is NaN.
+        For each contact the row of its sliding velocity, tangent . q', or None. For a rotation of the section the
+        row of the slope times the radius. Without it the sliding work is NaN.
 
     Returns
     -------
@@ -320,15 +319,10 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
         raise InputError("tangents", len(given), rule, remedy)
     rows = [None if row is None else numbers("tangents", row) for row in given]
     size = run.states[1].shape[1]
-    for i, row in enumerate(rows):
-        shape = (size,) if run.system is None else run.system.contacts[i].row.shape
-        if row is not None and row.shape != shape:
+    for row in rows:
+        if row is not None and row.shape != (size,):
             remedy = "one for each unknown of the system; of a reduced model pass row @ model.basis"
             raise InputError("tangents", row.shape, f"be rows of {size} numbers", remedy)
-        # Rows of x and y themselves would give the normal work a second time.
-        if row is not None and row.ndim == 2 and run.system and np.array_equal(row, run.system.contacts[i].row):
-            rule = "be the rows of a hole turned by a right angle"
-            raise InputError("tangents", f"the rows of contact {i} themselves", rule, "give [-row[1], row[0]]")
     return rows
 
 
@@ -381,7 +375,7 @@ def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tupl
     elif every > 1 and run.pieces is not None and run.system is not None:
         return "every step", None
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
-    sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run, i, *run.states, tangent)
+    sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run.states[1], tangent)
     return source, (run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)
 
 
@@ -399,16 +393,12 @@ def _steps(run: Trajectory, contacts: Sequence[int], tangents: Sequence[Array | 
             u, v = channel_motion(*run.system.channels[i], t, q, rate)
             # A force that jumps is that of the node, others follow from the state.
             force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-            yield i, (t, _trapezoidal(t), force, v, _sliding(run, i, q, rate, tangents[i]))
+            yield i, (t, _trapezoidal(t), force, v, _sliding(rate, tangents[i]))
 
 
-def _sliding(run: Trajectory, i: int, q: Array, v: Array, tangent: Array | None) -> Array:
-    """Velocity along the tangent, of a hole along that at r; NaN without tangent."""
-    if tangent is None:
-        return np.full(len(q), np.nan)
-    if tangent.ndim == 1 or run.system is None:
-        return v @ tangent
-    return polar(q @ run.system.contacts[i].row.T, v @ tangent.T)[1]
+def _sliding(v: Array, tangent: Array | None) -> Array:
+    """Velocity along the tangent, NaN without tangent."""
+    return np.full(len(v), np.nan) if tangent is None else v @ tangent
 
 
 def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
@@ -427,7 +417,7 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         rows = [law.force(u, v), v]
         if tangent is not None:
             assert run.state_at is not None
-            rows.append(_sliding(run, i, *run.state_at(t.ravel()), tangent))
+            rows.append(_sliding(run.state_at(t.ravel())[1], tangent))
         return np.reshape(rows, (-1, *t.shape))
 
     # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there. A few rounds of many parts each: an

@@ -333,7 +333,7 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
     if in_numpy:
         lines += [
             f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
-            "Systems whose modes do not decouple, and round holes, run without compiled code.",
+            "Systems whose modes do not decouple run without compiled code.",
         ]
     return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
 

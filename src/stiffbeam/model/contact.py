@@ -344,23 +344,19 @@ NUMBERS = {
 class Contact:
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
 
-    Two rows make a round hole: r = row @ q is a vector, u = |r| the position, and the force row^T (F(u, u') r/|r|)
-    turns with it. Schemes and adaptive references take a hole.
-
     Parameters
     ----------
-    row : array (n,) or (2, n)
-        Which combination of the unknowns meets the stops; of a hole the two displacements at right angles.
+    row : array (n,)
+        Which combination of the unknowns meets the stops.
     stops : Stops
-        Their gaps and their law; of a hole ``upper`` alone, the radial clearance, and a finite stiffness.
+        Their gaps and their law.
     offset : time function, optional
         Moves the contact point against the stops, as a moving support does in absolute coordinates.
 
     Raises
     ------
     InputError
-        For a row that is zero or not finite, for an offset that is no time function, and for a hole that moves, is
-        rigid or has no clearance.
+        For a row that is zero or not finite, and for an offset that is no time function.
 
     Examples
     --------
@@ -376,9 +372,8 @@ class Contact:
 
     def __repr__(self) -> str:
         moved = "" if self.offset is None else f", offset {self.offset!r}"
-        hole = "Hole" if self.radial else "Contact"
-        used = np.count_nonzero(np.any(self.rows, axis=0))
-        return f"<{hole} on {used} of {self.row.shape[-1]} unknowns: {self.stops!r}{moved}>"
+        used = np.count_nonzero(self.row)
+        return f"<Contact on {used} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
 
     def __post_init__(self) -> None:
         itself("contact", self, Contact)
@@ -387,9 +382,9 @@ class Contact:
             given
             # A row that is read-only stays the same object: results that are stored by identity still hold.
             if is_read_only(given)
-            else read_only(_row(numbers("contact.row", given, "be finite and not all zero")))
+            else read_only(numbers("contact.row", given, "be finite and not all zero").ravel())
         )
-        if (row.ndim != 1 and len(row) != 2) or not np.all(np.isfinite(row)) or not np.any(row):
+        if row.ndim != 1 or not np.all(np.isfinite(row)) or not np.any(row):
             raise InputError("contact.row", given, "be finite and not all zero", "for example [0, 0, 1]")
         object.__setattr__(self, "row", row)
         itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
@@ -403,68 +398,25 @@ class Contact:
             if self.stops.dissipative and not isinstance(self.offset, TimeFunction):
                 rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
                 raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
-        if self.radial:
-            self.stops.require_compliant("a round hole")
-            if self.stops.lower is not None or not self.stops.upper_bound > 0.0:
-                remedy = "give the radial clearance as upper alone"
-                raise InputError("contact.stops", self.stops, "have upper > 0 and no lower in a round hole", remedy)
-            if self.offset is not None:
-                raise InputError("contact.offset", self.offset, "be None in a round hole", "move the load instead")
-
-    @property
-    def radial(self) -> bool:
-        """True for a round hole, which has two rows."""
-        return self.row.ndim == 2
 
     @property
     def width(self) -> float:
-        """Distance between both stops, of a hole its diameter; inf where a side is free."""
-        return self.stops.upper_bound + (self.stops.upper_bound if self.radial else -self.stops.lower_bound)
-
-    @property
-    def rows(self) -> Array:
-        """The row or rows, (1, n) or (2, n)."""
-        return np.atleast_2d(self.row)
+        """Distance between both stops; inf where a side is free."""
+        return self.stops.upper_bound - self.stops.lower_bound
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         freeze(self, "row")
 
 
-def _row(given: Array) -> Array:
-    """Two rows as they are, any other array as one row."""
-    return given if given.ndim == 2 and len(given) == 2 and given.shape[1] > 1 else given.ravel()
-
-
 def channel_position(row: Array, offset: LoadFunction | None, t: ArrayLike, q: Array) -> Array:
-    """Position of a channel at times t for q (..., n): row q + o(t), of two rows |row q|."""
-    r = q @ row.T
-    return r + offset_values(offset, t) if row.ndim == 1 else np.hypot(r[..., 0], r[..., 1])
+    """Position of a channel at times t for q (..., n): row q + o(t)."""
+    return q @ row + offset_values(offset, t)
 
 
 def channel_motion(row: Array, offset: LoadFunction | None, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
-    """Position and velocity of a channel, see ``channel_position``; the velocity is zero in the centre of a hole."""
-    if row.ndim == 1:
-        return channel_position(row, offset, t, q), v @ row + offset_rate(offset, t)
-    return polar(q @ row.T, v @ row.T)
-
-
-def polar(r: Array, rate: Array) -> tuple[Array, Array]:
-    """|r| and its rate for r, r' (..., 2)."""
-    u = np.hypot(r[..., 0], r[..., 1])
-    return u, np.sum(r * rate, axis=-1) / np.where(u > 0.0, u, 1.0)
-
-
-def most(form: Array | float) -> float:
-    """Largest value of a quadratic form A over the directions of a contact: A itself, of a hole the eigenvalue."""
-    return float(form) if np.ndim(form) == 0 else float(np.linalg.eigvalsh(form)[-1])
-
-
-def require_one_row(contacts: Sequence[Contact], for_what: str, remedy: str = "") -> None:
-    """Raise InputError for a round hole; remedy: before that of a polygon."""
-    if any(contact.radial for contact in contacts):
-        remedy += "take a polygon: sb.two_planes(..., sides=12)"
-        raise InputError("contact.row", "the two rows of a round hole", f"be one row for {for_what}", remedy)
+    """Position and velocity of a channel."""
+    return channel_position(row, offset, t, q), v @ row + offset_rate(offset, t)
 
 
 def laws(contacts: Sequence[Contact]) -> Array:
@@ -473,8 +425,8 @@ def laws(contacts: Sequence[Contact]) -> Array:
 
 
 def linear(contacts: Sequence[Contact]) -> bool:
-    """True if every stop has the linear law on one row."""
-    return all(contact.stops.linear and not contact.radial for contact in contacts)
+    """True if every stop has the linear law."""
+    return all(contact.stops.linear for contact in contacts)
 
 
 # ---------------------------------------------------------------- restitution: rebound speed over approach speed

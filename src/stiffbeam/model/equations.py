@@ -23,7 +23,7 @@ import scipy.sparse
 
 from ..basics.arrays import MOST, Array, Recent, content, freeze, same
 from ..basics.validation import InputError
-from .contact import Contact, polar
+from .contact import Contact
 from .time_functions import LoadFunction, evaluate, offset_rate, offset_values
 
 if TYPE_CHECKING:
@@ -364,7 +364,7 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FirstOrderContact:
-    """The contact of a first-order system: the force column * F(row @ y + offset(t)), of a hole two of both."""
+    """The contact of a first-order system: the force column * F(row @ y + offset(t))."""
 
     row: Array
     column: Array
@@ -447,19 +447,16 @@ class FirstOrderSystem:
             rate = rate + vector * evaluate(function, t)
         for c in self.contacts:
             force = c.contact.stops.force(*self.contact_motion(c, t, y))
-            rate = rate + along(c, y, c.column) * force
+            rate = rate + c.column * force
         return rate
 
     def velocity_row(self, contact: FirstOrderContact) -> Array:
-        """(m,) or (2, m): the velocity of a contact point is velocity_row @ y + o'(t)."""
-        return (self.to_v.T @ contact.contact.row.T).T
+        """(m,): the velocity of a contact point is velocity_row @ y + o'(t)."""
+        return self.to_v.T @ contact.contact.row
 
     def contact_motion(self, contact: FirstOrderContact, t: float, y: Array) -> tuple[float, float]:
-        """Position and velocity of a contact point against its stops; of a hole |r| and its rate."""
+        """Position and velocity of a contact point against its stops."""
         offset = contact.contact.offset
-        if contact.contact.radial:
-            u, rate = polar(contact.row @ y, self.velocity_row(contact) @ y)
-            return float(u), float(rate)
         position = contact.row @ y + offset_values(offset, t)
         return float(position), float(self.velocity_row(contact) @ y + offset_rate(offset, t))
 
@@ -469,17 +466,10 @@ class FirstOrderSystem:
         for c in self.contacts:
             u, rate = self.contact_motion(c, t, y)
             slope, to_rate = c.contact.stops.tangent(u, rate)
-            column, row, velocity_row = (along(c, y, x) for x in (c.column, c.row, self.velocity_row(c)))
-            jacobian -= slope * np.outer(column, row)
+            jacobian -= slope * np.outer(c.column, c.row)
             # Zero without damping: its outer product is left out.
             if to_rate:
-                jacobian -= to_rate * np.outer(column, velocity_row)
-            if c.contact.radial and u:
-                # The direction turns by t dr/|r|, t at right angles to it, and d' by the velocity along t.
-                across = [along(c, y, x, turned=True) for x in (c.column, c.row, self.velocity_row(c))]
-                force = float(c.contact.stops.force(u, rate))
-                turn = force * across[0] - to_rate * float(across[2] @ y) * column
-                jacobian += np.outer(turn, across[1]) / u
+                jacobian -= to_rate * np.outer(c.column, self.velocity_row(c))
         return jacobian
 
     @cached_property
@@ -487,26 +477,12 @@ class FirstOrderSystem:
         """(lower, upper) bandwidth of the Jacobian."""
         pattern = self.matrix != 0.0
         for c in self.contacts:
-            column, row, velocity_row = (np.any(np.atleast_2d(x), 0) for x in (c.column, c.row, self.velocity_row(c)))
-            pattern = pattern | np.outer(column, row)
+            column = c.column != 0.0
+            pattern = pattern | np.outer(column, c.row != 0.0)
             if c.contact.stops.dissipative:
-                pattern = pattern | np.outer(column, velocity_row)
+                pattern = pattern | np.outer(column, self.velocity_row(c) != 0.0)
         i, j = np.nonzero(pattern)
         return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
-
-
-def along(contact: FirstOrderContact, y: Array, rows: Array, turned: bool = False) -> Array:
-    """``rows`` of a contact along its force: as they are, of a hole in the direction of r or, turned, across it."""
-    if not contact.contact.radial:
-        return rows
-    x, y_ = contact.row @ y
-    size = np.hypot(x, y_) or 1.0
-    return (np.array([-y_, x]) if turned else np.array([x, y_])) / size @ rows
-
-
-def of_rows(function: Callable[[Array], Array], rows: Array) -> Array:
-    """The function of a row, or of each of two rows."""
-    return function(rows) if rows.ndim == 1 else np.array([function(row) for row in rows])
 
 
 def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:
@@ -538,10 +514,7 @@ def interleaved(system: System, inverse: Callable[[Array], Array] | None = None)
     return FirstOrderSystem(
         matrix=matrix,
         loads=tuple((column(p), f) for p, f in system.loads),
-        contacts=tuple(
-            FirstOrderContact(row=of_rows(row, c.row), column=of_rows(column, c.row), contact=c)
-            for c in system.contacts
-        ),
+        contacts=tuple(FirstOrderContact(row=row(c.row), column=column(c.row), contact=c) for c in system.contacts),
         observe=None if system.observe is None else row(system.observe),
         y0=y0,
         to_q=to_q,

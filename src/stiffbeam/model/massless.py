@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, one_of, sequence
-from .contact import Contact, require_one_row
+from .contact import Contact
 from .time_functions import Constant, Harmonic, LoadFunction, combined, parts, parts_of, require_closed_form
 
 if TYPE_CHECKING:
@@ -84,7 +84,6 @@ def massless_contacts(
     # Which unknowns lose their mass, and whether stops, loads and ``observe`` allow it.
     if not system.contacts:
         raise InputError("system", "no contact", "have contacts for massless ones", "give the problem stops")
-    require_one_row(system.contacts, "massless contacts")
     rows = np.array([contact.row for contact in system.contacts])
     massless = _nodes(system, rows, nodes)
     inner = [i for i in range(system.size) if i not in massless]

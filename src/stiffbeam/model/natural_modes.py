@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, number
 from . import modes as decoupled
-from .contact import laws, require_one_row
+from .contact import laws
 from .stage import BY_LAW, solve_stage
 from .system import System, require_system
 from .time_functions import Constant, LoadFunction, evaluate, offset_values
@@ -187,7 +187,6 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     if t is None:
         for function in system.time_functions:
             _constant(function)
-    require_one_row(system.contacts, "the static equilibrium")
     at = 0.0 if t is None else number("t", t)
     load = sum((p * evaluate(f, at) for p, f in system.loads), np.zeros(system.size))
     try:

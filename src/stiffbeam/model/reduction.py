@@ -184,7 +184,7 @@ def reduce_model(
             )
     for contact in sequence("contacts", contacts, "be contacts"):
         instance("contacts", contact, Contact, "for example [Contact(row, Stops(upper=0.1, stiffness=1e4))]")
-    forces = [numbers("loads", p) for p, _ in loads] + [row for contact in contacts for row in contact.rows]
+    forces = [numbers("loads", p) for p, _ in loads] + [contact.row for contact in contacts]
     forces += [] if observe is None else [numbers("observe", observe)]
     for p in forces:
         if p.shape != (n,):

@@ -78,15 +78,7 @@ class RightHandSide:
 
         # Rows of the viscous power, and of the velocity and acceleration of every contact.
         damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, 0))
-        seconds = np.full(m, -1, np.int64)
-        holes = [i for i, c in enumerate(contacts) if c.contact.radial]
-        seconds[holes] = np.arange(m, m + len(holes))
-
-        def stacked(rows: list[Array]) -> Array:
-            # One row of every contact, then the second rows of the holes.
-            return np.array([x if x.ndim == 1 else x[0] for x in rows] + [rows[i][1] for i in holes]).reshape(-1, n)
-
-        velocity_rows = stacked([first_order.velocity_row(c) for c in contacts])
+        velocity_rows = np.array([first_order.velocity_row(c) for c in contacts]).reshape(m, n)
         acceleration_rows = velocity_rows
         inertia = np.zeros((0, 0))
         # With E on the left the kernel has E y': the rows take E^-1 along.
@@ -106,11 +98,10 @@ class RightHandSide:
             records=drive.table.reshape(len(drive.edges), len(drive.records) * drive.order),
             loads=loads,
             power=power,
-            pushes=stacked([c.column for c in contacts]),
-            position_rows=stacked([c.row for c in contacts]),
+            pushes=np.array([c.column for c in contacts]).reshape(m, n),
+            position_rows=np.array([c.row for c in contacts]).reshape(m, n),
             velocity_rows=velocity_rows,
             acceleration_rows=acceleration_rows,
-            seconds=seconds,
             offsets=offsets,
             law=laws(system.contacts),
             lengths=self.lengths,
@@ -323,11 +314,9 @@ class Numbers(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Constants of a compiled program beside the shapes: the exponent of every contact, the index of its second row or
-    -1, and whether stops damp."""
+    """Constants of a compiled program beside the shapes: the exponent of every contact, and whether stops damp."""
 
     exponents: tuple[float, ...]
-    seconds: tuple[int, ...]
     damped: bool
 
 
@@ -342,28 +331,27 @@ def numbers_of(rhs: RightHandSide) -> tuple[Kind, Numbers]:
     e, first_order = rhs.equations, rhs.first_order
     system = first_order.system
     n, m, d = rhs.states, len(e.law), len(e.loads)
-    # Columns: the state, the functions of time, their rates. The second row of a hole has no offset.
-    offsets = np.zeros((len(e.position_rows), d))
-    offsets[:m] = e.offsets.T
-    linear = np.zeros((n + 2 * len(offsets) + m + d, n + 2 * d))
-    rate, position, velocity, offset_rate, power = _parts(linear, n, len(offsets), m)
+    # Columns: the state, the functions of time, their rates.
+    offsets = e.offsets.T
+    linear = np.zeros((n + 3 * m + d, n + 2 * d))
+    rate, position, velocity, offset_rate, power = _parts(linear, n, m)
     rate[:, :n], rate[:, n : n + d] = first_order.matrix, e.loads.T
     position[:, :n], position[:, n : n + d] = e.position_rows, offsets
     velocity[:, :n], velocity[:, n + d :] = e.velocity_rows, offsets
-    offset_rate[:, n + d :] = offsets[:m]
+    offset_rate[:, n + d :] = offsets
     power[:, :n] = e.power
     damping = first_order.to_v.T @ system.damping @ first_order.to_v if system.damped else np.zeros((0, n))
     records = d - 1 - 2 * len(e.frequencies)
     table = e.records.reshape(len(e.edges), records, -1) if records else np.zeros((0, 0, 0))
-    kind = Kind(tuple(float(p) for p in e.law[:, 3]), tuple(e.seconds.tolist()), rhs.damped)
+    kind = Kind(tuple(float(p) for p in e.law[:, 3]), rhs.damped)
     return kind, Numbers(
         linear, damping, e.frequencies, e.edges, table, e.pushes, e.law, rhs.regime.copy(), np.array(rhs.window)
     )
 
 
-def _parts(rows: Any, n: int, width: int, m: int) -> tuple[Any, Any, Any, Any, Any]:
-    """Split rows into those of ``Linear``, of n states and m contacts with ``width`` rows."""
-    ends = n, n + width, n + 2 * width, n + 2 * width + m
+def _parts(rows: Any, n: int, m: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Split rows into those of ``Linear``, of n states and m contacts."""
+    ends = n, n + m, n + 2 * m, n + 3 * m
     return rows[: ends[0]], rows[ends[0] : ends[1]], rows[ends[1] : ends[2]], rows[ends[2] : ends[3]], rows[ends[3] :]
 
 
@@ -393,9 +381,9 @@ class Linear(NamedTuple):
     """Rows of the right-hand side that are linear in the state, the functions of time and their rates."""
 
     rate: Any  # (n,), of the state without contact forces
-    positions: Any  # of the contacts, then of the second rows of holes
+    positions: Any  # (m,), of the contacts
     velocities: Any
-    offset_rates: Any  # (m,)
+    offset_rates: Any
     power: Any  # of the loads, in the functions of time too
 
 
@@ -405,26 +393,16 @@ def linear_part(t: Any, y: Any, numbers: Numbers) -> Linear:
 
     g, g_rate = functions_of_time(t, numbers)
     rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
-    parts = Linear(*_parts(rows, len(y), len(numbers.pushes), len(numbers.law)))
+    parts = Linear(*_parts(rows, len(y), len(numbers.law)))
     return parts._replace(power=g @ parts.power)
 
 
-def contact_forces(kind: Kind, linear: Linear, numbers: Numbers) -> tuple[list[Any], list[Any], list[Any]]:
-    """Forces of the contacts, their velocities, and what a unit force adds to y'."""
+def contact_forces(kind: Kind, linear: Linear, numbers: Numbers) -> list[Any]:
+    """Forces of the contacts."""
     import jax.numpy as jnp
 
-    m = len(kind.exponents)
-    positions, velocities, forces, pushes = (
-        list(linear.positions[:m]), list(linear.velocities[:m]), [], list(numbers.pushes[:m])
-    )  # fmt: skip
+    forces = []
     for c, p in enumerate(kind.exponents):
-        if (second := kind.seconds[c]) >= 0:  # a hole: polar coordinates, with finite derivatives in the centre
-            r = jnp.stack([positions[c], linear.positions[second]])
-            moving = r @ r > 0.0
-            size = jnp.sqrt(jnp.where(moving, r @ r, 1.0))
-            rates = jnp.stack([velocities[c], linear.velocities[second]])
-            positions[c], velocities[c] = jnp.where(moving, size, 0.0), r @ rates / size
-            pushes[c] = r / size @ jnp.stack([pushes[c], numbers.pushes[second]])
         stop: Any = Law(*numbers.law[c])._replace(p=p)  # the exponent is a constant of the program
         force: Any = 0.0
         # The regime is data, not structure: one compiled program computes both sides and selects.
@@ -432,20 +410,20 @@ def contact_forces(kind: Kind, linear: Linear, numbers: Numbers) -> tuple[list[A
             bound = stop.g2 if side > 0 else stop.g1
             # A side without a stop counts as open, its infinite bound outside the arithmetic.
             there = jnp.isfinite(bound)
-            depth = jnp.where(there, side * (positions[c] - jnp.where(there, bound, 0.0)), -1.0)
-            rate = side * velocities[c]
+            depth = jnp.where(there, side * (linear.positions[c] - jnp.where(there, bound, 0.0)), -1.0)
+            rate = side * linear.velocities[c]
             by_law = jnp.where(depth > 0.0, jnp.maximum(0.0, pressure(depth, rate, stop)), 0.0)
             closed = jnp.where(numbers.regime[c] == side, pressure(depth, rate, stop), 0.0)
             force = force - side * jnp.where(numbers.regime[c] == THROUGH, by_law, closed)
         forces.append(force)
-    return forces, velocities, pushes
+    return forces
 
 
 def rate_of_state(kind: Kind, t: Any, y: Any, numbers: Numbers) -> Any:
     """y' (n,)."""
     linear = linear_part(t, y, numbers)
-    forces, _, pushes = contact_forces(kind, linear, numbers)
-    return linear.rate + sum(push * force for push, force in zip(pushes, forces, strict=True))
+    forces = contact_forces(kind, linear, numbers)
+    return linear.rate + sum(push * force for push, force in zip(numbers.pushes, forces, strict=True))
 
 
 def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
@@ -454,12 +432,12 @@ def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
 
     y = z[: numbers.pushes.shape[1]]
     linear = linear_part(t, y, numbers)
-    forces, velocities, pushes = contact_forces(kind, linear, numbers)
+    forces = contact_forces(kind, linear, numbers)
     rate, given, absorbed = linear.rate, linear.power, 0.0
     for c, force in enumerate(forces):
-        rate = rate + pushes[c] * force
+        rate = rate + numbers.pushes[c] * force
         given = given - force * linear.offset_rates[c]
-        absorbed = absorbed - jnp.where(damps(Law(*numbers.law[c])), force * velocities[c], 0.0)
+        absorbed = absorbed - jnp.where(damps(Law(*numbers.law[c])), force * linear.velocities[c], 0.0)
     viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
     integrals = [given, viscous, *(-force for force in forces), *([absorbed] if kind.damped else [])]
     return jnp.concatenate([rate, jnp.stack(integrals)])

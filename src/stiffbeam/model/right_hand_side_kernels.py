@@ -25,9 +25,8 @@ THROUGH = 2  # regime of a contact that follows its law on both sides of its eve
 class Equations(NamedTuple):
     """The numbers of E y' = A y + loads + contact forces.
 
-    n unknowns, m contacts, h of them round holes, d + R functions of time: 1, sin w_1 t, cos w_1 t, ..., then R
-    records, polynomials of P coefficients between ``edges``. A, the damping and E are sparse rows; E is empty where it
-    is the identity. The second rows of the holes stand behind the first rows of all contacts.
+    n unknowns, m contacts, d + R functions of time: 1, sin w_1 t, cos w_1 t, ..., then R records, polynomials of P
+    coefficients between ``edges``. A, the damping and E are sparse rows; E is empty where it is the identity.
     """
 
     row_starts: IntArray
@@ -44,11 +43,10 @@ class Equations(NamedTuple):
     records: Array  # (edges, R P)
     loads: Array  # (d + R, n)
     power: Array  # (d + R, n), of the loads on the velocities
-    pushes: Array  # (m + h, n), what a unit force of a contact adds to E y'
-    position_rows: Array  # (m + h, n)
-    velocity_rows: Array  # (m + h, n)
-    acceleration_rows: Array  # (m + h, n), of E y'
-    seconds: IntArray  # (m,), index of the second row of each hole, -1 of other contacts
+    pushes: Array  # (m, n), what a unit force of a contact adds to E y'
+    position_rows: Array  # (m, n)
+    velocity_rows: Array  # (m, n)
+    acceleration_rows: Array  # (m, n), of E y'
     offsets: Array  # (d + R, m)
     law: Array  # (m, 6)
     lengths: Array  # (m,), of the contacts' motion
@@ -61,7 +59,7 @@ class Equations(NamedTuple):
 (
     ROW_STARTS, COLUMNS, ENTRIES, DAMPING_ROW_STARTS, DAMPING_COLUMNS, DAMPING_ENTRIES, MASS_ROW_STARTS, MASS_COLUMNS,
     MASS_ENTRIES, FREQUENCIES, EDGES, RECORDS, LOADS, POWER, PUSHES, POSITION_ROWS, VELOCITY_ROWS, ACCELERATION_ROWS,
-    SECONDS, OFFSETS, LAW, LENGTHS, REGIME, SHIFTS, LEVELS, WINDOW,
+    OFFSETS, LAW, LENGTHS, REGIME, SHIFTS, LEVELS, WINDOW,
 ) = range(len(Equations._fields))  # fmt: skip
 INTEGERS = {name for name, kind in Equations.__annotations__.items() if "IntArray" in str(kind)}
 MATRICES = (
@@ -186,11 +184,8 @@ def _add_product(matrix: int, sign: float, x: Array, out: Array, block: IntArray
 
 
 @compiled
-def _motion(
-    c: int, z: Array, g: Array, g_rate: Array, block: IntArray
-) -> tuple[float, float, float, float, float, float]:
-    """Return position and velocity of contact c relative to its stop, the offset's part of the velocity, and for a hole
-    the direction of r and its angular velocity: (1, 0) and 0 for other contacts."""
+def _motion(c: int, z: Array, g: Array, g_rate: Array, block: IntArray) -> tuple[float, float, float]:
+    """Return position and velocity of contact c relative to its stop, and the offset's part of the velocity."""
     offsets, shifts = _matrix(block, OFFSETS), _matrix(block, SHIFTS)
     rows, velocity_rows = _matrix(block, POSITION_ROWS), _matrix(block, VELOCITY_ROWS)
     # The offset, from Python where it is not compiled, then its harmonics and records.
@@ -203,19 +198,7 @@ def _motion(
     for i in range(rows.shape[1]):
         u += rows[c, i] * z[i]
         v += velocity_rows[c, i] * z[i]
-    second = _indices(block, SECONDS)[c]
-    if second < 0:
-        return u, v, rate, 1.0, 0.0, 0.0
-    # A hole: polar coordinates, zero in the centre.
-    y, y_rate = 0.0, 0.0
-    for i in range(rows.shape[1]):
-        y += rows[second, i] * z[i]
-        y_rate += velocity_rows[second, i] * z[i]
-    size = np.hypot(u, y)
-    if size == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    a, b = u / size, y / size
-    return size, a * v + b * y_rate, 0.0, a, b, (a * y_rate - b * v) / size
+    return u, v, rate
 
 
 @compiled
@@ -231,7 +214,7 @@ def right_hand_side(t: float, z: Array, out: Array, block: IntArray) -> None:
     loads, power, pushes, law = (
         _matrix(block, LOADS), _matrix(block, POWER), _matrix(block, PUSHES), _matrix(block, LAW),
     )  # fmt: skip
-    n, m, seconds = loads.shape[1], law.shape[0], _indices(block, SECONDS)
+    n, m = loads.shape[1], law.shape[0]
     g, g_rate = functions_of_time(t, 0, block), functions_of_time(t, 1, block)
     taken, absorbed = 0.0, 0.0
     out[:] = 0.0
@@ -254,14 +237,12 @@ def right_hand_side(t: float, z: Array, out: Array, block: IntArray) -> None:
     # Contacts: force, power of moving stops, impulse, and what damped stops take.
     for c in range(m):
         stop = law_of(law, c)
-        u, v, rate, a, b, _ = _motion(c, z, g, g_rate, block)
+        u, v, rate = _motion(c, z, g, g_rate, block)
         chi, push = _side(c, u, v, stop, block), 0.0
         if chi != 0:
             force = side_force(u, v, chi, stop)
             for i in range(n):
-                out[i] += pushes[c, i] * (a * force)
-            for i in range(n if seconds[c] >= 0 else 0):
-                out[i] += pushes[seconds[c], i] * (b * force)
+                out[i] += pushes[c, i] * force
             given -= force * rate
             push = -force
             if damps(stop):
@@ -291,7 +272,7 @@ def jacobian(t: float, z: Array, cj: float, sign: float, J: Array, first: int, s
     """
     pushes, law = _matrix(block, PUSHES), _matrix(block, LAW)
     rows, velocity_rows = _matrix(block, POSITION_ROWS), _matrix(block, VELOCITY_ROWS)
-    n, seconds = pushes.shape[1], _indices(block, SECONDS)
+    n = pushes.shape[1]
     # E and A, by their nonzero entries.
     J[:] = 0.0
     for matrix, factor in ((MASS_ROW_STARTS, cj), (ROW_STARTS, sign)):
@@ -303,27 +284,17 @@ def jacobian(t: float, z: Array, cj: float, sign: float, J: Array, first: int, s
     g, g_rate = functions_of_time(t, 0, block), functions_of_time(t, 1, block)
     for c in range(law.shape[0]):
         stop = law_of(law, c)
-        u, v, _, a, b, spin = _motion(c, z, g, g_rate, block)
+        u, v, _ = _motion(c, z, g, g_rate, block)
         chi = _side(c, u, v, stop, block)
         slope, to_rate = side_slopes(u, v, chi, stop)
         if slope == 0.0 and to_rate == 0.0:
             continue
-        # The force of a hole acts along (a, b). A displacement along (-b, a) turns it and changes the rate by ``spin``.
-        turn = -side_force(u, v, chi, stop) / u if seconds[c] >= 0 else 0.0
-        for k in range(2 if seconds[c] >= 0 else 1):
-            for e in range(2 if seconds[c] >= 0 else 1):
-                push, row = (seconds[c] if k else c), (seconds[c] if e else c)
-                # Components of the force by k, of position and velocity by e.
-                force, force_across = (b, a) if k else (a, -b)
-                to_u, across = (b, a) if e else (a, -b)
-                of_depth = force * (slope * to_u + to_rate * spin * across) + force_across * turn * across
-                of_rate = force * to_rate * to_u
-                for i in range(n):
-                    for j in range(n):
-                        weight = pushes[push, i] * (of_depth * rows[row, j] + of_rate * velocity_rows[row, j])
-                        # Outside a band J has no place for a zero.
-                        if weight != 0.0:
-                            J[first + i + j * stride] -= sign * weight
+        for i in range(n):
+            for j in range(n):
+                weight = pushes[c, i] * (slope * rows[c, j] + to_rate * velocity_rows[c, j])
+                # Outside a band J has no place for a zero.
+                if weight != 0.0:
+                    J[first + i + j * stride] -= sign * weight
 
 
 @compiled
@@ -343,9 +314,9 @@ def event_functions(t: float, z: Array, out: Array, block: IntArray) -> None:
     k = 0
     for c in range(law.shape[0]):
         stop = law_of(law, c)
-        u, v, _, a, b, spin = _motion(c, z, g, g_rate, block)
+        u, v, _ = _motion(c, z, g, g_rate, block)
         # The acceleration takes another right-hand side: only a damped stop needs it.
-        acceleration = _acceleration(c, t, z, a, b, block) + u * spin * spin if damps(stop) else 0.0
+        acceleration = _acceleration(c, t, z, block) if damps(stop) else 0.0
         for side in (1.0, -1.0):
             if not np.isfinite(stop.g2 if side > 0.0 else stop.g1):
                 continue
@@ -371,8 +342,8 @@ def event_functions_at(t: Array, z: Array, out: Array, block: IntArray) -> None:
 
 
 @compiled
-def _acceleration(c: int, t: float, z: Array, a: float, b: float, block: IntArray) -> float:
-    """Return the acceleration of contact c relative to its stop, of a hole in the direction (a, b)."""
+def _acceleration(c: int, t: float, z: Array, block: IntArray) -> float:
+    """Return the acceleration of contact c relative to its stop."""
     offsets, rows = _matrix(block, OFFSETS), _matrix(block, ACCELERATION_ROWS)
     forces, g = np.empty(z.size), functions_of_time(t, 2, block)
     # From the forces of the regime, as the right-hand side has them.
@@ -380,7 +351,6 @@ def _acceleration(c: int, t: float, z: Array, a: float, b: float, block: IntArra
     total = _matrix(block, SHIFTS)[2, c]
     for k in range(g.size):
         total += offsets[k, c] * g[k]
-    second = _indices(block, SECONDS)[c]
     for i in range(rows.shape[1]):
-        total += (rows[c, i] if second < 0 else a * rows[c, i] + b * rows[second, i]) * forces[i]
+        total += rows[c, i] * forces[i]
     return total

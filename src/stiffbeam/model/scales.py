@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..basics.arrays import Array
-from .contact import Contact, most
+from .contact import Contact
 from .contact_law import stored
 from .modes import undamped_modes
 from .sampled import Sampled
@@ -72,7 +72,7 @@ def scales(system: System, t_end: float = np.inf, speed: float | None = None) ->
         others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
         least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
         for contact in (x for x in system.contacts if np.isfinite(x.width)):
-            across = 2.0 * largest * np.max([np.abs(basis.force(row)) for row in contact.rows], axis=0) / contact.width
+            across = 2.0 * largest * np.abs(basis.force(contact.row)) / contact.width
             least = np.where(across > 0.0, np.minimum(least, across), least)
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
@@ -120,12 +120,10 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
     basis = undamped_modes(system)
     square = np.full(len(force), np.inf)
     f = sign * amplitude * force
-    # The nearest stop ahead of each mode, on either side of a contact. In a hole each row has the radius left.
-    at_start = zip(system.contacts, system.positions(0.0, system.q0), strict=False)
-    for each, u, row in [(contact, u, row) for contact, u in at_start for row in contact.rows]:
-        along, stops = basis.force(row), each.stops
-        lower = 2.0 * u - stops.upper_bound if each.radial else stops.lower_bound
-        for side, gap in ((1.0, stops.upper_bound - u), (-1.0, u - lower)):
+    # The nearest stop ahead of each mode, on either side of a contact.
+    for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
+        along, stops = basis.force(contact.row), contact.stops
+        for side, gap in ((1.0, stops.upper_bound - u), (-1.0, u - stops.lower_bound)):
             towards = side * along * f > 0.0
             if np.isfinite(gap) and np.any(towards):
                 pressed = np.abs(f[towards] / along[towards])
@@ -142,8 +140,8 @@ def _signs(function: LoadFunction) -> tuple[float, ...]:
 
 
 def _share(system: System, contact: Contact) -> float:
-    """row M^-1 row, of a hole in the direction that gives most."""
-    return most(contact.row @ np.linalg.solve(system.mass, contact.row.T))
+    """row M^-1 row."""
+    return float(contact.row @ np.linalg.solve(system.mass, contact.row))
 
 
 def _contact_rate(system: System, contact: Contact, speed: float) -> float:

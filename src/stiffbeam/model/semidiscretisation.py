@@ -28,7 +28,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, itself, one_of
 from .beam import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
 from .contact import Contact, Stops
-from .equations import FirstOrderContact, FirstOrderSystem, interleaved, of_rows
+from .equations import FirstOrderContact, FirstOrderSystem, interleaved
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
 from .system import BANDED, Origin, System
@@ -318,7 +318,7 @@ def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
 
     def contact(c: Contact) -> FirstOrderContact:
         at_tip = row(c.row) is tip
-        return FirstOrderContact(row=of_rows(row, c.row), column=push if at_tip else of_rows(column, c.row), contact=c)
+        return FirstOrderContact(row=row(c.row), column=push if at_tip else column(c.row), contact=c)
 
     return FirstOrderSystem(
         matrix=matrix,

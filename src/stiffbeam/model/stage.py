@@ -1,9 +1,7 @@
 """The contacts of one node under any law: u = r + S F, u' = w + S' F, every F_c after its own law.
 
-w is the velocity at the node, for averaged contact the way of half a step at this velocity. F_c may also be a mean
-force of the stop, from its energies at two positions: over a step, and around a node.
-
-Over a step the mean force neither gains nor loses energy:
+w is the velocity at the node. F_c may also be the mean force of the stop over the step, from its energies at both ends,
+which neither gains nor loses energy:
 
     F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
 
@@ -11,15 +9,6 @@ u0 at the start of the step, r where it would end without the force. F does the 
 whatever the step is, so that a scheme which conserves the energy of the linear system under a force that is
 constant over the step conserves the sum of both. U is convex, so its secant slope grows with u+ and there is
 one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP 43 (1992) 757-792.
-
-Around a node it is the force averaged over one step, half of it before the node and half after, at the node's velocity:
-
-    F = -(U(u + h) - U(u - h))/(2 h),   u = r + s F,   h = w + s' F
-
-h is what the node covers in half a step. The windows of consecutive steps join, so that a contact acts for as long as
-it lasts, where F(u) acts for a whole number of steps. Both have order 2, but only the slope of the average has: it is
-the share of the window in contact. F is unique if s >= s', because U'' enters with weights s + s' and s - s' at the two
-ends. The averaged contact conserves no energy.
 
 Several stops that are springs, F_c = F_c(v_c) with v = r + S F, are a complementarity problem, which ``solve_node``
 ends in finitely many steps.
@@ -32,7 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from .contact import Stops
 from .contact_law import (
@@ -53,14 +42,11 @@ from .contact_law import (
     stored,
 )  # fmt: skip
 
-# How a node finds its force: the linear law in closed form, any law, its mean over the step by the discrete gradient,
-# or its average around the node.
-LINEAR, BY_LAW, MEAN, AVERAGED = range(4)
-RATED = (BY_LAW, AVERAGED)  # these need the velocity at the node
+# How a node finds its force: the linear law in closed form, any law, or the mean over the step (the discrete gradient).
+LINEAR, BY_LAW, MEAN = range(3)
 ITERATIONS = 200
 # Roundings of f(F), as ``_alone`` adds them up, within which a force counts as solved.
 ROUNDINGS = 16.0
-LARGEST = 0.5  # turn of a hole's direction in one iteration
 
 
 @compiled
@@ -149,45 +135,6 @@ def _secant_slope(u: float, u0: float, slope: float, law: Law) -> float:
     return max(0.0, (elastic(depth(u, law.g1, law.g2), law) - slope) / (u - u0))
 
 
-@compiled
-def averaged_force(r: float, w: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
-    """(F, dF/dr, dF/dw) of the force averaged around a node, by Newton's method inside its bracket."""
-    mean = secant(r + w, r - w, law)
-    if mean == 0.0:
-        return 0.0, 0.0, 0.0
-    sign = math.copysign(1.0, mean)
-    left, right, P = 0.0, abs(mean), 0.0
-    to_depth = to_way = 0.0
-    # As in ``mean_force``, with two slopes.
-    for _ in range(NEWTON):
-        u, h = r - sign * s * P, w - sign * s_rate * P
-        value = sign * secant(u + h, u - h, law)
-        to_depth, to_way = _averaged_slopes(u, h, sign * value, law)
-        if value > P:
-            left = P
-        else:
-            right = P
-        new = P + (value - P) / (1.0 + s * to_depth + s_rate * to_way)
-        if not left <= new <= right:
-            new = 0.5 * (left + right)
-        change, P = abs(new - P), new
-        if change <= 2e-16 * P or left >= right:
-            break
-    below = 1.0 + s * to_depth + s_rate * to_way
-    return -sign * P, -to_depth / below, -to_way / below
-
-
-@compiled
-def _averaged_slopes(u: float, h: float, mean: float, law: Law) -> tuple[float, float]:
-    """Derivatives of (U(u + h) - U(u - h))/(2 h) by u and by h."""
-    d = depth(u, law.g1, law.g2)
-    # The quotient's limit as h goes to zero is U''.
-    if abs(h) <= 1e-7 * abs(d) or h == 0.0:
-        return (elastic_slope(abs(d), law) if d != 0.0 else 0.0), 0.0
-    ahead, behind = elastic(depth(u + h, law.g1, law.g2), law), elastic(depth(u - h, law.g1, law.g2), law)
-    return 0.5 * (ahead - behind) / h, (0.5 * (ahead + behind) - mean) / h
-
-
 @inlined
 def one(
     r: float, w: float, s: float, s_rate: float, u0: float, rule: int, law: Array, c: int
@@ -196,8 +143,6 @@ def one(
     if rule == MEAN:
         F, slope = mean_force(r, u0, s, law_of(law, c))
         return F, slope, 0.0
-    if rule == AVERAGED:
-        return averaged_force(r, w, s, s_rate, law_of(law, c))
     return stage_law(r, w, s, s_rate, law_of(law, c))
 
 
@@ -266,73 +211,6 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     for c in range(m):
         F[c] = np.nan
     return F
-
-
-def turned(r: Array, owners: IntArray) -> Array:
-    """N (R, m): the direction in which each contact acts on its rows at r (R,), 1 for a single row.
-
-    owners: (R,), the contact of each row.
-    """
-    counts = np.bincount(owners)
-    x = np.where(counts[owners] == 1, 1.0, r)
-    size = np.sqrt(np.bincount(owners, x * x))
-    N = np.zeros((len(r), len(counts)))
-    N[np.arange(len(r)), owners] = x / np.where(size > 0.0, size, 1.0)[owners]
-    return N
-
-
-def solve_turning(r: Array, w: Array, S: Array, S_rate: Array, law: Array, owners: IntArray) -> tuple[Array, Array]:
-    """Forces (m,) of contacts of which some are round holes, and those on the rows (R,); NaN where the search fails.
-
-    r, w: (R,); S, S_rate: (R, R). A hole presses along the direction n of the solution u = r + S F. For given
-    directions it is a stop on the row n, see ``solve_stage``. u across n, which vanishes at the solution, gives the new
-    directions: by Newton's method, else by the compliance of each hole alone. A single hole with S = s I presses along
-    r, where the search starts and then ends.
-    """
-    N, m = turned(r, owners), len(law)
-    pairs = np.flatnonzero(np.bincount(owners) == 2)
-    first = np.searchsorted(owners, pairs)
-    before = np.inf
-    for k in range(ITERATIONS):
-        along, along_rate = N.T @ S @ N, N.T @ S_rate @ N
-        f = solve_stage(N.T @ r, N.T @ w, along, along_rate, np.zeros(m), BY_LAW, law)
-        if not np.all(np.isfinite(f)):
-            break
-        # T: the directions turned by a right angle. A change of n by T turns rows, compliances and forces.
-        F, T = N @ f, np.zeros_like(N)
-        T[first, pairs], T[first + 1, pairs] = -N[first + 1, pairs], N[first, pairs]
-        u, v = r + S @ F, w + S_rate @ F
-        g = (T.T @ u)[pairs]
-        alone = (N.T @ u - np.diagonal(T.T @ S @ T) * f)[pairs]
-        step = np.arctan2(g, alone)  # where u lies beyond the centre, most of half a turn
-        change = float(np.max(np.abs(step)))
-        if not np.any(f) or change <= ROUNDINGS * float(np.finfo(float).eps):
-            return f, F
-        # Where a contact opens and closes in turn Newton's method may go round in circles.
-        if k % 20 >= 10:
-            step = 0.5 * step
-        elif change < before:
-            step = np.linalg.lstsq(_turning(N, T, u, v, f, F, S, S_rate, law)[np.ix_(pairs, pairs)], g)[0]
-        before = change
-        turn = np.zeros(m)
-        turn[pairs] = np.clip(step, -LARGEST, LARGEST)
-        N = turned((N + T * turn)[np.arange(len(r)), owners], owners)
-    return np.full(m, np.nan), np.full(len(r), np.nan)
-
-
-def _turning(N: Array, T: Array, u: Array, v: Array, f: Array, F: Array, S: Array, S_rate: Array, law: Array) -> Array:
-    """-dg/dn (m, m) for g = T^T u, the forces following their law."""
-    along, along_rate = N.T @ S @ N, N.T @ S_rate @ N
-    moved = np.diag(T.T @ u) + N.T @ S @ (T * f)
-    moved_rate = np.diag(T.T @ v) + N.T @ S_rate @ (T * f)
-    own, own_rate = np.diag(np.diagonal(along)), np.diag(np.diagonal(along_rate))
-    here, rate = N.T @ u - np.diagonal(along) * f, N.T @ v - np.diagonal(along_rate) * f
-    slopes = [stage_law(here[c], rate[c], along[c, c], along_rate[c, c], law_of(law, c))[1:] for c in range(len(law))]
-    to_u, to_rate = np.array(slopes).T[:, :, None]
-    # df = slopes times what moves each contact, the forces of the others among it.
-    left = np.eye(len(law)) - to_u * (along - own) - to_rate * (along_rate - own_rate)
-    df = np.linalg.solve(left, to_u * moved + to_rate * moved_rate)
-    return np.diag(N.T @ u) - T.T @ S @ (T * f + N @ df)
 
 
 @inlined

@@ -274,7 +274,7 @@ class System:
         contacts: Any = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
         for contact in contacts:
             itself("contacts", contact, Contact, remedy, rule)
-            if contact.row.shape[-1] != n:
+            if len(contact.row) != n:
                 raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
         loads = []
         rule = "hold pairs (vector, time function)"
@@ -282,9 +282,9 @@ class System:
             if not isinstance(load, (tuple, list)) or len(load) != 2:
                 raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
             loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
-        if self.observe is None and all(each.radial for each in contacts[:1]):
-            rule = "name the row of .tip where there is no contact, or a round hole first"
-            raise InputError("observe", None, rule, "pass observe=row, for example the first row of the hole")
+        if self.observe is None and not contacts:
+            rule = "name the row of .tip where there is no contact"
+            raise InputError("observe", None, rule, "pass observe=row, a one at the unknown to be seen")
         if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:

@@ -17,7 +17,6 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from .contact import require_one_row
 from .members import value_at, with_values
 from .sampled import Sampled
 from .system import System
@@ -93,7 +92,6 @@ def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
 
 def data_of(system: System) -> SystemData:
     """The numbers of a system. Raises InputError for functions of time that are not in closed form."""
-    require_one_row(system.contacts, "a derivative")
     n, m = system.size, len(system.contacts)
     loads, offsets = load_terms(system), offset_terms(system)
     leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]

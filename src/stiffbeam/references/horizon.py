@@ -92,10 +92,8 @@ def _reach(run: Trajectory) -> Array:
     q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
     # The inequality of Cauchy and Schwarz in the norm of M.
     length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
-    seen = [np.atleast_2d(system.channels[i][0]) for i in (system.tip_channel, *range(len(run.contacts)))]
-    rows, heads = np.concatenate(seen), np.cumsum([0, *map(len, seen[:-1])])
-    # Of a hole both rows count: no direction reaches farther.
-    return length * np.sqrt(np.add.reduceat(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1), heads))
+    rows = np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(run.contacts)))])
+    return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
 
 
 def agree_until(

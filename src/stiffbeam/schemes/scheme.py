@@ -86,18 +86,6 @@ class Scheme(ABC):
         the reaction at its one node is the mean over the step. None for others."""
         return None
 
-    @property
-    def averages(self) -> bool:
-        """True for schemes that take the averaged contact: one force in a step, which moves a free node at least as
-        far as half a step at the velocity it gives, see ``stage``."""
-        if len(self.nodes) != 1:
-            return False
-        # One step of length 1 of a free mass at rest under a unit reaction; 1e-9 is for rounding.
-        free, none = Modal(np.zeros(1), np.zeros(1)), np.zeros(1)
-        start = self.initial(free, [np.zeros((2, 1))] * self.history, none)
-        _, ((moved, speed),) = self.step(free, 1.0, start, [none], [np.ones(1)])
-        return bool(moved[0] >= 0.5 * (1.0 - 1e-9) * speed[0])
-
     @abstractmethod
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """(z at t_{n+1}, y at the nodes) from z at t_n and what acts at the nodes, one (..., n) each:

@@ -16,7 +16,6 @@ STUDIES = {
     "modes": "Phase lag and damping of every mode without contact, against theory.",
     "energy": "Energy balance of every scheme and of the exact solution, in every form.",
     "converge": "Observed orders in time, without contact and through it.",
-    "gradient": "Value and derivative of every scheme against the exact ones, with the orders of both.",
     "space": "Convergence of both discretisations to the beam, and of the contact.",
     "first_impact": "Force of the first impact, from 10 to 640 cells, against the theory of a point contact.",
     "rigid": "Convergence to rigid stops: kappa to infinity.",

@@ -44,7 +44,7 @@ Halvings = Annotated[int, "number of time steps dt, dt/2, dt/4, ..."]
 ImpactCount = Annotated[int, "number of impacts in the time window"]
 Members = Annotated[int, "perturbed runs of each method"]
 Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
-Treatment = Annotated[str, "implicit, conserving, averaged, or extrapolated as in the paper"]
+Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
 
 STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
 _SOLVED = Recent[Reference](4)

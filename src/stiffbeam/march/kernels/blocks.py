@@ -15,7 +15,7 @@ import numpy as np
 from ...basics.arrays import Array, IntArray
 from ...basics.compiled import compiled, inlined
 from ...model.contact_law import G1, G2, KAPPA, law_of, stage_force, stage_stiffness, state
-from ...model.stage import AVERAGED, MEAN, solve_node, solve_stage
+from ...model.stage import MEAN, solve_node, solve_stage
 from ...trajectory.sampling import (
     CONTACT,
     END,
@@ -52,7 +52,6 @@ class Block(NamedTuple):
     velocity_push: Array  # (K, C, N)
     rates: Array  # (N,) integers: the entry that holds the velocity at a node; none where no force depends on it
     rule: int  # how a node finds its force, see stage
-    way: float  # times the velocity at a node it is what ``stage`` takes: 1, for averages half a step
 
 
 class Forcing(NamedTuple):
@@ -138,7 +137,7 @@ def resolve_several(push: Array, compliance: Array, law: Array, out: Array, forc
 
 @compiled
 def resolve_by_law(
-    push: Array, compliance: Array, rates: IntArray, rule: int, way: float, law: Array, before: Array, out: Array,
+    push: Array, compliance: Array, rates: IntArray, rule: int, law: Array, before: Array, out: Array,
     forces: Array,
 ) -> int:  # fmt: skip
     """The stops under any law, node by node; ``before`` (m,): the positions one node ago, advanced in place.
@@ -150,25 +149,21 @@ def resolve_by_law(
     r, w, S, S_rate = np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros((m, m))
     met = 0
     for first in range(0, compliance.shape[0], m):
-        # A node is left out only if no force can act at it. The mean over a step depends on both of its ends, the
-        # average around the node on the way h to either side.
+        # A node is left out only if no force can act at it. The mean over a step depends on both of its ends.
         touched = False
         for c in range(m):
             u = out[first + c]
             forces[first + c] = 0.0
             touched = touched or state(u, law[c, G1], law[c, G2]) != 0.0
             touched = touched or (rule == MEAN and state(before[c], law[c, G1], law[c, G2]) != 0.0)
-            if rule == AVERAGED:
-                h = abs(way * out[rates[first + c]])
-                touched = touched or u + h > law[c, G2] or u - h < law[c, G1]
         if touched:
             met = 1
             for c in range(m):
                 r[c] = out[first + c]
-                w[c] = way * out[rates[first + c]] if rated else 0.0
+                w[c] = out[rates[first + c]] if rated else 0.0
                 for e in range(m):
                     S[c, e] = compliance[first + e, c]
-                    S_rate[c, e] = way * push[first + e, rates[first + c]] if rated else 0.0
+                    S_rate[c, e] = push[first + e, rates[first + c]] if rated else 0.0
             force = solve_stage(r, w, S, S_rate, before, rule, law)
             for c in range(m):
                 # The iteration failed. If the position itself is NaN, `run` reports an overflow.
@@ -389,7 +384,7 @@ def run(
     """
     # Fields are taken out once: every use of one would be counted, and no loop with it vectorised.
     reading, transition, push, compliance = block[:4]
-    end_first, end_stride, velocity, velocity_push, rates, rule, way = block[4:]
+    end_first, end_stride, velocity, velocity_push, rates, rule = block[4:]
     constant, frequencies, forced, forced_velocity = forcing
     inflow_rows, inflow_velocity = inflow
     states, position, last_velocity, tally, diverged = marchers
@@ -470,7 +465,7 @@ def run(
             if by_law is not None:
                 for c in range(m):
                     before[c] = position[i, c]
-                solved = resolve_by_law(push, compliance, rates, rule, way, law[i], before, out, forces)
+                solved = resolve_by_law(push, compliance, rates, rule, law[i], before, out, forces)
                 touched = solved != 0
                 if solved < 0:
                     diverged[i] = -(at + (-1 - solved) * K // compliance.shape[0] + 1)

@@ -16,8 +16,7 @@ import scipy.linalg
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...basics.validation import InputError
-from ...model.contact import most
-from ...model.equations import FirstOrderSystem, along
+from ...model.equations import FirstOrderSystem
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -60,7 +59,7 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
         o = offset_values(contact.offset, t)
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        gives = most(contact.row @ compliance @ contact.row.T)
+        gives = float(contact.row @ compliance @ contact.row)
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
             gives += 1.0 / contact.stops.secant(move)
         energy += 0.5 * move * move / gives
@@ -77,14 +76,13 @@ def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
     spread = np.sum((back[:, :n] @ compliance) * back[:, :n], axis=1)
     mobility = _inverse(system.mass)
     spread += np.sum((back[:, n:] @ mobility) * back[:, n:], axis=1)
-    lengths = np.array([np.sqrt(2.0 * energy * most(c.row @ compliance @ c.row.T)) for c in system.contacts])
-    speeds = np.array([np.sqrt(2.0 * energy * most(c.row @ mobility @ c.row.T)) for c in system.contacts])
+    lengths = np.array([np.sqrt(2.0 * energy * (c.row @ compliance @ c.row)) for c in system.contacts])
+    speeds = np.array([np.sqrt(2.0 * energy * (c.row @ mobility @ c.row)) for c in system.contacts])
     # A square is a sum of products here, which rounding may leave slightly negative.
     unknowns = np.sqrt(2.0 * energy * np.maximum(spread, 0.0))
     for contact, length in zip(first_order.contacts, lengths, strict=True):  # (3.12) carries v_M beside w
-        for row in np.atleast_2d(contact.row):
-            alone = (row != 0.0) & (unknowns <= 1e-12 * length)
-            unknowns[alone] = length / np.abs(row[alone])
+        alone = (contact.row != 0.0) & (unknowns <= 1e-12 * length)
+        unknowns[alone] = length / np.abs(contact.row[alone])
     # A tolerance must be positive, also for an unknown that cannot move.
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
@@ -394,8 +392,7 @@ def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array
     count = len(rhs.sides)
     z_rate, orders = rhs.rate(0.0, z), []
     for k, (i, side) in enumerate(rhs.sides):
-        contact = rhs.first_order.contacts[i]
-        row = along(contact, z[: rhs.states], rhs.first_order.velocity_row(contact))
+        row = rhs.first_order.velocity_row(rhs.first_order.contacts[i])
         # On the stop the first derivative that is not zero decides: gap, rate, acceleration, and those after it.
         push = side * float(row @ z_rate[: rhs.states])
         orders.append(next((x for x in (values[k], values[count + k], push) if x != 0.0), 0.0))

@@ -15,7 +15,6 @@ from ...basics import compiling
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
-from ...model.contact import require_one_row
 from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
@@ -132,7 +131,6 @@ def afford_search(system: System, t_end: float) -> None:
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
     damped stops that move by samples, and for samples that end before t_end."""
-    require_one_row(system.contacts, "the exact solution", "use the adaptive solver cvode, or ")
     for contact in system.contacts:
         contact.stops.require_linear("the exact solution", damped=True)
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
