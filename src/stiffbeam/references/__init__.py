@@ -76,9 +76,8 @@ def reference(
         Number of digits of "multiprecision".
     breakpoints : (k,) array
         Times where a load or an offset is not smooth; an adaptive solver starts anew there, as at those that a function
-        of time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is also
-        sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where it or its slope
-        jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
+        of time states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the
+        steps, of which there are at least 200. Give breakpoints where a shorter feature begins and ends.
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
     switches : {"restart", "through"}, optional
