@@ -141,27 +141,32 @@ def test_a_drive_in_resonance_and_a_free_mass_have_no_orbit_of_their_own(c, k):
         sb.periodic_orbit(one_mass(k, damping=c, load=sb.Harmonic(1.0, 1.0)), 2.0 * np.pi)
 
 
-@pytest.mark.slow
-def test_an_orbit_at_a_fold_closes_or_raises():
-    """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit."""
-    from stiffbeam.studies.orbits import follow
+@pytest.mark.parametrize(
+    ("fold", "z", "inside"),
+    [
+        (1.3179006294954156, (-1.9138595275260408, -1.1479427616807307), -1.0),
+        (1.2564950975691516, (-0.12174418167014284, -0.6395509957087694), 1.0),
+    ],
+)
+def test_an_orbit_at_a_fold_closes_or_raises(fold, z, inside):
+    """At a fold the equations of the event times are singular: their solution was 6e-5 from an orbit.
 
-    def softly_stopped(w: float) -> tuple[sb.System, float]:
-        return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, w)), 2 * np.pi / w
+    The folds were found once by pseudo-arclength continuation.
+    """
 
-    branch, end = follow(softly_stopped, [1.25, 1.35], sb.periodic_orbit(*softly_stopped(1.25)))
-    assert "a fold" in end
-    # The multiplier is 1 - c sqrt(distance): its square is linear in w near the fold.
-    (w0, one), (w1, other) = ((w, 1.0 - orbit.multipliers[0].real) for w, orbit in branch[-2:])
-    fold = w1 + (w1 - w0) * other**2 / (one**2 - other**2)
+    def softly_stopped(w: float) -> sb.System:
+        return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, w))
+
+    with pytest.raises(sb.SolverFailure, match="a multiplier is 1 but for rounding: a fold"):
+        sb.periodic_orbit(softly_stopped(fold), 2.0 * np.pi / fold, (z[:1], z[1:]))
+    # The multiplier is 1 - c sqrt(distance): three decades below, a factor of 10^1.5.
     gaps = []
-    for distance in (1e-7, 1e-4):
-        orbit = sb.periodic_orbit(*softly_stopped(fold - distance), branch[-1][1])
+    for distance in (1e-9, 1e-6):
+        w = fold + inside * distance
+        orbit = sb.periodic_orbit(softly_stopped(w), 2.0 * np.pi / w, (z[:1], z[1:]))
         assert orbit.closure < 1e-13
         gaps.append(1.0 - orbit.multipliers[0].real)
     assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
-    with pytest.raises(sb.SolverFailure):
-        sb.periodic_orbit(*softly_stopped(fold + 1e-7), branch[-1][1])
 
 
 @pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])

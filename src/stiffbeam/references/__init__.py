@@ -64,8 +64,8 @@ def reference(
         End of the solution.
     method : str
         "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
-        exact solution in as many ``digits`` as error growth requires, confirmed with more digits; for rigid stops with
-        separate code); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
+        exact solution of compliant stops in as many ``digits`` as error growth requires, confirmed with more digits);
+        "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
         "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy.
     t_eval : (k,) array, optional
         Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
@@ -161,8 +161,10 @@ def substitute(system: System, t_end: float) -> str:
 
 def takes(method: str, system: System, t_end: float) -> bool:
     """Return True if ``method`` supports the stops of a system and, for an exact method, its functions of time."""
+    if REFERENCES[method].kind != EXACT and system.rigid:
+        return False
     if REFERENCES[method].kind == ADAPTIVE:
-        return not system.rigid
+        return True
     return not substitute(system, t_end)
 
 
