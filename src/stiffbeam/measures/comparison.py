@@ -134,7 +134,7 @@ class Comparison:
         Units of times, forces and impulses.
     dt : float
         The median time step.
-    steps, seconds, ns_per_step, engine
+    steps, seconds, ns_per_step
         Cost of the run.
     switches : str
         Treatment of events by an adaptive solver, "restart" or "through", else empty.
@@ -168,7 +168,6 @@ class Comparison:
     steps: int
     seconds: float
     ns_per_step: float
-    engine: str
     switches: str
     window: float
     t_end: float
@@ -343,7 +342,6 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         steps=run.work.steps,
         seconds=run.work.seconds,
         ns_per_step=run.work.ns_per_step,
-        engine=str(run.provenance.get("engine", "")),
         switches=str(run.provenance.get("switches", "")),
         window=window,
         t_end=t_end,
