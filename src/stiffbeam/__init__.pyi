@@ -20,7 +20,6 @@ from .measures.rates import ContactRates as ContactRates
 from .measures.rates import contact_rates as contact_rates
 from .model.contact import Contact as Contact
 from .model.contact import Stops as Stops
-from .model.equations import FirstOrderSystem as FirstOrderSystem
 from .model.members import EnsembleMembers as EnsembleMembers
 from .model.members import perturbed_members as perturbed_members
 from .model.members import varied_members as varied_members

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from stiffbeam.basics.validation import InputError, one_of
-from stiffbeam.march.choice import CONTACTS
+from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.schemes import Scheme
 from stiffbeam.schemes.misprints import forms_of
 
@@ -24,7 +24,7 @@ class Reading:
     references: str | None = None
 
     def __post_init__(self) -> None:
-        one_of("contact", self.contact, CONTACTS)
+        one_of("contact", self.contact, TREATMENTS)
 
     def scheme(self, scheme: Scheme) -> Scheme:
         """``scheme`` as this reading has it."""

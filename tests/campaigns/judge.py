@@ -304,12 +304,12 @@ def warm_up(only: tuple[str, ...] = ()) -> None:
         for method in only or ("exact", *ADAPTIVE):
             sb.reference(system, 0.5, method, t_eval=[0.0, 0.25, 0.5])
         for contact in ("implicit", "extrapolated"):
-            sb.integrate(system, sb.HHT(), 0.01, 0.5, contact, engine="numba").energy  # noqa: B018
+            sb.integrate(system, sb.HHT(), 0.01, 0.5, contact).energy  # noqa: B018
     two = sb.System.from_matrices(
         np.eye(2), np.eye(2), contacts=[sb.Contact(r, stop[0].stops) for r in np.eye(2)], initial_velocity=[1.0, 0.5]
     )
     sb.reference(two, 0.5, t_eval=[0.0, 0.5])
-    sb.integrate(two, sb.HHT(), 0.01, 0.5, engine="numba")
+    sb.integrate(two, sb.HHT(), 0.01, 0.5)
 
 
 def methods_for(case: Case, index: int) -> list[str]:

@@ -11,8 +11,6 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.references.exact.piecewise import solve_exact
 
-pytestmark = pytest.mark.usefixtures("numpy_kernel")
-
 
 @pytest.fixture(scope="module")
 def system(table10) -> sb.System:
@@ -121,16 +119,14 @@ def test_slices_and_stretches_of_any_size_give_the_same_bits(system, monkeypatch
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
-def test_the_kernel_in_numpy_is_equal_to_rounding(kind, contact, system):
+def test_the_kernel_in_numpy_is_equal_to_rounding(kind, contact, system, in_numpy):
     """Through the first impacts, before chaos has made rounding visible."""
     members = members_of(kind, system)
     t_end = 0.06 if contact == "implicit" else 0.056
     for scheme in (sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)):
-        ours, other = (
-            sb.integrate_ensemble(system, scheme, 1e-4, t_end, members, contact, every=7, engine=name)
-            for name in ("numba", "numpy")
-        )
-        assert other.provenance["engine"] == "numpy"
+        ours = sb.integrate_ensemble(system, scheme, 1e-4, t_end, members, contact, every=7)
+        with in_numpy():
+            other = sb.integrate_ensemble(system, scheme, 1e-4, t_end, members, contact, every=7)
         assert np.sum(ours.impact_count) > 9
         assert np.array_equal(ours.impact_count, other.impact_count)
         tolerance = 1e-9 if contact == "implicit" else 1e-6
@@ -257,14 +253,6 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
         (lambda s: sb.varied_members(s, frequency=[1.0], amplitude=[1.0]), "varied"),
         (lambda s: sb.varied_members(s, frequency=[-1.0]), "frequency"),
         (lambda s: sb.varied_members(s, stops=[0.1]), "stops"),
-        (
-            lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="fortran"),
-            "engine",
-        ),
-        (
-            lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="jax"),
-            "leave engine out",
-        ),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
         (lambda s: sb.varied_members(two_contacts(), frequency=[1.0]), "frequency"),
@@ -276,14 +264,13 @@ def test_bad_arguments_are_named(make, field, system):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["numba", "numpy"])
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
-def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(scheme, engine, system):
+def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(scheme, kernel, system):
     """A window that begins inside a block and during a contact, against all steps of the same run."""
     dt, t_end, passed = 1e-4, 0.4, 1203
 
     def march(since, every=None):
-        return sb.integrate_ensemble(system, scheme, dt, t_end, [system], every=every, engine=engine, since=since)
+        return sb.integrate_ensemble(system, scheme, dt, t_end, [system], every=every, since=since)
 
     whole, stops = march(0.0, every=1), system.contacts[0].stops
     side, force = stops.state(whole.tip[0]), np.abs(stops.force(whole.tip[0]))
@@ -302,13 +289,12 @@ def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(schem
     assert np.allclose(window.impacts.peaks, whole.impacts.peaks[begun], rtol=1e-12, equal_nan=True)
 
 
-def test_the_direct_march_records_from_a_time_on(monkeypatch):
+def test_dense_blocks_record_from_a_time_on():
     """Two contacts and a damping that couples the modes."""
-    monkeypatch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
     system = replace(two_contacts(), damping=np.diag([0.0, 0.3, 0.0, 0.1]))
     run = sb.integrate(system, sb.HHT(-0.1), 2e-3, 3.0)
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, [system], since=1.0)
-    assert many.provenance["march"] == "direct"
+    assert many.provenance["march"] == "dense blocks"
     for statistics, record in zip(many.contacts, run.contacts, strict=True):
         assert statistics.fraction[0] == np.mean(record.force[501:] != 0.0)
         assert statistics.peak_force[0] == np.max(np.abs(record.force[501:]))

@@ -1,4 +1,4 @@
-"""The modal block march against the direct march: every scheme, form and contact treatment."""
+"""The march in blocks against a plain march: every scheme, form and contact treatment."""
 
 from __future__ import annotations
 
@@ -10,34 +10,25 @@ from pathlib import Path
 
 import numba
 import numpy as np
+import plain_march
 import pytest
 from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled
-from stiffbeam.march import block_march, choice
-from stiffbeam.march.choice import CONTACTS
+from stiffbeam.march import block_march
 from stiffbeam.march.kernels import blocks as kernel
 from stiffbeam.march.kernels.blocks import Kept
 from stiffbeam.march.probe import InModes, Together
 from stiffbeam.march.propagator import build
-from stiffbeam.model import equations
+from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
+from stiffbeam.model.stage import LINEAR
 from stiffbeam.schemes import registered
 
 SCHEMES = [*registered(), sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
 T_SHORT = 0.056  # through the first contacts of Table 10; rounding has grown a thousandfold by 0.1
-
-
-def direct(system, *args, monkeypatch, **kwargs):
-    """The same run, marched step by step with factorised matrices."""
-    with monkeypatch.context() as patch:
-        patch.setattr("stiffbeam.march.integrate.modes", lambda system: None)
-        patch.setattr("stiffbeam.march.integrate.pays", lambda *_: False)
-        run = sb.integrate(system, *args, **kwargs)
-    assert run.provenance["march"] == "direct"
-    return run
 
 
 def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
@@ -56,10 +47,10 @@ def assert_equal_runs(modal, other, tolerance, march="modal blocks"):
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 @pytest.mark.fast(6)
-def test_modal_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
+def test_modal_blocks_equal_the_plain_march(scheme, contact, table10_system):
     """Equal within eps (w_max/w_1)^2 = 1e-10 a step at worst; extrapolated contact amplifies it."""
     modal = sb.integrate(table10_system, scheme, 1e-4, T_SHORT, contact)
-    other = direct(table10_system, scheme, 1e-4, T_SHORT, contact, monkeypatch=monkeypatch)
+    other = plain_march.march(table10_system, scheme, 1e-4, T_SHORT, contact)
     assert modal.impacts.count > 0
     assert_equal_runs(modal, other, 1e-10 if contact == "implicit" else 1e-7)
 
@@ -71,64 +62,46 @@ def with_dashpots(system):
     return replace(system, damping=damping)
 
 
-DENSE = [(s, c) for s in SCHEMES for c in CONTACTS if choice.takes_contact(s, c)]
+DENSE = [(s, c) for s in SCHEMES for c in TREATMENTS if TREATMENTS[c].takes(s)]
 
 
 @pytest.mark.parametrize(("scheme", "contact"), DENSE, ids=str)
 @pytest.mark.fast(2)
-def test_dense_blocks_equal_the_direct_march(scheme, contact, table10_system, monkeypatch):
-    """Of a damping that does not decouple, and of the first-order form; tolerances as for the modal blocks."""
+def test_dense_blocks_equal_the_plain_march(scheme, contact, table10_system):
+    """Of a damping that does not decouple; tolerances as for the modal blocks."""
     system = with_dashpots(table10_system)
-    for given in (system, system.first_order()):
-        if scheme.second_order_only and given is not system:
-            continue
-        dense = sb.integrate(given, scheme, 1e-4, T_SHORT, contact)
-        other = direct(given, scheme, 1e-4, T_SHORT, contact, monkeypatch=monkeypatch)
-        assert dense.impacts.count > 0
-        assert_equal_runs(dense, other, 1e-7 if contact == "extrapolated" else 1e-10, "dense blocks")
-        assert np.max(np.abs(dense.energy.loss - other.energy.loss)) < 1e-6 * np.max(other.energy.input)
+    dense = sb.integrate(system, scheme, 1e-4, T_SHORT, contact)
+    other = plain_march.march(system, scheme, 1e-4, T_SHORT, contact)
+    assert dense.impacts.count > 0
+    assert_equal_runs(dense, other, 1e-7 if contact == "extrapolated" else 1e-10, "dense blocks")
+    assert np.max(np.abs(dense.energy.loss - other.energy.loss)) < 1e-6 * np.max(other.energy.input)
 
 
-@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK()], ids=str)
-def test_large_matrices_by_entries_and_bands_are_the_same_matrices(scheme, monkeypatch):
-    """130 unknowns: products and solves with bands against full ones, eps (w_max/w_1)^2 apart at worst."""
-    system = with_dashpots(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0)), 130))
-    sparse = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
-    monkeypatch.setattr(equations, "LARGE", 1000)
-    full = direct(system, scheme, 1e-4, 5e-3, monkeypatch=monkeypatch)
-    given = system.mass, system.damping, system.stiffness
-    assert equations.Matrices(*given).entries == 3 * 130**2
-    monkeypatch.setattr(equations, "LARGE", 128)
-    assert equations.Matrices(*given).entries < 7 * 130
-    assert np.max(np.abs(sparse.tip - full.tip)) < 1e-8 * np.max(np.abs(full.tip))
-
-
-def test_a_short_run_is_not_worth_its_blocks(table10_system):
+def test_a_short_run_is_not_worth_long_blocks(table10_system):
     """Ten steps of 25 unknowns are done before the powers of one are made, a million are not."""
-    coordinates = Together.of(with_dashpots(table10_system))
-    assert [choice.pays(coordinates, sb.HHT(-0.1), steps) for steps in (10, 1_000_000)] == [False, True]
-    assert sb.integrate(coordinates.system, sb.HHT(-0.1), 1e-4, 1e-3).provenance["march"] == "direct"
+    coordinates = Together(with_dashpots(table10_system))
+    assert [block_march.block_length(coordinates, sb.HHT(-0.1), steps) for steps in (10, 1_000_000)] == [1, 32]
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.SDIRK(1.0, nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 @pytest.mark.fast(2)
-def test_the_marches_agree_with_viscosity(scheme, contact, table10, monkeypatch):
+def test_the_marches_agree_with_viscosity(scheme, contact, table10):
     problem = sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=table10.stops, base=table10.base)
     system = sb.semidiscretise(problem, 16)
     modal = sb.integrate(system, scheme, 1e-4, 0.08, contact)
     assert modal.impacts.count > 0
-    assert_equal_runs(modal, direct(system, scheme, 1e-4, 0.08, contact, monkeypatch=monkeypatch), 1e-9)
+    assert_equal_runs(modal, plain_march.march(system, scheme, 1e-4, 0.08, contact), 1e-9)
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 @pytest.mark.fast(1)
-def test_the_marches_agree_with_two_contacts_and_a_moving_stop(scheme, contact, monkeypatch):
+def test_the_marches_agree_with_two_contacts_and_a_moving_stop(scheme, contact):
     system = two_contacts()
     modal = sb.integrate(system, scheme, 2e-3, 3.0, contact)
     assert all(c.impacts.count > 0 for c in modal.contacts)
-    assert_equal_runs(modal, direct(system, scheme, 2e-3, 3.0, contact, monkeypatch=monkeypatch), 1e-9)
+    assert_equal_runs(modal, plain_march.march(system, scheme, 2e-3, 3.0, contact), 1e-9)
 
 
 @pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK()], ids=str)
@@ -148,7 +121,7 @@ def test_blocks_of_any_length_are_the_same_scheme(scheme, table10, monkeypatch):
     system = sb.semidiscretise(table10, 25)
     whole = sb.integrate(system, scheme, 1e-4, T_SHORT)
     for length in (1, 3, 8):
-        monkeypatch.setattr(block_march, "block_length", lambda *_, length=length: length)
+        monkeypatch.setattr("stiffbeam.march.integrate.block_length", lambda *_, length=length: length)
         other = sb.integrate(system, scheme, 1e-4, T_SHORT)
         assert np.max(np.abs(whole.tip - other.tip)) < 1e-11 * np.max(np.abs(whole.tip))
 
@@ -158,7 +131,7 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     system = sb.semidiscretise(table10, 25)
     basis = modes(system)
     assert basis is not None
-    stepper = block_march.Stepper.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, "implicit")
+    stepper = block_march.Stepper.of(InModes(system, basis), sb.HHT(-0.1), 1e-4, TREATMENTS["implicit"], 32, LINEAR)
     block, forcing = stepper.block.block, stepper.block.forcing([system])
     rng = np.random.default_rng(1)
     z = stepper.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
@@ -209,7 +182,9 @@ def test_components_that_only_add_to_others_are_left_out(table10):
         return propagator.block.reading @ packed[0, : propagator.block.reading.shape[1]]
 
     for scheme in SCHEMES:
-        reduced, full = (build(scheme, InModes(system, basis), 1e-4, 8, "implicit", reduced=x) for x in (True, False))
+        reduced, full = (
+            build(scheme, InModes(system, basis), 1e-4, 8, TREATMENTS["implicit"], reduced=x) for x in (True, False)
+        )
         if str(scheme) in kept:
             assert len(reduced.one.keep) == kept[str(scheme)]
         rng = np.random.default_rng(2)

@@ -314,15 +314,6 @@ def test_a_system_without_contact_compares_and_draws():
     four_panels("no contact", [run], [ref]).canvas.draw()
 
 
-def test_the_table_says_when_a_time_per_step_is_numpys(table10):
-    system = sb.semidiscretise(table10, 12)
-    ref = sb.reference(system, 0.05)
-    for engine, shown in (("direct", "numpy"), ("numba", "numba")):
-        found = sb.compare(sb.integrate(system, sb.HHT(), 1e-4, 0.05, engine=engine), ref)
-        assert found.to_dict()["engine"] == shown
-        assert ("ns/step in NumPy: HHT" in str(found)) == (shown == "numpy")
-
-
 def test_a_share_above_all_of_the_loss_is_explained():
     """HHT regains energy in the first step without contact, whose rule still weighs the last force."""
     stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=400.0))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import stiffbeam as sb
 from stiffbeam.model import contact_law
-from stiffbeam.model.stage import solve_node, solve_several
+from stiffbeam.model.stage import solve_node
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)
@@ -195,14 +195,16 @@ def close(a, b, S, stops):
     return np.max(np.abs(a - b)) <= np.linalg.norm(np.linalg.inv(matrix)) * error
 
 
+def solve_several(r, S, stops):
+    return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(S), np.array([s.law for s in stops]))
+
+
 @settings(max_examples=200)
 @given(several())
 @pytest.mark.slow
 def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
     r, S, stops = case
-    force = solve_several(r, S, stops)
-    assert close(by_enumeration(r, S, stops), force, S, stops)
-    assert np.array_equal(solve_node(r, S, np.array([s.law for s in stops])), force)  # the march's own call
+    assert close(by_enumeration(r, S, stops), solve_several(r, S, stops), S, stops)
 
 
 @given(any_stops(), POSITIONS, st.floats(-9.0, 1.0))

@@ -49,9 +49,8 @@ def test_every_solver_sees_a_replaced_matrix(systems, form, field):
         own, wanted = (sb.reference(s, 0.02, method, t).tip for s in (changed, fresh))
         assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
         assert np.max(np.abs(wanted - sb.reference(system, 0.02, method, t).tip)) > 1e-3 * np.max(np.abs(wanted))
-    for view in (lambda s: s, sb.System.first_order):
-        own, wanted = (sb.integrate(view(s), sb.BDF2(), 1e-4, 0.02).tip for s in (changed, fresh))
-        assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
+    own, wanted = (sb.integrate(s, sb.BDF2(), 1e-4, 0.02).tip for s in (changed, fresh))
+    assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
     assert changed.problem is None
     assert changed.form == "matrices"
     with pytest.raises(sb.InputError, match="beam"):
@@ -71,17 +70,6 @@ def test_the_beam_follows_its_stops_and_leaves_with_its_loads(systems):
     later = [(vector, replace(f, phase=f.phase + 0.3)) for vector, f in system.loads]
     with pytest.raises(sb.InputError, match="beam"):  # its base is elsewhere by now
         sb.integrate(replace(system, loads=later), sb.BDF2(), 1e-3, 0.01).displacement(0.5)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_the_papers_first_order_form_takes_a_contact_anywhere(systems, form):
-    """Another contact row and another row of the tip: both views of one system agree to the error of the step."""
-    system = systems[form]
-    row = np.eye(8)[4] + 0.5 * np.eye(8)[6]
-    system = replace(system, contacts=[sb.Contact(row, sb.Stops(-0.05, 0.05, stiffness=1e3))], observe=np.eye(8)[2])
-    own, first = (sb.integrate(s, sb.SDIRK(), 1e-4, 0.2) for s in (system, system.first_order()))
-    assert own.impacts.count > 0
-    assert np.max(np.abs(own.tip - first.tip)) < 1e-8 * np.max(np.abs(own.tip))
 
 
 def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems):
@@ -114,7 +102,7 @@ def test_arrays_cannot_be_changed_in_place(systems):
     assert replace(system).fingerprint == before
     for copy in (system, replace(system), pickle.loads(pickle.dumps(system)), systems["displacement"]):
         arrays = [copy.mass, copy.damping, copy.stiffness, copy.q0, copy.v0, copy.loads[0][0], copy.contacts[0].row]
-        arrays += [copy.first_order().matrix] + ([copy.stiffness_factor] if copy.origin else [])
+        arrays += [copy.stiffness_factor] if copy.origin else []
         for array in arrays:
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0.0
@@ -154,22 +142,6 @@ def test_a_system_is_checked_whichever_way_it_is_made(change, rule):
         sb.System(**(fields | change))
     with pytest.raises(sb.InputError, match=rule):
         replace(sb.System(**fields), **change)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_changed_first_order_system_is_refused(systems, form):
-    first = systems[form].first_order()
-    sb.integrate(first, sb.BDF2(), 1e-4, 1e-3)
-    others = [
-        {"matrix": 2.0 * first.matrix},
-        {"y0": first.y0 + 1.0},
-        {"loads": ()},
-        {"contacts": ()},
-        {"system": replace(systems[form], q0=systems[form].q0 + 1.0)},
-    ]
-    for change in others:
-        with pytest.raises(sb.InputError, match=r"first_order\(\)"):
-            sb.integrate(replace(first, **change), sb.BDF2(), 1e-4, 1e-3)
 
 
 def test_a_pickled_system_is_the_same_system(systems):

@@ -15,8 +15,6 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 
-pytestmark = pytest.mark.usefixtures("numpy_kernel")
-
 G, KAPPA, C, H, LOAD, STEPS = (Fraction(x) for x in ("1/2", "1000", "200", "1/64", "2", "96"))
 
 
@@ -45,14 +43,12 @@ def mass(v: float = 3.0) -> sb.System:
 
 
 @pytest.mark.fast(1)
-@pytest.mark.parametrize("march", ["numba", "numpy", "direct"])
-def test_what_a_held_node_feels_is_what_holds_it(march):
+def test_what_a_held_node_feels_is_what_holds_it(kernel):
     total, unseen = 0, 0.0
     for v in [2 + Fraction(j, 8) for j in range(16)]:
         q, P, held = in_fractions(v)
         system = mass(float(v))
-        given, engine = (system.first_order(), "numba") if march == "direct" else (system, march)
-        run = sb.integrate(given, sb.Trapezoidal(), float(H), float(H * STEPS), engine=engine)
+        run = sb.integrate(system, sb.Trapezoidal(), float(H), float(H * STEPS))
         contact, ledger = run.contacts[0], run.energy
         # A rounding of the position, 1e-16, is a force of 1e-16 times 4/h^2 + kappa + 2 c/h, and goes on in the run.
         near = {"rtol": 1e-8, "atol": 1e-8}
@@ -84,10 +80,9 @@ class Lagging(sb.Scheme):
         return y, [z, y]
 
 
-@pytest.mark.parametrize("given", [mass(), mass().first_order()], ids=["blocks", "direct"])
-def test_a_scheme_whose_node_no_force_moves_is_refused(given):
+def test_a_scheme_whose_node_no_force_moves_is_refused():
     with pytest.raises(InputError, match="whose force jumps"):
-        sb.integrate(given, Lagging(), 1e-3, 0.1)
+        sb.integrate(mass(), Lagging(), 1e-3, 0.1)
 
 
 def test_against_rigid_stops_too():
@@ -113,15 +108,14 @@ def coupled(seed: int, on_the_stop: bool, n: int = 5) -> sb.System:
 
 @pytest.mark.fast(1)
 @pytest.mark.parametrize("on_the_stop", [True, False])
-def test_marches_agree_where_rounding_would_tell_the_side(on_the_stop):
-    """Forces, impacts and energy of runs in blocks, in NumPy and by matrices, as long as their motions are the same."""
+def test_kernels_agree_where_rounding_would_tell_the_side(on_the_stop, in_numpy):
+    """Forces, impacts and energy of compiled blocks and of their oracle, as long as their motions are the same."""
     compared = 0
     for seed in range(40):
         system = coupled(seed, on_the_stop)
-        first, *others = (
-            sb.integrate(given, sb.Trapezoidal(), 0.02, 0.6, engine=engine)
-            for given, engine in ((system, "numba"), (system, "numpy"), (system.first_order(), "numba"))
-        )
+        first = sb.integrate(system, sb.Trapezoidal(), 0.02, 0.6)
+        with in_numpy():
+            others = [sb.integrate(system, sb.Trapezoidal(), 0.02, 0.6)]
         for other in others:
             if np.max(np.abs(first.tip - other.tip)) > 1e-9:  # a graze
                 continue
@@ -134,4 +128,4 @@ def test_marches_agree_where_rounding_would_tell_the_side(on_the_stop):
                 x, y = getattr(first.energy, name), getattr(other.energy, name)
                 assert np.allclose(x, y, rtol=0, atol=1e-7 * np.max(first.energy.energy)), name
             compared += 1
-    assert compared > 60
+    assert compared > 30

@@ -11,6 +11,7 @@ from oracles import beam_mode, beam_roots, moving_support_series
 import stiffbeam as sb
 from stiffbeam.model.modes import modes
 from stiffbeam.model.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
+from stiffbeam.model.state_space import state_space
 
 E, A = 0.01, 40.0  # amplitude and frequency of the support's start from rest
 
@@ -65,7 +66,7 @@ def test_the_displacement_stencils_are_the_papers():
 def test_the_first_order_matrix_is_that_of_3_5():
     M, k2, d = 5, 300.0, 0.7
     problem = sb.BeamProblem(stiffness=k2, viscosity=d, stops=sb.Stops(-0.1, 0.1, stiffness=1e3))
-    first_order = sb.semidiscretise(problem, M).first_order()
+    first_order = state_space(sb.semidiscretise(problem, M))
     row = first_order.matrix[2 * (M - 1) + 1]  # v_M''
     assert np.allclose(row[[2 * M - 6, 2 * M - 4, 2 * M - 2]], -k2 * M**4 * np.array([2, -4, 2]))
     assert np.allclose(row[[2 * M - 5, 2 * M - 3, 2 * M - 1]], -d * M**4 * np.array([2, -4, 2]))
@@ -96,7 +97,7 @@ def test_the_weights_of_velocity_curvature_symmetrise_it_exactly():
 def test_the_papers_velocity_curvature_eigenvalues_are_imaginary_and_well_conditioned():
     M = 20
     system = sb.semidiscretise(sb.BeamProblem(stiffness=300.0), M, "velocity-curvature")
-    A = system.first_order().matrix[: 2 * M, : 2 * M]
+    A = state_space(system).matrix[: 2 * M, : 2 * M]
     scale = np.ones(2 * M)
     scale[::2] = np.sqrt(300.0)  # w times k
     scaled = scale[:, None] * A / scale
@@ -192,7 +193,7 @@ def test_the_forms_agree_with_viscosity_off_and_velocity_curvature_refuses_it(ta
 def test_carried_tip_and_curvature_stay_consistent(table10):
     """v_M - h^2 [(M/3) w_0 + (M-1+M/6) w_1 + sum_{j>=2} (M-j) w_j] is conserved on (w, s, v_M)."""
     M = 12
-    system = sb.semidiscretise(table10, M, "velocity-curvature").first_order()
+    system = state_space(sb.semidiscretise(table10, M, "velocity-curvature"))
     weights = np.array([M / 3, M - 1 + M / 6, *(M - j for j in range(2, M))]) / M**2
     functional = np.zeros(2 * M + 1)
     functional[-1], functional[0 : 2 * M : 2] = 1.0, -weights

@@ -94,7 +94,7 @@ def test_a_stop_at_a_node_is_the_same_contact_as_one_of_matrices():
         ],
     )  # fmt: skip
     runs = [sb.integrate(system, sb.BDF2(), 1e-4, 0.3) for system in (made, given)]
-    # Modes of a factor and of a matrix differ in rounding; the direct march has no modes.
+    # Modes of a factor and of a matrix differ in rounding; the plain march has no modes.
     assert np.max(np.abs(runs[0].tip - runs[1].tip)) < 1e-9
     for a, b in zip(made.contacts, given.contacts, strict=True):
         assert np.array_equal(a.row, b.row)

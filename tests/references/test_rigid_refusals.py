@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from rigid_chain import INF, chain
 from systems import one_mass
@@ -31,13 +30,11 @@ def test_members_are_all_of_one_kind():
         (lambda: sb.integrate(chain(1)[0], sb.ExponentialFlow(), 0.01, 1.0), "grow"),
         (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="conserving"), "contact|conserve"),
         (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, contact="extrapolated"), "contact"),
-        (lambda: sb.integrate(chain(1)[0], sb.BDF2(), 0.01, 1.0, engine="numpy"), "engine"),
-        (lambda: sb.integrate(chain(1)[0].first_order(), sb.BDF2(), 0.01, 1.0), "FirstOrderSystem"),
         (lambda: sb.integrate(chain(1, "coupling", e=0.5)[0], sb.MoreauJeanBilbao(), 0.01, 1.0), "decouple"),
         (lambda: sb.reference(chain(1)[0], 1.0, method="cvode"), "finite"),
         (lambda: sb.reference(chain(1)[0], 1.0, method="multiprecision"), "finite for multiprecision"),
         (lambda: sb.lyapunov(chain(1)[0], 1.0), "restitution"),
-        (lambda: chain(1)[0].rhs(0.0, np.zeros(8)), "finite"),
+        (lambda: chain(1)[0].ode(), "finite"),
     ],
 )
 def test_what_is_refused(call, named):

@@ -105,16 +105,16 @@ def test_an_integrator_of_ones_own_reads_all_it_needs_from_the_system(table10):
     system = sb.semidiscretise(table10, 8)
     t_end, dt = 0.06, 5e-6
     t = np.arange(round(t_end / dt) + 1) * dt
-    first_order = system.first_order()
-    y = np.empty((len(t), len(first_order.y0)))
-    y[0] = first_order.y0
+    ode = system.ode()
+    y = np.empty((len(t), len(ode.y0)))
+    y[0] = ode.y0
     for k in range(len(t) - 1):
-        a = system.rhs(t[k], y[k])
-        b = system.rhs(t[k] + dt / 2, y[k] + dt / 2 * a)
-        c = system.rhs(t[k] + dt / 2, y[k] + dt / 2 * b)
-        d = system.rhs(t[k] + dt, y[k] + dt * c)
+        a = ode.rhs(t[k], y[k])
+        b = ode.rhs(t[k] + dt / 2, y[k] + dt / 2 * a)
+        c = ode.rhs(t[k] + dt / 2, y[k] + dt / 2 * b)
+        d = ode.rhs(t[k] + dt, y[k] + dt * c)
         y[k + 1] = y[k] + dt / 6 * (a + 2 * b + 2 * c + d)
-    q, v = y @ first_order.to_q.T, y @ first_order.to_v.T
+    q, v = ode.displacement(y), ode.velocity(y)
     row, offset = system.channels[system.tip_channel]
     assert offset is None
     ref = sb.reference(system, t_end)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.storage import Arrays, read_netcdf, require_whole, write_netcdf
 from ..basics.validation import InputError, file_path, numbers
-from ..march.integrate import DIRECT, Plan
+from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..piecewise.linear import Perturbation
@@ -416,13 +416,10 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     scheme = scheme_at_hand(notes["method"])
     if scheme is None:
         return None
-    # The form in which the scheme ran, which its label does not have.
-    form = system.first_order() if notes["form"].endswith("first order") else system
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        engine = DIRECT if notes["engine"] == "numpy" else notes["engine"]  # see ``Plan.provenance``
-        plan = Plan.of(form, scheme, notes["dt"], notes["t_end"], notes["contact"], 1, engine)
-        return plan.states(form)
+        plan = Plan.of(system, scheme, notes["dt"], notes["t_end"], notes["contact"], 1)
+        return plan.states(system)
 
     return pieces
 

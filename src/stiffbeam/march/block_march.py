@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..basics.arrays import MOST, Array, Recent, aligned, content
-from ..basics.resources import clock
+from ..basics.resources import afford, clock
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
@@ -41,11 +41,11 @@ from ..trajectory.sampling import (
     new_tally,
 )
 from ..trajectory.trajectory import Trajectory, Work
-from .choice import nodes_per_block, require_giving_way, require_moved, rule_of, unsolved
 from .kernels import blocks as kernel
 from .kernels.blocks import Forcing, Kept, Marchers
-from .probe import Coordinates, InModes
+from .probe import Coordinates, InModes, independent
 from .propagator import Propagator, build
+from .treatment import Treatment, require_giving_way, require_moved, unsolved
 
 _RECENT: Recent[Stepper] = Recent(8)
 _LINEAR_PARTS: WeakKeyDictionary[System, tuple[object, ...]] = WeakKeyDictionary()
@@ -53,13 +53,40 @@ BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
-RUNS = {"numba": kernel.run}
+# Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
+MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
+CACHE = 2.5e5  # numbers
+LARGEST = 1 << 27  # numbers in the powers of a step: 1 GiB
+LEAST, LONGEST = 32, 256  # force nodes of a block
 
 
-def block_length(coordinates: Coordinates, scheme: Scheme) -> int:
-    """The largest power of two of steps that have no more force nodes than pay."""
-    nodes = len(scheme.nodes) * max(1, len(coordinates.columns))
-    return 2 ** max(0, int(np.log2(nodes_per_block(coordinates, scheme) / nodes)))
+def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
+    """Steps in a block, a power of two: those with which ``steps`` of them, set-up included, take least time.
+
+    A block of K steps is a product with (R + D) x D numbers, D = k N for the k components that a scheme carries of N
+    unknowns, once the powers of one step are made. In modes these are few, and K is bounded by the contact alone: it
+    takes longer to find the forces of more nodes than is saved elsewhere.
+    """
+    nodes = len(scheme.nodes) * max(1, len(coordinates.columns))  # in a step
+    if isinstance(coordinates, InModes):
+        return 2 ** max(0, int(np.log2(LEAST / nodes)))
+    D = float(len(independent(scheme, 1.0)[0]) * coordinates.rows.shape[1])
+    # Single steps too take the matrix of one, and the unit states that it is probed with.
+    afford(
+        "system",
+        f"{coordinates.rows.shape[1]} unknowns",
+        "reduce_model leaves the modes that matter",
+        floats=10.0 * D**2,
+    )
+    step = CACHED if D**2 < CACHE else STREAMED
+
+    def seconds(length: int) -> float:
+        # A product of D x D matrices for each doubling; a block reads its matrices once.
+        return MATRIX * np.log2(length) * D**3 + steps * step * (D**2 / length + D * nodes)
+
+    longest = np.clip(D / 4, LEAST, LONGEST) / nodes
+    lengths = (2**i for i in range(1 + int(np.log2(max(1.0, longest)))) if not i or (i + 2) * D**2 <= LARGEST)
+    return min(lengths, key=seconds)
 
 
 class Launch(NamedTuple):
@@ -70,7 +97,7 @@ class Launch(NamedTuple):
     velocity: Array
     tally: Array  # (M, m, 8)
     events: Array  # (rows, 7): the contacts that are there
-    start: Array  # (order, M, N): y in the coordinates
+    start: Array  # (2, M, N): y in the coordinates
     z: Array  # the packed state of the first propagator
     jumps: bool  # True where the force of a stop jumps
 
@@ -86,35 +113,27 @@ class Stepper:
     coordinates: Coordinates
     scheme: Scheme
     dt: float
-    contact: str
+    treatment: Treatment
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    run: Callable[..., bool] = kernel.run
     _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
     _launches: Recent[Launch] = field(default_factory=lambda: Recent(8), repr=False)
 
     @classmethod
     def of(
-        cls,
-        coordinates: Coordinates,
-        scheme: Scheme,
-        dt: float,
-        contact: str,
-        engine: str = "numba",
-        rule: int | None = None,
+        cls, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> Stepper:
-        """Stepper of a scheme on a system. rule: for this kind of stops, by default that of the system."""
+        """Stepper in blocks of ``length`` steps. rule: how nodes find the forces of these stops, see Block."""
         system = coordinates.system
-        rule = rule_of(system.contacts, contact) if rule is None else rule
         # Kept by content only where that defines the arrays and takes little time to read.
-        if system.size > MOST or not is_known(scheme) or not coordinates.shared:
-            return cls._built(coordinates, scheme, dt, contact, engine, rule)
+        if system.size > MOST or not is_known(scheme):
+            return cls._built(coordinates, scheme, dt, treatment, length, rule)
         kind = type(scheme).step, type(scheme).predict, pickle.dumps(scheme), type(coordinates)
         # The content of a system is read once, as long as the system lives.
         linear_part = _LINEAR_PARTS.get(system) or _LINEAR_PARTS.setdefault(system, _linear_part(system))
-        key = *kind, dt, contact, engine, rule, *linear_part
-        stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, contact, engine, rule))
+        key = *kind, dt, treatment, length, rule, *linear_part
+        stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, treatment, length, rule))
         # Arrays of an equal linear part. Stops and initial data are those of this system.
         if stepper.system is system:
             return stepper
@@ -122,18 +141,18 @@ class Stepper:
 
     @classmethod
     def _built(
-        cls, coordinates: Coordinates, scheme: Scheme, dt: float, contact: str, engine: str, rule: int
+        cls, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> Stepper:
         """``of``, computed."""
         starter = scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
-        one = None if starter is None else build(starter, coordinates, dt, 1, contact, reduced=False, rule=rule)
-        block = build(scheme, coordinates, dt, block_length(coordinates, scheme), contact, rule=rule)
+        one = None if starter is None else build(starter, coordinates, dt, 1, treatment, reduced=False, rule=rule)
+        block = build(scheme, coordinates, dt, length, treatment, rule=rule)
         # A force that depends on velocity is unique only where these hold.
         for made in (one, block):
             if made is not None and len(made.block.rates):
                 require_giving_way(made.one.scheme, *made.compliances)
-        return cls(coordinates, scheme, dt, contact, one, block, rule, RUNS[engine])
+        return cls(coordinates, scheme, dt, treatment, one, block, rule)
 
     @property
     def system(self) -> System:
@@ -154,7 +173,7 @@ class Stepper:
     @cached_property
     def single(self) -> Propagator:
         """Propagator of single steps with whole states, for all that a march passes over."""
-        return build(self.scheme, self.coordinates, self.dt, 1, self.contact, reduced=False, rule=self.rule)
+        return build(self.scheme, self.coordinates, self.dt, 1, self.treatment, reduced=False, rule=self.rule)
 
     def forcing(self, propagator: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of ``system`` itself; made once."""
@@ -176,7 +195,7 @@ class Stepper:
         first, coordinates, m = self.starter or self.block, self.coordinates, law.shape[1]
         u, v = initial_channels(systems, q0, v0)
         tally = new_tally(u[:, :m], v[:, :m], law, since)
-        events = events_at_start(tally, law, self.dt, (u, v), self.contact == "conserving")
+        events = events_at_start(tally, law, self.dt, (u, v), self.treatment.means)
         start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
         force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
         z = self.packed(first, first.one.scheme, [start], force)
@@ -186,7 +205,7 @@ class Stepper:
         """Load plus contact force at time t, (members, N); systems: one a member, or one for all."""
         total = np.zeros((len(law), self.coordinates.rows.shape[1]))
         total[:] = [self.coordinates.load(each, t) for each in systems]
-        if self.contact != "conserving":  # whose reactions are means over a step, not there at a time
+        if not self.treatment.means:  # whose reactions are means over a step, not there at a time
             forces = forces_at(*motion, law)
             for c in range(law.shape[1]):
                 total += forces[:, c, None] * self.coordinates.columns[c]
@@ -266,7 +285,7 @@ class March:
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
         """March to the end; yields the number of steps done after every segment."""
-        stepper, scheme, equation = self.stepper, self.stepper.scheme, self.stepper.coordinates.equation
+        stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._launch.start]
         self.state = self.state._replace(z=copied(self._launch.z))
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
@@ -275,7 +294,7 @@ class March:
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._segment(one, forcing, 1, replayed)
-                history.insert(0, one.unpack(self.state.z)[: equation.order])
+                history.insert(0, one.unpack(self.state.z)[:2])
                 yield self.done
         if self.done < self.steps:
             block = stepper.block
@@ -310,7 +329,7 @@ class March:
         kept = Kept(self.t, self.positions, self.velocities, self.node_forces, self.forces, starts, forces)
         cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
-        while not self.stepper.run(
+        while not kernel.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
             cursor, *(() if march_rule == LINEAR else (None, 1)),
         ):  # fmt: skip
@@ -399,7 +418,7 @@ class March:
         several = tally[..., 0].size > 1
         order = np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER])) if several else slice(None)
         self.events = events[order]
-        last, means = (self.state.position, self.state.velocity), self.stepper.contact == "conserving"
+        last, means = (self.state.position, self.state.velocity), self.stepper.treatment.means
         self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means, self._launch.jumps)
 
 

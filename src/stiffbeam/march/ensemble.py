@@ -31,7 +31,6 @@ def integrate_ensemble(
     members: EnsembleMembers | Sequence[System],
     contact: str = "implicit",
     every: int | None = None,
-    engine: str = "numba",
     progress: Progress | None = None,
     since: float = 0.0,
     executor: Executor | None = None,
@@ -51,8 +50,6 @@ def integrate_ensemble(
         As in ``integrate``.
     every : int, optional
         Keep tip and tip velocity every so many steps. None keeps none; memory then grows with the impacts only.
-    engine : {"numba", "direct"}
-        As in ``integrate``.
     progress : callable, optional
         Called with the number of member-steps done.
     since : float
@@ -83,14 +80,13 @@ def integrate_ensemble(
     begun = wall_clock()
     function("progress", silent if progress is None else progress)
     members = as_members(system, members)
-    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every, engine)
+    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every)
     plan.afford(len(members), every)
     passed = round(record_from(since, t_end) / dt)
     if abs(passed * dt - since) > 1e-9 * t_end:
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
-    if plan.engine == "numba":
-        compiling.wait()
+    compiling.wait()
     report = None if progress is None else lambda done: progress(done * plan.steps)
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)
@@ -126,7 +122,7 @@ def _march(plan: Plan, every: int | None, since: int, apart: bool, part: Ensembl
 
 def _alone(plan: Plan, member: System) -> Plan:
     """Plan of a member with its own records, whose loads no other member shares."""
-    return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.contact, 1, plan.engine)
+    return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name, 1)
 
 
 def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..model.equations import Equation, FirstOrder, FirstOrderSystem, Matrices, Modal
+from ..model.equations import Equation, Matrices, Modal
 from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate
@@ -19,7 +19,7 @@ from ..schemes.scheme import is_known
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """x (N,) with q = q(x): y = (x, x') for an equation of second order, y = x for one of first order.
+    """x (N,) with q = q(x), y = (x, x').
 
     They fall into ``parts`` that no linear step couples: N of them, or 1. rows: (C, N), channel c is at
     rows[c] @ x + o_c(t). columns: (m, N), what a unit force of a contact adds to the right-hand side.
@@ -52,13 +52,8 @@ class Coordinates:
         """(m, N), of unit forces of the contacts."""
         return self._terms[3]
 
-    @property
-    def shared(self) -> bool:
-        """True where matrices, loads and channels of the system determine everything here."""
-        return True
-
     def start(self, q0: Array, v0: Array) -> Array:
-        """y (order, N) at t = 0 from initial data (n,)."""
+        """y (2, N) at t = 0 from initial data (n,)."""
         raise NotImplementedError
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
@@ -66,7 +61,7 @@ class Coordinates:
         raise NotImplementedError
 
     def states(self, y: Array) -> tuple[Array, Array]:
-        """q and q' (..., n) of y (order, ..., N)."""
+        """q and q' (..., n) of y (2, ..., N)."""
         raise NotImplementedError
 
     def load(self, member: System, t: ArrayLike) -> Array:
@@ -103,7 +98,7 @@ class InModes(Coordinates):
         return self.basis.equation, len(self.basis.omega), rows, rows[: len(self.system.contacts)]
 
     def start(self, q0: Array, v0: Array) -> Array:
-        """y (order, N) at t = 0."""
+        """y (2, N) at t = 0."""
         return self.basis.to_modal(np.array([q0, v0]))
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
@@ -117,47 +112,25 @@ class InModes(Coordinates):
 
 @dataclass(frozen=True, eq=False)
 class Together(Coordinates):
-    """The unknowns of a system as they are, or those of its first-order form ``given``."""
-
-    given: System | FirstOrderSystem
-
-    @classmethod
-    def of(cls, given: System | FirstOrderSystem) -> Together:
-        """With the system that a first-order one was made from."""
-        return cls(given if isinstance(given, System) else given.system, given)
+    """The unknowns of a system as they are."""
 
     @cached_property
     def _terms(self) -> tuple[Equation, int, Array, Array]:
-        given = self.given
-        if isinstance(given, System):
-            rows = np.array([row for row, _ in given.channels])
-            columns = rows[: len(given.contacts)]
-            equation: Equation = Matrices(given.mass, given.damping, given.stiffness)
-        else:
-            seen = [c.row for c in given.contacts] + ([] if given.observe is None else [given.observe])
-            rows = np.array(seen)
-            columns = np.array([c.column for c in given.contacts]).reshape(-1, len(given.y0))
-            equation = FirstOrder(given.matrix)
-        return equation, 1, rows, columns
-
-    @property
-    def shared(self) -> bool:
-        """True for the unknowns of a System, False for those of a first-order form."""
-        return isinstance(self.given, System)
+        system = self.system
+        rows = np.array([row for row, _ in system.channels])
+        return Matrices(system.mass, system.damping, system.stiffness), 1, rows, rows[: len(system.contacts)]
 
     def start(self, q0: Array, v0: Array) -> Array:
-        """y (order, N) at t = 0."""
-        return np.array([q0, v0]) if isinstance(self.given, System) else self.given.y0[None]
+        """y (2, N) at t = 0."""
+        return np.array([q0, v0])
 
     def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
         """Their vectors (N,) in these coordinates."""
-        return list(member.loads if isinstance(self.given, System) else self.given.loads)
+        return list(member.loads)
 
     def states(self, y: Array) -> tuple[Array, Array]:
         """q and q' (..., n)."""
-        if isinstance(self.given, System):
-            return y[0], y[1]
-        return y[0] @ self.given.to_q.T, y[0] @ self.given.to_v.T
+        return y[0], y[1]
 
 
 INDEPENDENT = 1e-13  # of what a component does, beyond rounding
@@ -234,9 +207,9 @@ class OneStep:
         new = np.asarray(new)
         # The contact forces are functions of these positions: of the stages, or of the predicted ones.
         arguments = self.scheme.predict(equation, self.dt, z) if self.extrapolated else [y[0] for y in at_nodes]
-        fields = [*arguments, new[0], equation.velocity(new[: equation.order])]
+        fields = [*arguments, new[0], new[1]]
         if self.readers.rated:
-            fields += [equation.velocity(y) for y in at_nodes]
+            fields += [y[1] for y in at_nodes]
         # A carried component holds its share of those that are not carried.
         carried = self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
         at_last = ends_there if self.readers.rated else np.array_equal  # of the others the bits are left as they are
@@ -285,7 +258,7 @@ def ends_there(last: Array, new: Array) -> bool:
 
 def components(scheme: Scheme, equation: Equation, n: int) -> int:
     """a, the number of state components of a scheme."""
-    return scheme.initial(equation, [np.zeros((equation.order, n))] * scheme.history, np.zeros(n)).shape[0]
+    return scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
 
 
 def probe(
@@ -304,7 +277,7 @@ def probe(
     forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
     S, P = len(scheme.nodes), len(forces)
     if reduced:
-        keep, mix = independent(scheme, equation.order, dt, extrapolated)
+        keep, mix = independent(scheme, dt, extrapolated)
     else:
         keep, mix = np.arange(a := components(scheme, equation, N)), np.eye(a)
     a = mix.shape[1]
@@ -331,7 +304,7 @@ def probe(
     )
 
 
-def independent(scheme: Scheme, order: int, dt: float, extrapolated: bool = False) -> tuple[NDArray[np.int64], Array]:
+def independent(scheme: Scheme, dt: float, extrapolated: bool = False) -> tuple[NDArray[np.int64], Array]:
     """The components of the state that a run needs, and what each of them has to hold.
 
     If a unit of component e does to all that follows what x_ec units of the components c do, whatever the equation,
@@ -341,27 +314,23 @@ def independent(scheme: Scheme, order: int, dt: float, extrapolated: bool = Fals
     """
     # Type and label define a scheme of this package. A user's may change under the same label.
     if not is_known(scheme):
-        return _seen(scheme, order, dt, extrapolated)
-    given = type(scheme), str(scheme), order, dt, extrapolated
+        return _seen(scheme, dt, extrapolated)
+    given = type(scheme), str(scheme), dt, extrapolated
     if given not in _INDEPENDENT:
         # A bound on the memory: each time step of a sweep adds an entry.
         if len(_INDEPENDENT) >= REMEMBERED:
             _INDEPENDENT.clear()
-        _INDEPENDENT[given] = _seen(scheme, order, dt, extrapolated)
+        _INDEPENDENT[given] = _seen(scheme, dt, extrapolated)
     return _INDEPENDENT[given]
 
 
-_INDEPENDENT: dict[tuple[type, str, int, float, bool], tuple[NDArray[np.int64], Array]] = {}
+_INDEPENDENT: dict[tuple[type, str, float, bool], tuple[NDArray[np.int64], Array]] = {}
 REMEMBERED = 1024
 
 
-def _seen(scheme: Scheme, order: int, dt: float, extrapolated: bool) -> tuple[NDArray[np.int64], Array]:
+def _seen(scheme: Scheme, dt: float, extrapolated: bool) -> tuple[NDArray[np.int64], Array]:
     rates, decay = np.array([0.4, 1.1, 2.3]) / dt, np.array([0.3, 0.2, 0.5]) / dt
-    equation: Equation = Modal(rates, decay)
-    if order == 1:
-        turn = np.array([[0.0, 1.0, 0.3], [-0.7, -0.2, 0.0], [0.0, 0.6, -0.9]])
-        equation = FirstOrder(turn / dt)
-    n = len(rates)
+    equation, n = Modal(rates, decay), len(rates)
     # A unit of every component, on all motions at once, without forces.
     a = components(scheme, equation, n)
     z = np.zeros((a, a, n))
@@ -372,7 +341,7 @@ def _seen(scheme: Scheme, order: int, dt: float, extrapolated: bool) -> tuple[ND
     none = [np.zeros(z.shape[1:])] * len(scheme.nodes)
     new, stages = scheme.step(equation, dt, z, none, none)
     guesses = scheme.predict(equation, dt, z) if extrapolated else []
-    fields = np.array([*new, *(y[0] for y in stages), *map(equation.velocity, stages), *guesses])
+    fields = np.array([*new, *(y[0] for y in stages), *(y[1] for y in stages), *guesses])
     times = parts * fields.reshape(-1, len(parts), a, n)
     does = times[:, 0]  # (fields, a, n)
     rounding = np.max(np.abs(times - times[:, :1]), axis=(1, 3))[..., None]

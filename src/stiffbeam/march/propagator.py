@@ -22,6 +22,7 @@ from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
 from .kernels.blocks import Block, Forcing, Inflow
 from .probe import Coordinates, InModes, Readers, StepMap, probe
+from .treatment import Treatment
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,7 +372,7 @@ def build(
     coordinates: Coordinates,
     dt: float,
     steps: int,
-    contact: str,
+    treatment: Treatment,
     reduced: bool = True,
     rule: int = LINEAR,
 ) -> Propagator:
@@ -385,7 +386,7 @@ def build(
     samples = drive.split(coordinates.loads(system), coordinates.rows.shape[1])[1]
     offset_samples = drive.offsets(system)[1]
     vectors = np.array([vector for vector, _ in samples]) if samples else None
-    one = probe(scheme, coordinates, dt, contact == "extrapolated", rule == BY_LAW, vectors, reduced)
+    one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, vectors, reduced)
     powers, entries = Powers(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape

@@ -136,7 +136,7 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
             out = aligned((segment.steps, step.transition.shape[1]))
             states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
         z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
-        q, v = coordinates.states(np.moveaxis(z, 1, 0)[: coordinates.equation.order])
+        q, v = coordinates.states(np.moveaxis(z, 1, 0)[:2])
         new = q, v, node_forces_at_ends(segment, step, m)
         q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
         yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, node_forces

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,19 +17,145 @@ from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
-from .direct_march import STEPS_PER_PIECE, Piece
+from ..trajectory.recorder import Reactions
+from ..trajectory.records import Ledger, step_ledger
+from ..trajectory.trajectory import Trajectory, Work
+from .block_march import initial_channels
+from .kernels.blocks import OVERFLOW
 from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
 from .probe import Coordinates, InModes, Together
+from .treatment import Treatment
 
+RIGID = "rigid steps"  # ``provenance["march"]``
+STEPS_PER_PIECE = 4096
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
-def rigid_pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
-    """The run in pieces; ``means`` are its reactions over each step, by the momentum that they bring."""
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Consecutive steps first + 1 .. first + k of a run."""
+
+    first: int
+    positions: Array  # (k, channels) at the ends of the steps
+    velocities: Array  # (k, channels)
+    states: tuple[Array, Array]  # q, q' at the ends of the steps, each (k, n)
+    reactions: Array  # (k, contacts): means over the steps, by the momentum that they bring
+    seconds: float
+
+
+def is_rigid(system: System, scheme: Scheme) -> bool:
+    """Return True for a run on rigid stops. Raises InputError for options that such a run cannot have."""
+    # A scheme with an impact law needs rigid stops; compliant and rigid stops take different marches.
+    rigid = [contact.stops.rigid for contact in system.contacts]
+    if isinstance(scheme, RigidScheme) and not all(rigid):
+        stops = system.contacts[rigid.index(False)].stops
+        remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
+        raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
+    if any(rigid) and not all(rigid):
+        raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
+    return isinstance(scheme, RigidScheme) or any(rigid)
+
+
+def require_rigid(system: System, scheme: Scheme, treatment: Treatment) -> None:
+    """Raise InputError if the scheme, the restitution of the stops, or the start do not fit together."""
+    if treatment.predicts or treatment.means:
+        rule = "be 'implicit' for rigid stops"
+        raise InputError("contact", treatment.name, rule, "a reaction is no function of positions")
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    for each in system.contacts:
+        e = each.stops.restitution
+        if restitutes and e is None:
+            remedy = "give the stops a restitution in [0, 1]"
+            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
+        if not restitutes and e is not None:
+            rule = f"be left out for {scheme}, which has no impact law"
+            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
+        moved = float(offset_values(each.offset, 0.0))
+        u = float(each.row @ system.q0) + moved
+        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved)):  # what rounds u
+            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
+        rule = f"decouple in the modes for {scheme}"
+        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
+
+
+def rigid_run(
+    system: System, scheme: Scheme, dt: float, steps: int, every: int | None, progress: Callable[[int], None] | None,
+    since: int,
+) -> Trajectory:  # fmt: skip
+    """The run, piece by piece in bounded memory; impacts are counted after step ``since``."""
+    (u0,), (v0,) = initial_channels([system], system.q0[None], system.v0[None])
+    # Without outputs the interval is longer than the run, so that only the start has a row.
+    thin = every or steps + 1
+    positions, velocities = np.empty((2, steps // thin + 1, len(u0)))
+    positions[0], velocities[0] = u0, v0
+    starts = zip(system.contacts, u0.tolist(), v0.tolist(), strict=False)
+    samplers = [Reactions(c.stops, dt, u, v, since) for c, u, v in starts]
+    seconds, diverged = 0.0, np.nan
+    for piece in _pieces(system, scheme, dt, steps):
+        seconds += piece.seconds
+        # The first step beyond the bound ends the run.
+        bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
+        if np.any(bad):
+            diverged = (piece.first + 1 + int(np.argmax(bad))) * dt
+            break
+        done = piece.first + len(piece.positions)
+        # Outputs of this piece: the multiples of ``thin`` among its steps first + 1 to done.
+        here = np.arange(piece.first // thin + 1, done // thin + 1)
+        positions[here] = piece.positions[here * thin - piece.first - 1]
+        velocities[here] = piece.velocities[here * thin - piece.first - 1]
+        for i, sampler in enumerate(samplers):
+            sampler.feed(piece.positions[:, i], piece.reactions[:, i])
+        if progress is not None:
+            progress(done)
+    if every is None:
+        positions, velocities = positions[:0], velocities[:0]
+    tip = system.tip_channel
+    contacts = tuple(s.record(positions[:, i], velocities[:, i], thin) for i, s in enumerate(samplers))
+    return Trajectory(
+        t=np.arange(0.0, len(positions) * thin, thin) * dt,
+        tip=positions[:, tip],
+        tip_velocity=velocities[:, tip],
+        contacts=contacts,
+        work=Work(steps, march_seconds=seconds),
+        provenance={"march": RIGID},
+        diverged=diverged,
+    )
+
+
+def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """See ``Pieces``: the forces are the reactions of the steps that end there."""
+    none = np.full((1, len(system.contacts)), np.nan)
+    return (
+        (t, q, v, np.concatenate([none, reactions]))
+        for t, q, v, reactions in _with_reactions(system, scheme, dt, steps)
+    )
+
+
+def rigid_ledger(system: System, scheme: Scheme, dt: float, steps: int, every: int) -> Ledger:
+    """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
+    impacts = isinstance(scheme, RigidScheme) and scheme.restitutes
+    outputs = np.arange(0, steps + 1, every) * dt
+    return step_ledger(system, _with_reactions(system, scheme, dt, steps), outputs, impacts)
+
+
+def _with_reactions(
+    system: System, scheme: Scheme, dt: float, steps: int
+) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Times, q, q' and the reactions between them; pieces share end points."""
+    last = system.q0[None], system.v0[None]
+    for piece in _pieces(system, scheme, dt, steps):
+        q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
+        yield (piece.first + np.arange(len(q))) * dt, q, v, piece.reactions
+        last = q[-1:], v[-1:]
+
+
+def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
+    """The run in pieces."""
     basis, done, history = modes(system), 0, []
-    view = Together.of(system) if basis is None else InModes(system, basis)
+    view = Together(system) if basis is None else InModes(system, basis)
     y = view.start(system.q0, system.v0)
     # A multistep scheme begins with its starter, whose states are its history, newest first.
     if scheme.starter is not None:
@@ -82,7 +208,7 @@ def _march(
         velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
         # Each node counts by the momentum that its reaction brings in the end.
         means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
-        yield Piece(start, positions, velocities, partial(view.states, both), seconds, means), states[-1]
+        yield Piece(start, positions, velocities, view.states(both), means, seconds), states[-1]
 
 
 def _probed(

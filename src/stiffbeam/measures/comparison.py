@@ -136,7 +136,7 @@ class Comparison:
         Units of times, forces and impulses.
     dt : float
         The median time step.
-    steps, seconds, ns_per_step, engine
+    steps, seconds, ns_per_step
         Cost of the run.
     switches : str
         Treatment of events by an adaptive solver, "restart" or "through", else empty.
@@ -170,7 +170,6 @@ class Comparison:
     steps: int
     seconds: float
     ns_per_step: float
-    engine: str
     switches: str
     window: float
     t_end: float
@@ -347,7 +346,6 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         steps=run.work.steps,
         seconds=run.work.seconds,
         ns_per_step=run.work.ns_per_step,
-        engine=str(run.provenance.get("engine", "")),
         switches=str(run.provenance.get("switches", "")),
         window=window,
         t_end=t_end,

@@ -329,12 +329,6 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
         if np.ptp(lengths) > EVEN * c.dt:
             least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
             lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
-    in_numpy = [c.label.partition("@")[0] for c in comparisons if c.engine == "numpy"]
-    if in_numpy:
-        lines += [
-            f"ns/step in NumPy: {', '.join(dict.fromkeys(in_numpy))}.",
-            "Systems whose modes do not decouple run without compiled code.",
-        ]
     return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
 
 

@@ -1,33 +1,20 @@
-"""The equations of a system as methods read them: "apply K" and "solve M + a C + b K", or y' = A y + ...
+"""The linear equation M q'' + C q' + K q = f as schemes read it, in matrices or in modes.
 
-A scheme's state is an array z of shape (components, ..., n); its first ``order`` rows are the
-first-order variable y: y = (q, q') for a second-order equation, y = (y,) for a first-order one.
-Arrays may carry batch axes in the middle, so that many unit states are stepped at once. Each equation offers
+A scheme's state is an array z of shape (components, ..., n) whose first two rows are y = (q, q'). Arrays may carry
+batch axes in the middle, so that many unit states are stepped at once. A scheme may read the matrices, or
 
-    rate(y, f) = A y + B f,   implicit_rate(c, r, f) = k with k = A (r + c k) + B f,   velocity(y), of the positions
-
-to schemes that read it as y' = A y + B f, and one of second order its matrices to those that do not. Adaptive solvers
-and the forms of the paper read the whole system, contacts included, as a ``FirstOrderSystem``.
+    rate(y, f) = A y + B f,   implicit_rate(c, r, f) = k with k = A (r + c k) + B f.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
-from ..basics.arrays import MOST, Array, Recent, content, freeze, same
+from ..basics.arrays import MOST, Array, Recent, content
 from ..basics.validation import InputError
-from .contact import Contact
-from .time_functions import LoadFunction, evaluate, offset_rate, offset_values
-
-if TYPE_CHECKING:
-    from .system import System
 
 # Stages that depend on each other, as of Radau IIA: no scheme's step, but any other program's.
 FULLY_IMPLICIT = (
@@ -36,36 +23,7 @@ FULLY_IMPLICIT = (
 
 
 class Equation:
-    """The equation that a scheme steps; ``order`` 1 or 2.
-
-    Schemes that do not read it as y' = A y + B f ask a second-order equation for its matrices.
-    """
-
-    order: int
-
-    def velocity(self, y: Array) -> Array:
-        """The rate of the positions y[0]."""
-        raise NotImplementedError
-
-    def rate(self, y: Array, force: Array) -> Array:
-        """y' = A y + B f."""
-        raise NotImplementedError
-
-    def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
-        """k with k = A (r + c k) + B f."""
-        raise NotImplementedError
-
-    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
-        """y after the time t under a force that goes linearly from force0 to force1, exactly."""
-        raise NotImplementedError
-
-    def recursion(self, t: float) -> tuple[Array, Array]:
-        """b and phi of q(t) - A q(0) + b q(-t) = phi t^2 f, exact mode by mode under a constant load f."""
-        raise NotImplementedError
-
-    def backward(self, t: float, y: Array, force: Array) -> Array:
-        """The exact q(-t) under a constant load, mode by mode."""
-        raise NotImplementedError
+    """M q'' + C q' + K q = f. Subclasses give mass, damping, stiffness and solve."""
 
     def mass(self, x: Array) -> Array:
         """M x."""
@@ -83,6 +41,18 @@ class Equation:
         """(M + a C + b K)^-1 x."""
         raise NotImplementedError
 
+    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
+        """y after the time t under a force that goes linearly from force0 to force1, exactly."""
+        raise NotImplementedError
+
+    def recursion(self, t: float) -> tuple[Array, Array]:
+        """b and phi of q(t) - A q(0) + b q(-t) = phi t^2 f, exact mode by mode under a constant load f."""
+        raise NotImplementedError
+
+    def backward(self, t: float, y: Array, force: Array) -> Array:
+        """The exact q(-t) under a constant load, mode by mode."""
+        raise NotImplementedError
+
     def net_force(self, y: Array, force: Array) -> Array:
         """f - C q' - K q."""
         return force - self.damping(y[1]) - self.stiffness(y[0])
@@ -91,18 +61,8 @@ class Equation:
         """q'' = M^-1 (f - C q' - K q)."""
         return self.solve(0.0, 0.0, self.net_force(y, force))
 
-
-class SecondOrder(Equation):
-    """M q'' + C q' + K q = f. Subclasses give mass, damping, stiffness and solve."""
-
-    order = 2
-
-    def velocity(self, y: Array) -> Array:
-        """q'."""
-        return y[1]
-
     def rate(self, y: Array, force: Array) -> Array:
-        """(q', q'')."""
+        """y' = (q', q'')."""
         return np.array([y[1], self.acceleration(y, force)])
 
     def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
@@ -119,36 +79,33 @@ class SecondOrder(Equation):
         return np.array([r[1] + c * acceleration, acceleration])
 
 
-class Matrices(SecondOrder):
-    """Matrices (n, n), by their entries and bands where these are few; factorisations are kept, so a fixed step pays
-    for one. ``entries``: how many numbers a product with all three takes."""
+class Matrices(Equation):
+    """Matrices (n, n); factorisations are kept, so a fixed step pays for one."""
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        products = [_product(x) for x in (mass, damping, stiffness)]
-        self._products, self.entries = [x for x, _ in products], sum(count for _, count in products)
         self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""
-        return self._products[0](x)
+        return x @ self._mass
 
     def damping(self, x: Array) -> Array:
         """C x for every row of x."""
-        return self._products[1](x)
+        return x @ self._damping
 
     def stiffness(self, x: Array) -> Array:
         """K x for every row of x."""
-        return self._products[2](x)
+        return x @ self._stiffness
 
     def solve(self, a: float, b: float, x: Array) -> Array:
         """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
         # A run of fixed steps uses one pair (a, b) or a few: each is factorised once.
         if (a, b) not in self._factors:
-            self._factors[a, b] = _inverse(self._mass + a * self._damping + b * self._stiffness)
+            self._factors[a, b] = scipy.linalg.cho_factor(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
         # An overflow goes on as infinity, which the march sees.
-        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
+        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
@@ -179,33 +136,7 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[floa
     return fastest, E, P, Q
 
 
-LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out
-
-
-def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
-    """x -> x @ matrix of a symmetric matrix, and how many numbers it takes."""
-    n, entries = len(matrix), int(np.count_nonzero(matrix))
-    if n < LARGE or entries > FEW * n * n:
-        return lambda x: x @ matrix, n * n
-    rows = scipy.sparse.csr_array(matrix)
-    return lambda x: (rows @ x.reshape(-1, n).T).T.reshape(x.shape), entries
-
-
-def _inverse(matrix: Array) -> Callable[..., Array]:
-    """x -> matrix^-1 x of a positive definite matrix."""
-    n, (i, j) = len(matrix), np.nonzero(matrix)
-    # Cholesky's factor keeps the band: a narrow one costs n width^2 in place of n^3.
-    width = int(np.max(j - i))
-    if n < LARGE or width > FEW * n:
-        return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
-    bands = np.zeros((width + 1, n))
-    for k in range(width + 1):
-        # LAPACK's storage of the upper half: diagonal k is row width - k.
-        bands[width - k, k:] = np.diagonal(matrix, k)
-    return partial(scipy.linalg.cho_solve_banded, (scipy.linalg.cholesky_banded(bands), False))
-
-
-class Modal(SecondOrder):
+class Modal(Equation):
     """Mass-normalised modes: M = I, C = diag(damping), K = diag(omega^2)."""
 
     def __init__(self, omega: Array, damping: Array) -> None:
@@ -258,43 +189,6 @@ class Modal(SecondOrder):
             raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
         ahead, back = (oscillation(omega, sign * c, t)[3] for sign in (1.0, -1.0))
         return (ahead + np.exp(-c * t) * back) / (t * t)
-
-
-class FirstOrder(Equation):
-    """y' = A y + f with a full matrix A (n, n); the rows of z are one y each."""
-
-    order = 1
-
-    def __init__(self, matrix: Array) -> None:
-        self._matrix = matrix
-        self._flows: dict[float, tuple[Array, Array, Array]] = {}
-        self._factors: dict[float, object] = {}
-
-    def velocity(self, y: Array) -> Array:
-        """A y, the rate of all unknowns without force."""
-        return y[0] @ self._matrix.T
-
-    def rate(self, y: Array, force: Array) -> Array:
-        """A y + f for every row of y."""
-        return y @ self._matrix.T + force
-
-    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
-        """As that of SecondOrder."""
-        if t not in self._flows:
-            self._flows[t] = responses(self._matrix, np.eye(len(self._matrix)), t)
-        E, P, Q = self._flows[t]
-        return y @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
-
-    def implicit_rate(self, c: float, r: Array, force: Array) -> Array:
-        """k = (I - c A)^-1 (A r + f), by LU factors kept for every c."""
-        if c not in self._factors:
-            self._factors[c] = scipy.linalg.lu_factor(np.eye(len(self._matrix)) - c * self._matrix)
-        right = self.rate(r, force)
-        # One at a time: LAPACK rounds several differently on one thread than on two.
-        solved = [
-            scipy.linalg.lu_solve(self._factors[c], x, check_finite=False) for x in right.reshape(-1, len(self._matrix))
-        ]
-        return np.array(solved).reshape(right.shape)
 
 
 def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
@@ -357,176 +251,3 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
         E, P, Q = responses(np.array([[0.0, 1.0], [-(omega[j] ** 2), -c[j]]]), np.array([[0.0], [1.0]]), t)
         C[j], S[j], rate[j], V[j], X[j] = E[0, 0], E[0, 1], E[1, 1], P[0, 0], Q[0, 0] * t
     return C, S, rate, V, X
-
-
-# ---------------------------------------------------------------- a whole system of first order
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FirstOrderContact:
-    """The contact of a first-order system: the force column * F(row @ y + offset(t))."""
-
-    row: Array
-    column: Array
-    contact: Contact
-
-    def __post_init__(self) -> None:
-        freeze(self, "row", "column")
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self.__post_init__()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FirstOrderSystem:
-    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c y + o_c(t)),  m unknowns.
-
-    Made by ``System.first_order``.
-
-    Parameters
-    ----------
-    matrix : array (m, m)
-        A.
-    loads : sequence of (array (m,), time function)
-        Pairs (b_k, f_k).
-    contacts : sequence of FirstOrderContact
-    observe : array (m,), optional
-        The row of ``tip`` in y.
-    y0 : array (m,)
-    to_q, to_v : array (n, m)
-        q = to_q y and q' = to_v y of the second-order system.
-    system : System
-        The system it was made from.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> system = sb.paper_case(10).system("velocity-curvature")
-    >>> system.first_order().matrix.shape
-    (51, 51)
-    """
-
-    matrix: Array
-    loads: tuple[tuple[Array, LoadFunction], ...]
-    contacts: tuple[FirstOrderContact, ...]
-    observe: Array | None
-    y0: Array
-    to_q: Array
-    to_v: Array
-    system: System
-
-    def __post_init__(self) -> None:
-        freeze(self, "matrix", "observe", "y0", "to_q", "to_v")
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self.__post_init__()
-
-    def __repr__(self) -> str:
-        return f"<FirstOrderSystem of {self.system!r}>"
-
-    def is_of_its_system(self) -> bool:
-        """Return True if it is, number by number, the first-order form of ``system``."""
-        # By content: a pickled copy has other arrays with the same numbers.
-        again = self.system.first_order()
-        arrays = [(getattr(self, x), getattr(again, x)) for x in ("matrix", "observe", "y0", "to_q", "to_v")]
-        if len(self.loads) != len(again.loads) or len(self.contacts) != len(again.contacts):
-            return False
-        arrays += [(a, b) for (a, _), (b, _) in zip(self.loads, again.loads, strict=True)]
-        arrays += [(getattr(a, x), getattr(b, x)) for a, b in zip(self.contacts, again.contacts, strict=True)
-                   for x in ("row", "column")]  # fmt: skip
-        functions = [(f, g) for (_, f), (_, g) in zip(self.loads, again.loads, strict=True)]
-        functions += [(a.contact, b.contact) for a, b in zip(self.contacts, again.contacts, strict=True)]
-        return all(same(a, b) for a, b in arrays) and all(f is g or f == g for f, g in functions)
-
-    def rhs(self, t: float, y: Array) -> Array:
-        """f(t, y) of shape (m,)."""
-        rate = self.matrix @ y
-        for vector, function in self.loads:
-            rate = rate + vector * evaluate(function, t)
-        for c in self.contacts:
-            force = c.contact.stops.force(*self.contact_motion(c, t, y))
-            rate = rate + c.column * force
-        return rate
-
-    def velocity_row(self, contact: FirstOrderContact) -> Array:
-        """(m,): the velocity of a contact point is velocity_row @ y + o'(t)."""
-        return self.to_v.T @ contact.contact.row
-
-    def contact_motion(self, contact: FirstOrderContact, t: float, y: Array) -> tuple[float, float]:
-        """Position and velocity of a contact point against its stops."""
-        offset = contact.contact.offset
-        position = contact.row @ y + offset_values(offset, t)
-        return float(position), float(self.velocity_row(contact) @ y + offset_rate(offset, t))
-
-    def jacobian(self, t: float, y: Array) -> Array:
-        """df/dy of shape (m, m); the one-sided value on the kink of a contact."""
-        jacobian = self.matrix.copy()
-        for c in self.contacts:
-            u, rate = self.contact_motion(c, t, y)
-            slope, to_rate = c.contact.stops.tangent(u, rate)
-            jacobian -= slope * np.outer(c.column, c.row)
-            # Zero without damping: its outer product is left out.
-            if to_rate:
-                jacobian -= to_rate * np.outer(c.column, self.velocity_row(c))
-        return jacobian
-
-    @cached_property
-    def bandwidths(self) -> tuple[int, int]:
-        """(lower, upper) bandwidth of the Jacobian."""
-        pattern = self.matrix != 0.0
-        for c in self.contacts:
-            column = c.column != 0.0
-            pattern = pattern | np.outer(column, c.row != 0.0)
-            if c.contact.stops.dissipative:
-                pattern = pattern | np.outer(column, self.velocity_row(c) != 0.0)
-        i, j = np.nonzero(pattern)
-        return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
-
-
-def interleaved(system: System, inverse: Callable[[Array], Array] | None = None) -> FirstOrderSystem:
-    """y = (q_1, q_1', ..., q_n, q_n'), the order of (3.5); ``inverse`` stands for M^-1."""
-    n = system.size
-    q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
-    divide = inverse or _inverse_mass(system.mass)
-
-    def column(vector: Array) -> Array:
-        out = np.zeros(2 * n)
-        out[v] = divide(vector)
-        return out
-
-    def row(vector: Array) -> Array:
-        out = np.zeros(2 * n)
-        out[q] = vector
-        return out
-
-    # ``divide`` acts on the rows of q'' only: those of q' are exact.
-    matrix = np.zeros((2 * n, 2 * n))
-    matrix[q, v] = np.eye(n)
-    matrix[v, q] = -divide(system.stiffness)
-    matrix[v, v] = -divide(system.damping)
-    matrix += 0.0  # no signed zeros in the Jacobian
-    y0 = np.zeros(2 * n)
-    y0[q], y0[v] = system.q0, system.v0
-    to_q, to_v = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
-    to_q[:, q], to_v[:, v] = np.eye(n), np.eye(n)
-    return FirstOrderSystem(
-        matrix=matrix,
-        loads=tuple((column(p), f) for p, f in system.loads),
-        contacts=tuple(FirstOrderContact(row=row(c.row), column=column(c.row), contact=c) for c in system.contacts),
-        observe=None if system.observe is None else row(system.observe),
-        y0=y0,
-        to_q=to_q,
-        to_v=to_v,
-        system=system,
-    )
-
-
-def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
-    diagonal = np.diag(mass)
-    # A diagonal mass divides entry by entry, with one rounding each.
-    if not np.any(mass - np.diag(diagonal)):
-        return lambda x: (x.T / diagonal).T
-    inverse = np.linalg.inv(mass)
-    return lambda x: inverse @ x

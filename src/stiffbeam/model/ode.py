@@ -18,6 +18,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from .right_hand_side import RightHandSide, numbers_of, rate_of_state
 from .right_hand_side_kernels import floats, integers, right_hand_side
 from .sampled import Sampled
+from .state_space import descriptor, interleaved, state_space
 from .time_functions import breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class ODE:
         self.system, self.form = system, one_of("form", form, FORMS)
         for contact in system.contacts:
             contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
-        mass, first_order = system.descriptor() if form == "descriptor" else (None, system.first_order())
+        mass, first_order = descriptor(system) if form == "descriptor" else (None, state_space(system))
         self._rhs = RightHandSide(first_order, mass)
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
@@ -94,7 +95,7 @@ class ODE:
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
         start = replace(self.system, q0=np.asarray(q, float), v0=np.asarray(v, float))
-        return np.array((start.descriptor()[1] if self.form == "descriptor" else start.first_order()).y0)
+        return np.array((interleaved if self.form == "descriptor" else state_space)(start).y0)
 
     def displacement(self, y: ArrayLike) -> Array:
         """Return q, (..., dof), of states (..., n)."""

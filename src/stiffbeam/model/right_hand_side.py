@@ -15,7 +15,6 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from .contact import channel_motion, channel_position, laws
 from .contact_law import Law, damps, pressure
-from .equations import FirstOrderSystem
 from .right_hand_side_kernels import (
     THROUGH,
     Equations,
@@ -27,6 +26,7 @@ from .right_hand_side_kernels import (
     right_hand_side,
 )
 from .sampled import Sampled
+from .state_space import StateSpace
 from .time_functions import Drive, LoadFunction, Term, TimeFunction, evaluate, offset_rate, offset_values
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 class RightHandSide:
-    """z' = f(t, z) of a FirstOrderSystem, z = (y, input, viscous, impulse of every contact).
+    """z' = f(t, z) of a StateSpace, z = (y, input, viscous, impulse of every contact).
 
-    Given a ``mass`` E (n, n), E y' = f(t, y): ``System.descriptor``.
+    Given a ``mass`` E (n, n), E y' = f(t, y): ``descriptor``.
 
         input'   = sum_k f_k p_k^T q' - sum_c F_c o_c',   viscous' = q'^T C q',   impulse_c' = -F_c
 
@@ -51,7 +51,7 @@ class RightHandSide:
     inside ``window`` only.
     """
 
-    def __init__(self, first_order: FirstOrderSystem, mass: Array | None = None) -> None:
+    def __init__(self, first_order: StateSpace, mass: Array | None = None) -> None:
         system = first_order.system
         self.first_order = first_order
         self.states = n = len(first_order.y0)

@@ -28,7 +28,6 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, itself, one_of
 from .beam import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
 from .contact import Contact, Stops
-from .equations import FirstOrderContact, FirstOrderSystem, interleaved
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
 from .system import BANDED, Origin, System
@@ -143,7 +142,6 @@ def _displacement(problem: BeamProblem, M: int) -> System:
         **_initial(problem, M),
         form="displacement",
         problem=problem,
-        paper_form=_paper_displacement,
     )
     _CANTILEVERS.setdefault(key, system)
     return system
@@ -173,16 +171,14 @@ def _matrices(problem: BeamProblem, M: int, weights: Array) -> dict[str, Array]:
 
 
 def _made(
-    *, problem: BeamProblem, form: str, stiffness_factor: Array,
-    paper_form: Callable[[System, BeamProblem], FirstOrderSystem], **arrays: Any,
+    *, problem: BeamProblem, form: str, stiffness_factor: Array, **arrays: Any
 ) -> System:  # fmt: skip
     """The system with its origin."""
     M = len(arrays["mass"])
     stops = contacts(problem, lambda share: hat(share, M))
     system = System(**arrays, contacts=stops, observe=observed(stops, _tip(M)))
     return _with_origin(
-        system, problem=problem, form=form, cells=M, stiffness_factor=stiffness_factor, paper_form=paper_form,
-        tip=_tip(M),
+        system, problem=problem, form=form, cells=M, stiffness_factor=stiffness_factor, tip=_tip(M)
     )  # fmt: skip
 
 
@@ -219,25 +215,6 @@ def curvature_stencil(M: int) -> Array:
     return second.T @ weights @ second
 
 
-def _paper_displacement(system: System, problem: BeamProblem) -> FirstOrderSystem:
-    """(3.5) itself. Its entries are small whole multiples of EI/(m h^4), rounded alike.
-
-    Dividing the stiffness by the mass entry by entry would perturb the lowest frequency by
-    eps (w_max/w_1)^2, more than a tight tolerance allows.
-    """
-    M = system.size
-    H = bending_stencil(M)
-    cell = problem.mass_per_length * problem.length / M
-    H[-1] *= cell / (0.5 * cell + problem.tip_mass)
-    m, fourth = problem.mass_per_length, (M / problem.length) ** 4
-    first_order = interleaved(system)
-    q, v = slice(0, 2 * M, 2), slice(1, 2 * M, 2)
-    matrix = first_order.matrix.copy()
-    matrix[v, q] = 0.0 - problem.stiffness / m * fourth * H
-    matrix[v, v] = 0.0 - problem.viscosity / m * fourth * H - problem.mass_damping * np.eye(M)
-    return replace(first_order, matrix=matrix)
-
-
 def _velocity_curvature(problem: BeamProblem, M: int) -> System:
     """(3.12) with w = L x, s = x':  m P x'' + EI L^T Q L x = P f + sigma e_M.
 
@@ -268,7 +245,6 @@ def _velocity_curvature(problem: BeamProblem, M: int) -> System:
         stiffness_factor=factor,
         form="velocity-curvature",
         problem=problem,
-        paper_form=_paper_state,
     )
 
 
@@ -283,53 +259,6 @@ def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Arr
     R = np.eye(M) - 2.0 * np.eye(M, k=1) + np.eye(M, k=2)  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
     R[-1, -2:] = (-0.5, 4.0)  # (3.10)
     return P, Q, L / h**2, R / h**2
-
-
-def _paper_state(system: System, problem: BeamProblem) -> FirstOrderSystem:
-    """(3.12) itself: y = (w_0, s_1, w_1, s_2, ..., w_{M-1}, s_M, v_M), banded."""
-    M, m = system.size, problem.mass_per_length
-    _, _, L, R = velocity_curvature_matrices(M, problem.length)
-    w, s = slice(0, 2 * M, 2), slice(1, 2 * M, 2)
-    size = 2 * M + 1
-    matrix = np.zeros((size, size))
-    matrix[w, s], matrix[s, w] = L, -(problem.stiffness / m) * R
-    matrix[-1, 2 * M - 1] = 1.0  # v_M' = s_M (Remark 4)
-    # No signed zeros, as in ``interleaved``.
-    matrix += 0.0
-    mass = scipy.linalg.cho_factor(system.mass)
-
-    def column(vector: Array) -> Array:
-        out = np.zeros(size)
-        out[s] = scipy.linalg.cho_solve(mass, vector)
-        return out
-
-    # The push of a tip contact is (3/h) sigma e_M of the docstring, over m.
-    h = problem.length / M
-    tip, push = np.zeros(size), np.zeros(size)
-    tip[-1], push[2 * M - 1] = 1.0, 3.0 / (m * h)
-    y0 = np.zeros(size)
-    y0[w], y0[s], y0[-1] = L @ system.q0, system.v0, system.q0[-1]
-    to_q, to_v = np.zeros((M, size)), np.zeros((M, size))
-    to_q[:, w], to_v[:, s] = np.linalg.inv(L), np.eye(M)
-
-    def row(vector: Array) -> Array:
-        # The tip is a separate unknown; other points follow from the curvatures.
-        return tip if np.array_equal(vector, _tip(M)) else vector @ to_q
-
-    def contact(c: Contact) -> FirstOrderContact:
-        at_tip = row(c.row) is tip
-        return FirstOrderContact(row=row(c.row), column=push if at_tip else column(c.row), contact=c)
-
-    return FirstOrderSystem(
-        matrix=matrix,
-        loads=tuple((column(p), f) for p, f in system.loads),
-        contacts=tuple(contact(c) for c in system.contacts),
-        observe=None if system.observe is None else row(system.observe),
-        y0=y0,
-        to_q=to_q,
-        to_v=to_v,
-        system=system,
-    )
 
 
 def _tip(M: int) -> Array:
@@ -455,7 +384,6 @@ def hermite(problem: BeamProblem, M: int) -> System:
         form="hermite",
         cells=M,
         stiffness_factor=factor,
-        paper_form=_first_order,
         tip=tip,
     )
     # Modal damping takes the modes of the system, which is therefore built without it first.
@@ -467,11 +395,6 @@ def hermite(problem: BeamProblem, M: int) -> System:
 
 def _projected(gram: Array, moments: Array) -> Array:
     return np.asarray(scipy.linalg.solve(gram, moments, assume_a="pos")) if np.any(moments) else np.zeros(len(gram))
-
-
-def _first_order(system: System, problem: BeamProblem) -> FirstOrderSystem:
-    """The paper has no form of its own for elements: positions and velocities, interleaved."""
-    return interleaved(system)
 
 
 def _element_loads(

@@ -17,18 +17,15 @@ ends in finitely many steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
-from .contact import Stops
 from .contact_law import (
     G1,
     G2,
     KAPPA,
-    LAW,
     NEWTON,
     Law,
     damps,
@@ -399,16 +396,3 @@ def solve_pivoting(r: Array, compliance: Array, law: Array) -> Array:
         if solved:
             break
     return force
-
-
-def solve_several(r: Array, compliance: Array, stops: Sequence[Stops]) -> Array:
-    """The forces F with v = r + S F, F_c = F_c(v_c), for m contacts at once.
-
-    r: (m,) positions without contact force; S = ``compliance``: (m, m), symmetric positive
-    semidefinite. The forces minimise a strictly convex function, so there is one solution; it is found
-    by a finite active-set method, see ``solve_node``.
-    """
-    for stop in stops:
-        stop.require_linear("the active set")
-    law = np.array([stop.law for stop in stops]).reshape(-1, LAW)
-    return solve_node(np.ascontiguousarray(r), np.ascontiguousarray(compliance), law)

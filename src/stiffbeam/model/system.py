@@ -22,7 +22,6 @@ from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
-from .equations import FirstOrderSystem, interleaved
 from .problem import BeamProblem
 from .sampled import Sampled
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
@@ -150,8 +149,7 @@ class Origin:
     to its matrices. The comparison costs n^2 and is made once.
 
     cells: of the grid. stiffness_factor: G with G^T G = stiffness. contacts: one per stops of the problem, in
-    order. tip: the row of u(L, t). paper_form: makes the paper's own first-order form of a system with these
-    matrices.
+    order. tip: the row of u(L, t).
     """
 
     problem: BeamProblem
@@ -166,7 +164,6 @@ class Origin:
     q0: Array
     v0: Array
     stiffness_factor: Array
-    paper_form: Callable[[System, BeamProblem], FirstOrderSystem]
 
     def __post_init__(self) -> None:
         freeze(self, "mass", "damping", "stiffness", "tip", "q0", "v0", "stiffness_factor")
@@ -468,21 +465,6 @@ class System:
         """E, the sum of ``energies``."""
         return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
 
-    def first_order(self) -> FirstOrderSystem:
-        """y' = A y + ...: the paper's (v_1, v_1', ..., v_M, v_M') (3.5) or (w, s, v_M) (3.12)."""
-        return self._beam_origin.paper_form(self, self._beam_origin.problem) if self._beam_origin else interleaved(self)
-
-    def descriptor(self) -> tuple[Array, FirstOrderSystem]:
-        """(E, right) with E y' = right(t, y), y = (q_1, q_1', ..., q_n, q_n'), no mass inverted.
-
-        E is (2n, 2n): the identity on the positions, M on the velocities.
-        """
-        n = self.size
-        q, v = slice(0, 2 * n, 2), slice(1, 2 * n, 2)
-        E = np.zeros((2 * n, 2 * n))
-        E[q, q], E[v, v] = np.eye(n), self.mass
-        return E, interleaved(self, inverse=lambda x: x)
-
     def ode(self, form: str = "explicit") -> ODE:
         """Return the differential equation that the reference solvers integrate, for a solver of your own.
 
@@ -491,18 +473,6 @@ class System:
         from .ode import ODE
 
         return ODE(self, form)
-
-    def rhs(self, t: float, y: Array) -> Array:
-        """The method-of-lines right-hand side in first-order form."""
-        return self._first_order.rhs(t, y)
-
-    def jacobian(self, t: float, y: Array) -> Array:
-        """d rhs/dy, (m, m)."""
-        return self._first_order.jacobian(t, y)
-
-    @cached_property
-    def _first_order(self) -> FirstOrderSystem:
-        return self.first_order()
 
     def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
         """u(x, t) of a beam between its nodes, see ``beam_field``; t (m,), q (m, n), x (...) -> (m, ...).

@@ -111,7 +111,7 @@ class Theta(Scheme):
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """One implicit stage at t_{n+1}."""
-        y, rate = z[: equation.order], z[equation.order :]
+        y, rate = z[:2], z[2:]
         r = y + (1.0 - self.theta) * dt * rate
         rate_new = equation.implicit_rate(self.theta * dt, r, loads[0] + reactions[0])
         y_new = r + self.theta * dt * rate_new

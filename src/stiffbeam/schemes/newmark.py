@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.polynomial import Polynomial
 
@@ -21,7 +19,6 @@ class WeightedNewmark(Scheme):
     (1 - alpha_f) f^{n+1} + alpha_f f^n. State: (q, v, a, M^-1 N).
     """
 
-    second_order_only: ClassVar[bool] = True
     alpha_m: float
     alpha_f: float
     beta: float

@@ -24,12 +24,12 @@ FACTS: dict[str, Any] = {"name": "", "paper": "", "look": None, "variants": ()} 
 
 
 class Scheme(ABC):
-    """A fixed-step scheme on M q'' + C q' + K q = f, or on y' = A y + f.
+    """A fixed-step scheme on M q'' + C q' + K q = f.
 
     ``integrate`` accepts any subclass with ``nodes`` and ``step``. The nodes are the c_i in t_n + c_i dt at which the
     scheme needs the force. ``step`` must be linear in (state, loads, reactions) and give the same result for the same
     input. The state at node i must not depend on a force at a later node; ``integrate`` checks this. The state z has
-    shape (components, ..., n) and starts with y (see ``equations``).
+    shape (components, ..., n) and starts with y = (q, q').
 
     A subclass does not inherit ``name``, ``paper``, ``look`` and ``variants``. By default its name is that of its class
     in small letters.
@@ -60,7 +60,6 @@ class Scheme(ABC):
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
-    second_order_only: ClassVar[bool] = False
     arguments: ClassVar[tuple[str, ...]] = ()  # of the class, each kept under its name: they are the ``parameters``
 
     def __init_subclass__(cls) -> None:
@@ -96,9 +95,7 @@ class Scheme(ABC):
 
         The paper gives a formula for BDF2 only. This one reproduces its Tables 10-13; v* = q does not.
         """
-        y = z[: equation.order]
-        velocity = equation.velocity(y)
-        return [y[0] + c * dt * velocity for c in self.nodes]
+        return [z[0] + c * dt * z[1] for c in self.nodes]
 
     def characteristic(self, x: float, xi: float) -> Array | None:
         """Coefficients, highest first, of the polynomial whose roots amplify q'' + 2 xi w q' + w^2 q = 0, x = w dt.
@@ -195,7 +192,6 @@ class RigidScheme(Scheme):
     5
     """
 
-    second_order_only: ClassVar[bool] = True
     modal_only: ClassVar[bool] = False  # whether it is defined mode by mode only
     order = 1
     conditions: ClassVar[tuple[str, ...]]

@@ -94,11 +94,6 @@ class SDIRK(Scheme):
         return "(4.14)" if self.nystrom else "(4.10), (4.12)"
 
     @property
-    def second_order_only(self) -> bool:  # type: ignore[override]
-        """True for the Nystroem form, which needs M, C and K."""
-        return self.nystrom
-
-    @property
     def parameters(self) -> dict[str, float]:
         """gamma, as 0.4359 where it is the root of order 3, and nystrom where it is true."""
         gamma = 0.4359 if self.gamma == GAMMA_THIRD_ORDER else self.gamma

@@ -39,8 +39,8 @@ from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
 from ..basics.validation import InputError, Renamed, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
-from ..march.choice import CONTACTS, takes_contact
 from ..march.integrate import integrate
+from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
 from ..measures.rates import contact_rates
@@ -429,7 +429,7 @@ def advise(
         raise InputError("t_end", None, "be given: what is right depends on how long it is followed", remedy)
     wanted = _wanted(system, want)
     for name in sequence("contacts", contacts, "be names"):
-        one_of("contacts", name, CONTACTS)
+        one_of("contacts", name, TREATMENTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
     exact = best_reference(system, positive("t_end", t_end), progress=progress)
@@ -505,7 +505,7 @@ def _candidates(schemes: Sequence[Scheme] | None, contacts: Sequence[str]) -> li
     for scheme in chosen:
         if not isinstance(scheme, Scheme):
             raise InputError("schemes", scheme, "be Scheme objects", "for example stiffbeam.HHT(alpha=-0.1)")
-    return [(s, contact) for s in chosen for contact in contacts if takes_contact(s, contact)]
+    return [(s, contact) for s in chosen for contact in contacts if TREATMENTS[contact].takes(s)]
 
 
 class Motion:

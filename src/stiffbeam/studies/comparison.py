@@ -17,9 +17,9 @@ from ..basics.resources import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
-from ..march.choice import CONTACTS
 from ..march.integrate import integrate
 from ..march.replay import rehearse as rehearse_ledger
+from ..march.treatment import TREATMENTS
 from ..march.warm import COMPILING, any_law, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
 from ..model.contact import Stops
@@ -155,7 +155,7 @@ def compare_case(
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
-    one_of("contact", contact, CONTACTS)
+    one_of("contact", contact, TREATMENTS)
     positive("budget", budget)
     solver = _Solver(cache, budget)
     first = case.system()

@@ -16,7 +16,6 @@ from . import common
 from .interface import Answer, Point, Records, Row, Rows, declared
 
 OUTPUTS = 200  # times at which the ledger is kept
-FIRST_ORDER = ", first order"  # (3.5): the same system, marched in (v, v')
 
 
 def points(
@@ -28,10 +27,7 @@ def points(
     t_end: common.End,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
-    """Every scheme and the exact solution, in every form that the case supports.
-
-    Two schemes also run on the first-order system. The exact solution ends at its horizon.
-    """
+    """Every scheme and the exact solution, which ends at its horizon, in every form that the case supports."""
     labels = common.scheme_labels(case, schemes)
     kinds = forms or list(case.forms)
     span = {"t_end": t_end, "contact": contact}
@@ -39,17 +35,13 @@ def points(
     for form in kinds:
         plan.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
         plan += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
-    # The direct march of the paper's (3.5) is slow, and the same scheme to rounding: a tenth of the span shows it.
-    first = [label for label in labels if not common.scheme_of(label).second_order_only][:1] if forms is None else []
-    short = {"t_end": dt * max(2, round(0.1 * t_end / dt)), "contact": contact}
-    plan += [{"scheme": label, "form": kinds[0] + FIRST_ORDER, "dt": dt} | short for label in first]
     return plan
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
     """Energy balance of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
     form = point["form"]
-    system = case.system(form.removesuffix(FIRST_ORDER))
+    system = case.system(form)
     if point["scheme"] == "exact":
         run: Trajectory = common.solve_once(system, point["t_end"])
         ledger = run.energy
@@ -58,9 +50,8 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
     else:
         steps = round(point["t_end"] / point["dt"])
-        chosen = system.first_order() if form.endswith(FIRST_ORDER) else system
         every = common.to_the_end(steps, OUTPUTS)
-        run = integrate(chosen, common.scheme_of(point["scheme"]), point["dt"], point["t_end"], point["contact"], every)
+        run = integrate(system, common.scheme_of(point["scheme"]), point["dt"], point["t_end"], point["contact"], every)
         ledger = run.energy
         keep = np.arange(len(ledger.t))
     return [_row(ledger, int(k)) for k in keep]

@@ -13,6 +13,7 @@ from ..figures.chart import Axis, Curve, Level, Mark, Note, Panel, Picture, colu
 from ..files.cases import Case
 from ..measures.errors import matched_until, tip_error
 from ..model.right_hand_side import RightHandSide
+from ..model.state_space import state_space
 from ..model.system import System
 from ..references import expected_seconds, solve, takes
 from ..references.registry import MULTIPRECISION, REFERENCES, Steps
@@ -143,7 +144,7 @@ def _cost(run: Trajectory, work: int) -> Row:
 
 def _call(system: System) -> float:
     """Seconds of one call of the right-hand side from Python: the least of several hundred."""
-    rhs = RightHandSide(system.first_order())
+    rhs = RightHandSide(state_space(system))
     z, out, least = rhs.z0, np.empty(rhs.size), np.inf
     for _ in range(CALLS):
         begun = time.perf_counter()

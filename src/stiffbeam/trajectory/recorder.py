@@ -36,8 +36,6 @@ from .sampling import (
     STOP,
     TIME,
     TOUCHING,
-    new_tally,
-    observe,
     switch_time,
 )
 
@@ -142,65 +140,6 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     if all(np.isfinite(contact.impulse) for contact in contacts):
         return float("nan")
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
-
-
-class SampledImpacts:
-    """The sampled impacts of one contact after step ``since``, from consecutive ranges of positions."""
-
-    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
-        self.stops, self.dt, self.steps = stops, dt, 0
-        self._means, self._last = False, (np.array([[u0]]), np.array([[v0]]))
-        self._first = self._last[0].copy(), self._last[1].copy()
-        self._tally = new_tally(*self._last, stops.law, since)
-        begun = events_at_start(self._tally, stops.law[None, None], dt, self._first, False)
-        self._events, self._rows = np.concatenate([begun, np.empty((64, EVENT))]), len(begun)
-
-    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
-        """Positions u and velocities v at the ends of the next steps, (k,), the reactions where they are means, and
-        the forces that nodes found where the state does not tell them."""
-        self._means = means is not None
-        # A mean has no value at t = 0, so that a contact at the start begins without impulse.
-        if self._means and not self.steps:
-            self._events[: self._rows, IMPACT_IMPULSE] = 0.0
-        means, node_forces = (
-            np.zeros((0, 0, 0)) if x is None else np.array(x, float).reshape(1, -1, 1) for x in (means, node_forces)
-        )
-        # In the worst case an impact begins at every step.
-        if self._rows + len(u) > len(self._events):
-            self._events = np.concatenate([self._events, np.empty((len(self._events) + len(u), EVENT))])
-        u, v = (np.array(x, float).reshape(1, -1, 1) for x in (u, v))
-        law = self.stops.law[None, None]
-        never = np.zeros(1, np.int64)
-        self._rows = observe(
-            u,
-            v,
-            means,
-            node_forces,
-            law,
-            self.dt,
-            self.steps,
-            *self._last,
-            self._tally,
-            never,
-            self._events,
-            self._rows,
-        )
-        self.steps += u.shape[1]
-
-    @property
-    def tally(self) -> Array:
-        """The counts so far at this contact, a row laid out as in sampling."""
-        law = self.stops.law[None, None]
-        return with_ends(self._tally, law, self.dt, self._first, self._last, self._means, self.stops.jumps)[0, 0]
-
-    @property
-    def events(self) -> Array:
-        """The list of impacts so far, the open one without peak and impulse."""
-        events = self._events[: self._rows].copy()
-        # An open impact has no end, peak or impulse yet.
-        if self.tally[SIDE] and self.tally[ROW] >= 0:
-            events[int(self.tally[ROW]), [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
-        return events
 
 
 def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
@@ -318,9 +257,8 @@ class Reactions:
         self._closed = bool(u0 <= stops.lower_bound or u0 >= stops.upper_bound)  # since t = 0
         self._last = -1  # the step in which that contact opens
 
-    def feed(self, u: Array, v: Array, means: Array | None = None, node_forces: Array | None = None) -> None:
-        """Positions and velocities at the ends of the next steps (k,), and their reactions."""
-        assert means is not None
+    def feed(self, u: Array, means: Array) -> None:
+        """Positions at the ends of the next steps (k,), and their reactions."""
         # The contact at t = 0 lasts to the first position between the stops.
         if self._closed:
             free = np.flatnonzero((u > self.stops.lower_bound) & (u < self.stops.upper_bound))

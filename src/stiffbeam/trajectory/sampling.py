@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 
-from ..basics.arrays import Array, BoolArray
+from ..basics.arrays import Array
 from ..basics.compiled import compiled, inlined
 from ..model.contact import side_at_start
 from ..model.contact_law import (
     Law,
     damps,
     force_of_node,
-    is_linear,
     law_force,
     law_of,
     pressure,
@@ -149,59 +148,6 @@ def scan_by_law(
     # ``with_ends`` counts the force at the last step half.
     if not means:
         tally[i, c, LAST] = abs(force_of_node(u[count - 1], v[count - 1], forces[count - 1], stop))
-    return rows
-
-
-@compiled
-def observe(
-    u: Array, v: Array, means: Array, node_forces: Array, law: Array, dt: float, first: int, position: Array,
-    velocity: Array, tally: Array, diverged: BoolArray, events: Array, rows: int,
-) -> int:  # fmt: skip
-    """Take positions u and velocities v (M, steps, C) after step ``first`` of members that have not diverged.
-
-    means: the reactions (M, steps, m) where they are means over the steps, else of no length. node_forces: the
-    forces (M, steps, m) that nodes compute, see ``force_of_node``, or of no length.
-    position, velocity: (M, C) at step ``first``, brought up to date as the tallies (M, m, 8) are. The
-    impacts that begin are written to ``events`` from row ``rows`` on, which must have room. Returns the
-    first free row.
-    """
-    M, steps, C = u.shape
-    path = np.empty(steps)
-    for i in range(M):
-        if diverged[i]:
-            continue
-        for c in range(law.shape[1]):
-            for k in range(steps):
-                path[k] = u[i, k, c]
-            opened = int(tally[i, c, ROW])
-            if means.size:
-                forces = means[i, :, c].copy()
-                new = scan_by_law(path, forces, forces, True, steps, law, dt, tally, i, c, events, rows, first)
-            elif is_linear(law_of(law[i], c)):
-                new = scan(path, steps, law, dt, tally, i, c, events, rows, first)
-            else:
-                forces = node_forces[i, :, c].copy() if node_forces.size else np.full(steps, np.nan)
-                speeds = v[i, :, c].copy()
-                new = scan_by_law(path, speeds, forces, False, steps, law, dt, tally, i, c, events, rows, first)
-            # The end of the impact that was open before, then times and ends of the new ones.
-            # 2 rows - 1 is the end of the open impact; 2 r is the time of row r, and 2 r + 1 its end.
-            for change in range(2 * rows - 1, 2 * new):
-                row, column = change // 2, END if change % 2 else TIME
-                if row < rows:
-                    row = opened
-                k = int(events[row, column]) if row >= 0 else -1
-                if k < 0:
-                    continue
-                u0 = path[k - 1] if k > 0 else position[i, c]
-                v0 = v[i, k - 1, c] if k > 0 else velocity[i, c]
-                inside = switch_time(u0, v0, path[k], v[i, k, c], events[row, STOP], law_of(law[i], c), dt)
-                events[row, column] = (first + k + inside) * dt
-                events[row, MEMBER] = i
-                events[row, CONTACT] = c
-            rows = new
-        for c in range(C):
-            position[i, c] = u[i, steps - 1, c]
-            velocity[i, c] = v[i, steps - 1, c]
     return rows
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, one_of, positive
-from ...model.equations import FirstOrderSystem
 from ...model.right_hand_side import RightHandSide
+from ...model.state_space import StateSpace, state_space
 from ...model.system import System
 from ...model.time_functions import in_closed_form
 from ...trajectory.recorder import contact_spans
@@ -33,7 +33,7 @@ Solver = Callable[[Phase], Outcome]
 
 def reference_from(
     request: Request, solver: Callable[[RightHandSide, float, Array], Solver], switches: str,
-    mass: Array | None = None, first_order: FirstOrderSystem | None = None,
+    mass: Array | None = None, first_order: StateSpace | None = None,
 ) -> Reference:  # fmt: skip
     """The Reference of a solver that makes one phase, on the first-order system (its own unless given, with its
     ``mass``). solver: takes the right-hand side, the relative tolerance, and the absolute ones of all unknowns.
@@ -60,7 +60,7 @@ def reference_from(
     t = output_times(t_eval, t_end)
     begun = clock()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
-    rhs = RightHandSide(first_order or system.first_order(), mass)
+    rhs = RightHandSide(first_order or state_space(system), mass)
     scales = scales_of(rhs.first_order, t_end)
     if steps.max_step is not None:
         afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)

@@ -16,8 +16,8 @@ import scipy.linalg
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...basics.validation import InputError
-from ...model.equations import FirstOrderSystem
 from ...model.right_hand_side import THROUGH, RightHandSide
+from ...model.state_space import StateSpace
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
 from ..registry import RESTART
@@ -35,7 +35,7 @@ class Scales(NamedTuple):
     energy: float
 
 
-def scales_of(first_order: FirstOrderSystem, t_end: float) -> Scales:
+def scales_of(first_order: StateSpace, t_end: float) -> Scales:
     """The largest value that every unknown would reach with the whole energy of the motion.
 
         E = E_0 + 1/2 sum_k max|f_k|^2 p_k^T S p_k + 1/2 sum_c (max |o_c - o_c(0)|)^2/(1/kappa_c + r_c^T S r_c)

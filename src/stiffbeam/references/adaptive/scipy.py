@@ -10,6 +10,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
+from ...model.state_space import state_space
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import KEEP, REFERENCES, RESTART, Request
@@ -129,7 +130,7 @@ def stepping(
 def refuse_stiff(system: System, t_end: float) -> None:
     """Raise InputError if an explicit method needs more than MOST_STEPS steps for the fastest rate |lambda| of the free
     system, with steps of at most STABLE/|lambda|."""
-    rate = float(np.max(np.abs(np.linalg.eigvals(system.first_order().matrix)), initial=0.0))
+    rate = float(np.max(np.abs(np.linalg.eigvals(state_space(system).matrix)), initial=0.0))
     steps = rate * positive("t_end", t_end) / STABLE
     if steps > MOST_STEPS:
         raise InputError(

@@ -31,6 +31,7 @@ from ...basics.arrays import Array, IntArray
 from ...basics.compiled import called_from_c, compiled
 from ...model.right_hand_side import RightHandSide
 from ...model.right_hand_side_kernels import event_functions, floats, integers, jacobian, residual, right_hand_side
+from ...model.state_space import descriptor
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import KEEP, RESTART, Request
 from .adaptive import Solver, reference_from
@@ -58,7 +59,7 @@ def solve(request: Request) -> Reference:
     """
     import_module("sksundae.cvode")  # a missing library is named before anything is computed
     method, ida, adams = request.method, request.method == "ida", request.method == "cvode-adams"
-    mass, right = request.system.descriptor() if ida else (None, None)
+    mass, right = descriptor(request.system) if ida else (None, None)
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         if rhs.in_python or not available():

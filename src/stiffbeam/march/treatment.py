@@ -1,0 +1,116 @@
+"""Treatments of contact: which force of a stop acts in a step, and the laws and schemes that each treatment serves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from ..basics.arrays import Array
+from ..basics.validation import InputError
+from ..model.contact import Contact
+from ..model.contact import linear as all_linear
+from ..model.stage import BY_LAW, LINEAR, MEAN
+from ..schemes import Scheme
+from ..trajectory.trajectory import SolverFailure
+
+
+class Treatment:
+    """``contact="implicit"``: the force at a node follows from the position and the velocity there, v = r + s F(v, v').
+
+    Treatments differ in the force that acts, and so in the stops and the schemes that they take.
+    """
+
+    name: ClassVar[str] = "implicit"
+    predicts: ClassVar[bool] = False  # whether the positions at the nodes are those that the scheme predicts
+    means: ClassVar[bool] = False  # whether forces are means over a step, and so not there at a time
+
+    def __repr__(self) -> str:
+        return f"<Treatment {self.name}>"
+
+    def rule(self, contacts: Sequence[Contact]) -> int:
+        """LINEAR, BY_LAW or MEAN, see stage: how a node finds its forces. Raises InputError for stops with a law that
+        this treatment does not take."""
+        return LINEAR if all_linear(contacts) else BY_LAW
+
+    def takes(self, scheme: Scheme) -> bool:
+        """Return True if the scheme has a form for this treatment."""
+        return True
+
+    def form_of(self, scheme: Scheme) -> Scheme:
+        """Return the form of the scheme for this treatment. Raises InputError for a scheme without one."""
+        return scheme
+
+
+class Extrapolated(Treatment):
+    """``contact="extrapolated"``: F at the position that the scheme predicts from known values, as in the paper."""
+
+    name = "extrapolated"
+    predicts = True
+    why = "be 0 for the extrapolated contact, which predicts positions only"
+
+    def rule(self, contacts: Sequence[Contact]) -> int:
+        """LINEAR or BY_LAW. Raises InputError for stops that dissipate."""
+        for contact in contacts:
+            if contact.stops.dissipative:
+                name = "damping" if contact.stops.damping else "dissipation"
+                raise InputError(f"stops.{name}", getattr(contact.stops, name), self.why, "use the implicit contact")
+        return super().rule(contacts)
+
+
+class Conserving(Extrapolated):
+    """``contact="conserving"``: the mean force over the step that keeps the energy of system and stops, see stage."""
+
+    name = "conserving"
+    predicts, means = False, True
+    why = "be 0 for the conserving contact, which keeps the energy of the stops"
+
+    def rule(self, contacts: Sequence[Contact]) -> int:
+        """MEAN where there are contacts. Raises InputError for stops that dissipate."""
+        rule = super().rule(contacts)
+        return MEAN if contacts else rule
+
+    def takes(self, scheme: Scheme) -> bool:
+        """Return True if the scheme conserves the energy of the linear system under a constant force."""
+        return scheme.conserving is not None
+
+    def form_of(self, scheme: Scheme) -> Scheme:
+        """Return the form whose reaction is constant over the step."""
+        if scheme.conserving is None:
+            rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
+            raise InputError("scheme", str(scheme), rule, "use trapezoidal or exponential-flow")
+        return scheme.conserving
+
+
+TREATMENTS = {treatment.name: treatment for treatment in (Treatment(), Extrapolated(), Conserving())}
+
+
+def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
+    """Raise InputError unless a force moves its node and speeds it up in its own direction: s, s' >= 0.
+
+    Else a law that depends on the velocity may have no force, or several. S, S_rate: (..., m, m).
+    """
+    for name, x in (("position", S), ("velocity", S_rate)):
+        own = np.diagonal(x, axis1=-2, axis2=-1)
+        # A negative entry within the rounding of the largest one counts as zero.
+        if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
+            rule = f"move the {name} of a node along with the force there, for stops whose force depends on velocity"
+            raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
+
+
+def require_moved(scheme: Scheme, S: Array) -> None:
+    """Raise InputError unless a force moves its node, s > 0, for stops with c > 0.
+
+    Their force jumps at the stop. A node that yields to a force finds the one that holds it there. Another node
+    evaluates F from a state, and rounding decides the result. S: (..., m, m).
+    """
+    if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
+        rule = "move every node by the force there, for stops with damping, whose force jumps"
+        raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")
+
+
+def unsolved(scheme: Scheme, t: float) -> SolverFailure:
+    """Error: the forces of several contacts at one node were not found."""
+    reason = "the forces of several contacts at once were not found"
+    return SolverFailure(str(scheme), t, reason, "use a smaller dt, or the solver cvode")
