@@ -209,7 +209,7 @@ def test_what_chatter_leaves_out_is_what_more_digits_find():
 @pytest.mark.parametrize(
     ("system", "error", "named"),
     [
-        (one(1.0, None, sb.Constant(1.0), upper=0.1), InputError, "massless_contacts"),
+        (one(1.0, None, sb.Constant(1.0), upper=0.1), InputError, "restitution must be given"),
         (one(1.0, 0.5, sb.Constant(1.0), q=0.2, upper=0.1), InputError, "between"),
         (one(1.0, 0.5, np.sin, upper=0.1), InputError, "Harmonic"),
         (one(0.0, 0.5, sb.Constant(-8.0), v=4.0, upper=1.0), SolverFailure, "touched.*move the stop"),
