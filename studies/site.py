@@ -37,7 +37,7 @@ CHAPTERS = {
         "studies/guide/derivatives.md", "studies/guide/orbits.md", "studies/guide/other_tools.md",
         "studies/steel_strip.py", "studies/hermite_model.py", "studies/hammer.py", "studies/base_motion.py",
         "studies/loose_supports.py", "studies/identify.py", "studies/round_hole.py",
-        "studies/massless_contact.py",
+        "studies/massless_contact.py", "studies/noise.py",
     ],
     "Answers": [
         "studies/gallery.md", "studies/README.md", "studies/outputs.md", "studies/speed.md",

@@ -36,8 +36,6 @@ from .model.problem import PolynomialProfile as PolynomialProfile
 from .model.reduction import ReducedModel as ReducedModel
 from .model.reduction import reduce_model as reduce_model
 from .model.sampled import Sampled as Sampled
-from .model.sampled import noise as noise
-from .model.sampled import random_phases as random_phases
 from .model.semidiscretisation import semidiscretise as semidiscretise
 from .model.system import System as System
 from .model.time_functions import Constant as Constant

@@ -31,8 +31,6 @@ CALLS = {
     "make_system": lambda x: sb.continuation(x, "frequency", [1.0, 2.0], 1.0),
     "period": lambda x: sb.continuation(lambda _: chain(), "frequency", [1.0, 2.0], x),
     "mass": lambda x: sb.modal_damping(x, EYE, 0.02),
-    "band": lambda x: sb.noise(1.0, 1.0, x, 1),
-    "record": lambda x: sb.random_phases(x, 1),
     "runs": sb.paper_figure,
     "panels": lambda x: sb.paper_figure([motion()], x),
     "span": lambda x: sb.paper_figure([motion()], span=x),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doubt_ranks import Beam
+from noise import noise
 from systems import one_mass, thrown_case
 from typer.testing import CliRunner
 
@@ -256,7 +257,7 @@ def elements(beam: Beam, cells: int) -> Case:
 def oscillator(seed: int) -> sb.System:
     """A damped mass that noise throws at a spring."""
     stops = sb.Stops(upper=0.3, stiffness=400.0)
-    return one_mass(4.0, stops, damping=0.2, load=sb.noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
+    return one_mass(4.0, stops, damping=0.2, load=noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
 
 
 @pytest.mark.slow
