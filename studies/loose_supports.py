@@ -4,7 +4,7 @@
 
 A steel tube of 19 x 1.5 mm and 1.2 m length is clamped at one end. Two supports leave it 0.3 mm of play to either side,
 one at half its length and one at its end. A record of 0.25 s drives it, here one made of two tones and noise. The
-script writes a case file with tolerances and the record. It prints where the uncertainty of every quantity comes from,
+script writes a case file with ranges and the record. It prints where the uncertainty of every quantity comes from,
 on a coarse mesh and on a fine one. For each support it prints the rates of impacts and of work, and writes a table of
 all impacts with their work. The sliding at a support comes from the rotation of the tube's section, at its outer
 radius; there is no friction. It takes half a minute. The same budget on the command line:
@@ -46,10 +46,10 @@ stops = [
 ]
 loads = [{ position = 0.9, sampled = "force.csv", kind = "cubic" }]
 [case.uncertain]
-stiffness = 0.01            # 1 % to either side
-"stops[0].upper" = 0.05     # 15 micrometres
-"stops[1].upper" = 0.05
-"loads[0].time.scale" = 0.02
+stiffness = [661, 675]      # 1 % to either side
+"stops[0].upper" = [285e-6, 315e-6]
+"stops[1].upper" = [285e-6, 315e-6]
+"loads[0].time.scale" = [0.98, 1.02]
 """
 SOURCES = {"scheme": "#0072b2", "mesh": "#d55e00", "data": "#009e73"}
 

@@ -33,7 +33,6 @@ _RENAMED = {
     "Sum": "Superposition",
     "perturbed": "perturbed_members",
     "reduced": "reduce_model",
-    "uncertain": "uncertain_members",
     "varied": "varied_members",
 }  # old names, which warn
 

@@ -42,8 +42,6 @@ from .model.time_functions import Constant as Constant
 from .model.time_functions import Harmonic as Harmonic
 from .model.time_functions import Superposition as Superposition
 from .model.time_functions import TimeFunction as TimeFunction
-from .model.uncertain import Uncertain as Uncertain
-from .model.uncertain import uncertain_members as uncertain_members
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.continuation import Branch as Branch

@@ -27,7 +27,7 @@ CALLS = {
     "want": lambda x: sb.advise(chain(), x, 1.0),
     "schemes": lambda x: sb.advise(chain(), {"tip": 1e-2}, 1.0, schemes=x),
     "contacts": lambda x: sb.advise(chain(), {"tip": 1e-2}, 1.0, contacts=x),
-    "case": lambda x: sb.doubt(x, dt=1e-2, t_end=1.0, uncertain={"stiffness": 0.01}),
+    "case": lambda x: sb.doubt(x, dt=1e-2, t_end=1.0, uncertain={"stiffness": (2.9, 3.1)}),
     "make_system": lambda x: sb.continuation(x, "frequency", [1.0, 2.0], 1.0),
     "period": lambda x: sb.continuation(lambda _: chain(), "frequency", [1.0, 2.0], x),
     "mass": lambda x: sb.modal_damping(x, EYE, 0.02),

@@ -18,7 +18,6 @@ OLD = {
     "Sum": "Superposition",
     "perturbed": "perturbed_members",
     "reduced": "reduce_model",
-    "uncertain": "uncertain_members",
     "varied": "varied_members",
 }
 

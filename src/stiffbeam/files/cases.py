@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
@@ -14,11 +14,11 @@ from typing import Any
 from ..basics.units import Units
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
+from ..model.members import varied_members
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
 from ..model.reduction import ReducedModel
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..model.uncertain import KINDS, Uncertain, uncertain_members
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from .paper import case_blocks, paper_text
@@ -44,8 +44,8 @@ class Case:
         Values that the source reports, by kind and run.
     notes : sequence of str
         What is inferred rather than stated in the source, each with its reason.
-    uncertain : mapping of path to Uncertain
-        Distributions of parameters, from which ensembles are drawn.
+    uncertain : mapping of path to (low, high)
+        Ranges of parameters, from which ``doubt`` draws.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Case:
     runs: tuple[tuple[Scheme, str], ...]
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    uncertain: Mapping[str, Uncertain] = field(default_factory=dict)
+    uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def beam(self) -> BeamProblem | None:
@@ -466,37 +466,27 @@ class _Reader(Reader):
             wrong = next((form for _, form in parsed if form != "matrices"), None)
             if wrong is not None:
                 raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
-            return self.drawn_from(self.build(SystemCase, matrices=system, finer=finer, **common))
+            return self.varied(self.build(SystemCase, matrices=system, finer=finer, **common))
         assert beam is not None
         if finer is not None:
             raise self.error("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
         cells = self.build(integer, "cells", self.get("cells", int, "be an integer >= 4"), 4)
-        return self.drawn_from(Case(problem=beam, cells=cells, **common))
+        return self.varied(Case(problem=beam, cells=cells, **common))
 
-    def uncertain(self) -> dict[str, Uncertain]:
-        """Distributions by path; a dotted key without quotes is a path too."""
+    def uncertain(self) -> dict[str, tuple[float, float]]:
+        """Ranges by path."""
+        ranges = self.get("uncertain", dict, "be a table of paths", {})
+        for path, ends in ranges.items():
+            numbers = isinstance(ends, list) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
+            if not numbers or not ends[0] < ends[1]:
+                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
+                raise self.error(f'uncertain."{path}"', ends, "be a range of two increasing numbers", remedy)
+        return {path: (float(ends[0]), float(ends[1])) for path, ends in ranges.items()}
 
-        # A dotted key makes nested tables: they end at a table that states a distribution.
-        def entries(table: dict[str, Any], path: str) -> Iterator[tuple[str, Any]]:
-            for key, value in table.items():
-                whole = f"{path}.{key}" if path else key
-                if isinstance(value, dict) and not set(value) & set(KINDS):
-                    yield from entries(value, whole)
-                else:
-                    yield whole, value
-
-        uncertain: dict[str, Uncertain] = {}
-        for path, value in entries(self.get("uncertain", dict, "be a table of paths", {}), ""):
-            options = value if isinstance(value, dict) else {"tolerance": value}
-            where = f'{self.where}.uncertain "{path}"'
-            type(self)(options, where).only(set(KINDS))
-            uncertain[path] = type(self)(options, where).build(Uncertain, **options)
-        return uncertain
-
-    def drawn_from(self, case: Case) -> Case:
-        """The case, after one draw of its uncertain parameters: a path that it does not have is refused here."""
+    def varied(self, case: Case) -> Case:
+        """The case; a path that it does not have, and an end of a range that no system can have, are refused here."""
         if case.uncertain:
-            self.build(uncertain_members, case.system(), case.uncertain, 1)
+            self.build(varied_members, case.system(), case.uncertain)
         return case
 
     def problem(self) -> BeamProblem:
