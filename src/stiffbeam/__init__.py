@@ -28,7 +28,6 @@ _MODULE = {
 _RENAMED = {
     "Growth": "PerturbationGrowth",
     "Members": "EnsembleMembers",
-    "Reduced": "ReducedModel",
     "Section": "BeamSection",
     "Sum": "Superposition",
     "perturbed": "perturbed_members",

@@ -33,7 +33,6 @@ from .model.problem import BeamSection as BeamSection
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile
-from .model.reduction import ReducedModel as ReducedModel
 from .model.reduction import reduce_model as reduce_model
 from .model.sampled import Sampled as Sampled
 from .model.semidiscretisation import semidiscretise as semidiscretise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
@@ -16,7 +16,6 @@ from ..basics.validation import InputError, exact_float, file_path, instance, in
 from ..model.contact import Stops
 from ..model.members import varied_members
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
-from ..model.reduction import ReducedModel
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
@@ -108,27 +107,22 @@ class Case:
 class SystemCase(Case):
     """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam.
 
-    finer: the same structure on a finer mesh, or a function that returns it, from which ``doubt`` estimates the error
-    of the mesh.
+    finer: the same structure on a finer mesh, from which ``doubt`` estimates the error of the mesh.
     """
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
     matrices: System = field(kw_only=True)
-    finer: System | Callable[[], System] | None = field(kw_only=True, default=None, repr=False, compare=False)
+    finer: System | None = field(kw_only=True, default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.finer, System) and _excited(self.finer) != _excited(self.matrices):
+        finer, remedy = self.finer, "describe the same structure on a finer mesh"
+        if finer is not None and _excited(finer) != _excited(self.matrices):
             rule = "have as many loads as the system, and its contacts with the same stops"
-            raise InputError("finer", repr(self.finer), rule, "describe the same structure on a finer mesh")
-        if isinstance(self.finer, System):
-            self._require_finer(self.finer)
-
-    def _require_finer(self, finer: System) -> System:
-        if finer.size <= self.matrices.size:
+            raise InputError("finer", repr(finer), rule, remedy)
+        if finer is not None and finer.size <= self.matrices.size:
             rule = f"have more than the {self.matrices.size} unknowns of the system"
-            raise InputError("finer", f"{finer.size} unknowns", rule, "describe the same structure on a finer mesh")
-        return finer
+            raise InputError("finer", f"{finer.size} unknowns", rule, remedy)
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
@@ -168,8 +162,8 @@ class SystemCase(Case):
         return self.matrices
 
     def refined(self, form: str) -> System | None:
-        """The finer model, if there is one. Raises InputError where it has no more unknowns than the system."""
-        return None if self.finer is None else self._require_finer(self.finer() if callable(self.finer) else self.finer)
+        """The finer model, if there is one."""
+        return self.finer
 
 
 def _excited(system: System) -> tuple[int, list[Stops]]:
@@ -184,7 +178,7 @@ def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
 
 
 def case_of(
-    system: System | ReducedModel,
+    system: System,
     dt: float | None,
     t_end: float | None,
     name: str = "system",
@@ -192,12 +186,8 @@ def case_of(
 ) -> Case:
     """A case of a System, with its ``default_schemes``; one that is a beam on a grid as it stands keeps both.
 
-    finer: see ``SystemCase``; of a ReducedModel by default one of twice as many modes. Raises InputError without a step
-    and a time span, which a System does not have.
+    finer: see ``SystemCase``. Raises InputError without a step and a time span, which a System does not have.
     """
-    more: System | Callable[[], System] | None = finer
-    if isinstance(system, ReducedModel):
-        more, system = finer or system.refined, system.system
     instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
     if dt is None or t_end is None:
         raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
@@ -210,7 +200,7 @@ def case_of(
         same = case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form
         if same and finer is None:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=more)
+    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=finer)
 
 
 MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
@@ -425,10 +415,6 @@ class _Reader(Reader):
         system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).model()
         more = self.get("finer", dict, "be a table", None)
         finer: Any = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).model()
-        if isinstance(system, ReducedModel):
-            finer, system = finer or system.refined, system.system
-        if isinstance(finer, ReducedModel):
-            finer = finer.system
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         # Runs, in the form that fits what is solved.

@@ -56,7 +56,6 @@ from ..files.cases import Case, case_of
 from ..measures.rates import stationary_mean, windows
 from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
-from ..model.reduction import ReducedModel
 from ..model.system import System
 from ..model.time_functions import Constant
 from ..references import best_reference
@@ -190,7 +189,7 @@ def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.
 
 
 def doubt(
-    case: Case | System | ReducedModel,
+    case: Case | System,
     scheme: Scheme | None = None,
     dt: float | None = None,
     members: int = 48,
@@ -207,7 +206,7 @@ def doubt(
 
     Parameters
     ----------
-    case : Case, System or ReducedModel
+    case : Case or System
         With uncertain parameters, ``[case.uncertain]`` in its file or ``uncertain=``.
     scheme : Scheme, optional
         By default the case's first.
@@ -229,8 +228,8 @@ def doubt(
         ``scipy.stats``, such as ``norm(mean, deviation)``.
     finer : System, optional
         For matrices, the same structure on a finer mesh: the same loads, contacts and paths. The column of the mesh is
-        the distance to it. In a file it is ``[case.finer]``. For a ReducedModel it is by default the model with twice
-        as many modes, so that the column has the truncation error only.
+        the distance to it. In a file it is ``[case.finer]``. For a reduced model pass one with twice as many modes: the
+        column then has the truncation error only.
 
     Returns
     -------
@@ -323,14 +322,10 @@ def finer_mesh(case: Case, form: str) -> tuple[System | None, Callable[[Column],
     None for matrices without a finer model.
     """
     if case.beam is None:
-        why = "The case has matrices and no finer model"
-        try:
-            mesh = case.refined(form)
-        except InputError as error:  # a reduced model without as many modes
-            mesh, why = None, f"There is no finer model: {error}"
+        mesh = case.refined(form)
         remedy = "pass finer=, or write [case.finer] beside [case.system]"
-        remarks = () if mesh is not None else (f"{why}: for the error of the mesh {remedy}.",)
-        return mesh, lambda distance: distance.between(FINER), remarks
+        remark = f"The case has matrices and no finer model: for the error of the mesh {remedy}."
+        return mesh, lambda distance: distance.between(FINER), () if mesh is not None else (remark,)
     if form == "hermite" or case.system(form).rigid:
         return case.refined(form), lambda distance: distance.on_twice_the_cells(form), ()
     elements = replace(case, cells=max(case.cells, LEAST)).system("hermite")
