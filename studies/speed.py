@@ -35,6 +35,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # idle threads of a library 
 
 import numpy as np
 from hand_written import ALPHA, Timed, in_c, jax_scan, numba_loop, numpy_loop, timed
+from noise import noise
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
@@ -296,8 +297,8 @@ def tube_under_a_record(samples: int) -> sb.System:
     """A damped steel tube in two loose supports, of 20 cells, under a force with samples 50 microseconds apart."""
     stops = [sb.Stops(-3e-4, 3e-4, position=x, stiffness=1e6) for x in (0.6, 1.2)]
     t = np.linspace(0.0, 5e-5 * samples, samples)
-    noise = sb.noise(float(t[-1]), rms=3.0, band=(5.0, 1200.0), seed=19)
-    force = 12.0 * np.sin(44.0 * np.pi * t) + 6.0 * np.sin(122.0 * np.pi * t + 1.0) + noise.value(t)
+    rough = noise(float(t[-1]), rms=3.0, band=(5.0, 1200.0), seed=19)
+    force = 12.0 * np.sin(44.0 * np.pi * t) + 6.0 * np.sin(122.0 * np.pi * t + 1.0) + rough.value(t)
     load = sb.PointLoad(0.9, sb.Sampled(t, force, kind="cubic"))
     problem = sb.BeamProblem(
         length=1.2, stiffness=668.0, mass_per_length=0.647, viscosity=0.15, stops=stops, loads=(load,)

@@ -28,12 +28,10 @@ _MODULE = {
 _RENAMED = {
     "Growth": "PerturbationGrowth",
     "Members": "EnsembleMembers",
-    "Reduced": "ReducedModel",
     "Section": "BeamSection",
     "Sum": "Superposition",
     "perturbed": "perturbed_members",
     "reduced": "reduce_model",
-    "uncertain": "uncertain_members",
     "varied": "varied_members",
 }  # old names, which warn
 

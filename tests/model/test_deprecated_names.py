@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import stiffbeam as sb
@@ -13,12 +12,10 @@ from stiffbeam.trajectory.records import Ledger
 OLD = {
     "Growth": "PerturbationGrowth",
     "Members": "EnsembleMembers",
-    "Reduced": "ReducedModel",
     "Section": "BeamSection",
     "Sum": "Superposition",
     "perturbed": "perturbed_members",
     "reduced": "reduce_model",
-    "uncertain": "uncertain_members",
     "varied": "varied_members",
 }
 
@@ -42,10 +39,6 @@ OBJECTS = {
     "BeamProblem": (lambda: sb.paper_case(10).problem, {"one_stops": "single_stops"}),
     "EnsembleMembers": (lambda: sb.perturbed_members(ball(), 2), {"chosen": "subset"}),
     "Trajectory": (lambda: sb.integrate(ball(), sb.HHT(), 0.01, 0.1), {"read_for": "stored_fingerprint"}),
-    "ReducedModel": (
-        lambda: sb.reduce_model(np.eye(3), np.diag([1.0, 2.0, 3.0]), observe=[1.0, 0.0, 0.0], modes=1),
-        {"left_out": "first_omitted", "start_lost": "initial_data_error", "static_lost": "static_error"},
-    ),
     "Advice": (
         lambda: sb.advise(ball(), {"tip": 0.1}, 0.2, [sb.HHT()], most_steps=256),
         {"chosen": "recommendation", "cannot": "unattainable", "tried": "candidates", "want_met": "attainable"},
@@ -66,7 +59,7 @@ def test_an_attribute_is_found_under_its_old_name(kind):
 
 def test_every_renamed_attribute_has_its_test():
     listed = {name for _, names in OBJECTS.values() for name in names}
-    kinds = (sb.Stops, sb.BeamProblem, sb.EnsembleMembers, sb.Trajectory, sb.ReducedModel, Advice)
+    kinds = (sb.Stops, sb.BeamProblem, sb.EnsembleMembers, sb.Trajectory, Advice)
     renamed = {name for kind in kinds for name, value in vars(kind).items() if isinstance(value, Renamed)}
     assert listed == renamed
     assert {"sure", "given", "contact", "free"} <= set(vars(Ledger))

@@ -43,7 +43,7 @@ def integrate_ensemble(
     scheme : Scheme
     dt, t_end : float
     members : EnsembleMembers or sequence of System
-        From ``perturbed_members``, ``varied_members`` or ``uncertain_members``, or systems that differ from
+        From ``perturbed_members`` or ``varied_members``, or systems that differ from
         ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
         own are set up one by one.
     contact : {"implicit", "extrapolated", "conserving"}

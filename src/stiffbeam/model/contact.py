@@ -58,8 +58,7 @@ class Stops(Parameters):
     dissipation : float
         lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
     restitution : float, optional
-        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None where no impact law is needed, see
-        ``System.massless_contacts``.
+        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for schemes without an impact law.
     position : float, optional
         Beams only: the place x along the beam; None is the tip. A contact of matrices has its row instead.
     motion : time function, optional

@@ -206,14 +206,9 @@ def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Val
         if contacts:
             each = [np.repeat(members, contact.impact_count) for contact in contacts]
             values["impact_member"] = (IM, np.concatenate(each))
-        # A varied number is a coordinate by its path; parameters that were drawn are one each.
+        # A varied number is a coordinate by its path.
         if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
             values[parameter_name(result.members.parameter)] = (("member",), result.values)
-        elif (
-            drawn := np.asarray(result.members.values)
-        ).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain_members``
-            for path, column in zip(result.members.parameter.split(", "), drawn.T, strict=True):
-                values[parameter_name(path)] = (("member",), column)
     return values
 
 
