@@ -35,7 +35,7 @@ def integrate_ensemble(
     since: float = 0.0,
     executor: Executor | None = None,
 ) -> Ensemble:
-    """Return the runs of all members of an ensemble, on all cores; each is equal to the bit to its single run.
+    """Return the runs of all members of an ensemble, on all cores; each equals its single run to rounding.
 
     Parameters
     ----------
