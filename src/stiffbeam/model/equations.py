@@ -92,7 +92,7 @@ class Matrices(Equation):
 
     def damping(self, x: Array) -> Array:
         """C x for every row of x."""
-        return x @ self._damping
+        return x @ self._damping.T
 
     def stiffness(self, x: Array) -> Array:
         """K x for every row of x."""

@@ -24,6 +24,7 @@ from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
+from .stencils import BANDED
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from .ode import ODE
 
 
-BANDED = 64  # unknowns, above which a banded matrix is factorised as one
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
 
