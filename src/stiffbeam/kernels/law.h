@@ -1,8 +1,8 @@
 /* The contact law:  F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  d = u - g2 > 0, mirrored below.
  *
  * A new term is a field of Law and a change under "the terms". Then one contact at a node: u = r + s F, u' = w + s' F
- * with F after the law, or with the mean of the elastic force over the step (the discrete gradient). contact_law.py is the
- * same for NumPy and JAX; a test compares the two.
+ * with F after the law, or with the mean of the elastic force over the step (the discrete gradient). contact_law.py is
+ * the same for NumPy and JAX; a test compares the two.
  */
 #ifndef STIFFBEAM_LAW_H
 #define STIFFBEAM_LAW_H
@@ -18,11 +18,16 @@
 
 typedef int64_t Int;
 
-/* A row of Python's array of laws: stiffness, lower and upper stop, exponent, dashpot, Hunt and Crossley's coefficient. */
-typedef struct { double kappa, g1, g2, p, c, lam; } Law;
+/* A row of Python's array of laws: stiffness, lower and upper stop, exponent, dashpot, Hunt and Crossley's coefficient.
+ */
+typedef struct {
+    double kappa, g1, g2, p, c, lam;
+} Law;
 
 /* A force and its slopes in r and w. */
-typedef struct { double F, dr, dw; } Response;
+typedef struct {
+    double F, dr, dw;
+} Response;
 
 /* A node's force: of springs in closed form, of any law, or its mean over the step. */
 enum Rule { LINEAR, BY_LAW, MEAN };
@@ -36,22 +41,17 @@ static inline double most(double x, double y) { return x > y ? x : y; }
 
 /* d^p; Hertz' law by a square root. */
 static inline double power(double d, double p)
-{
-    return p == 1.0 ? d : p == 1.5 ? d * sqrt(d) : p == 0.5 ? sqrt(d) : p == 2.5 ? d * d * sqrt(d) : pow(d, p);
-}
+{ return p == 1.0 ? d : p == 1.5 ? d * sqrt(d) : p == 0.5 ? sqrt(d) : p == 2.5 ? d * d * sqrt(d) : pow(d, p); }
 
 static inline double elastic(double d, const Law *l) { return l->kappa * copysign(power(fabs(d), l->p), d); }
 static inline double elastic_slope(double d, const Law *l)
-{
-    return l->p == 1.0 ? l->kappa : l->kappa * l->p * power(fabs(d), l->p - 1.0);
-}
+{ return l->p == 1.0 ? l->kappa : l->kappa * l->p * power(fabs(d), l->p - 1.0); }
 
 static inline double stored(double d, const Law *l)
-{
-    return l->p == 1.0 ? 0.5 * l->kappa * d * d : l->kappa * power(fabs(d), l->p + 1.0) / (l->p + 1.0);
-}
+{ return l->p == 1.0 ? 0.5 * l->kappa * d * d : l->kappa * power(fabs(d), l->p + 1.0) / (l->p + 1.0); }
 
-static inline double pressure(double d, double rate, const Law *l) { return elastic(d, l) * (1.0 + l->lam * rate) + l->c * rate; }
+static inline double pressure(double d, double rate, const Law *l)
+{ return elastic(d, l) * (1.0 + l->lam * rate) + l->c * rate; }
 static inline int is_affine(const Law *l) { return l->p == 1.0 && l->lam == 0.0; }
 static inline int jumps(const Law *l) { return l->c > 0.0; }
 static inline int damps(const Law *l) { return l->c > 0.0 || l->lam > 0.0; }
@@ -79,16 +79,15 @@ static inline double law_force(double u, double v, const Law *l)
     return side == 0.0 ? 0.0 : -side * most(0.0, pressure(fabs(depth(u, l)), side * v, l));
 }
 
-/* F at the end of a step whose node found `found`, NaN for none. Where F jumps, at the stop, the state does not tell it. */
-static inline double force_of_node(double u, double v, double found, const Law *l)
-{
-    return isnan(found) || !jumps(l) ? law_force(u, v, l) : found;
-}
+/* F at the end of a step whose node found `node_force`, NaN for none. Where F jumps, at the stop, the state does not
+ * tell it. */
+static inline double force_of_node(double u, double v, double node_force, const Law *l)
+{ return isnan(node_force) || !jumps(l) ? law_force(u, v, l) : node_force; }
 
 /* The side on which the stop presses there, 0 where it does not. */
-static inline double side_of_node(double u, double v, double found, const Law *l)
+static inline double side_of_node(double u, double v, double node_force, const Law *l)
 {
-    if (!isnan(found) && jumps(l)) return found == 0.0 ? 0.0 : copysign(1.0, -found);
+    if (!isnan(node_force) && jumps(l)) return node_force == 0.0 ? 0.0 : copysign(1.0, -node_force);
     double side = side_of(u, l);
     return side == 0.0 || !damps(l) || pressure(fabs(depth(u, l)), side * v, l) > 0.0 ? side : 0.0;
 }
@@ -102,7 +101,8 @@ static inline double spring_stiffness(double s, const Law *l) { return l->kappa 
  * that lies in the jump at d = 0. Affine: one division. Else Newton's method in a bracket. */
 static inline Response solve_pressure(double d0, double rate0, double s, double s_rate, const Law *l)
 {
-    double P = pressure(d0, rate0, l), slope = elastic_slope(d0, l) * (1.0 + l->lam * rate0), slope_rate = elastic(d0, l) * l->lam + l->c;
+    double P = pressure(d0, rate0, l), slope = elastic_slope(d0, l) * (1.0 + l->lam * rate0),
+           slope_rate = elastic(d0, l) * l->lam + l->c;
     if (P <= 0.0) return (Response){0.0, 0.0, 0.0};
     if (is_affine(l)) {
         double below = 1.0 + slope * s + slope_rate * s_rate;
@@ -115,8 +115,10 @@ static inline Response solve_pressure(double d0, double rate0, double s, double 
             slope = elastic_slope(d, l) * (1.0 + l->lam * rate), slope_rate = elastic(d, l) * l->lam + l->c;
             double below = 1.0 + s * slope + s_rate * slope_rate;
             slope /= below, slope_rate /= below;
-            if (trial > P) left = P; /* |F| at the trial falls as P grows */
-            else right = P;
+            if (trial > P)
+                left = P; /* |F| at the trial falls as P grows */
+            else
+                right = P;
             double new = P + (trial - P) / below, old = P;
             P = left <= new && new <= right ? new : 0.5 * (left + right);
             if (fabs(P - old) <= 2e-16 * P || left >= right) break;
@@ -172,15 +174,19 @@ static inline Response mean_force(double r, double u0, double s, const Law *l)
     int solved = 0;
     if (slope == 0.0) return (Response){0.0, 0.0, 0.0};
     if (l->p == 1.0) { /* the closed form has one stop: it holds while the end stays short of the other */
-        if (slope > 0.0 && u0 >= l->g1) F = -mean_of_spring(r - l->g2, u0 - l->g2, s, l->kappa), solved = r + s * F >= l->g1;
-        else if (slope < 0.0 && u0 <= l->g2) F = mean_of_spring(l->g1 - r, l->g1 - u0, s, l->kappa), solved = r + s * F <= l->g2;
+        if (slope > 0.0 && u0 >= l->g1)
+            F = -mean_of_spring(r - l->g2, u0 - l->g2, s, l->kappa), solved = r + s * F >= l->g1;
+        else if (slope < 0.0 && u0 <= l->g2)
+            F = mean_of_spring(l->g1 - r, l->g1 - u0, s, l->kappa), solved = r + s * F <= l->g2;
     }
     if (!solved) {
         double sign = copysign(1.0, slope), left = 0.0, right = fabs(slope), P = 0.0;
         for (int i = 0; i < NEWTON; i++) {
             double u = r - sign * s * P, value = sign * secant(u, u0, l), old = P;
-            if (value > P) left = P;
-            else right = P;
+            if (value > P)
+                left = P;
+            else
+                right = P;
             double new = P + (value - P) / (1.0 + s * secant_slope(u, u0, sign * value, l));
             P = left <= new && new <= right ? new : 0.5 * (left + right);
             if (fabs(P - old) <= 2e-16 * P || left >= right) break;
@@ -192,8 +198,6 @@ static inline Response mean_force(double r, double u0, double s, const Law *l)
 }
 
 static inline Response force_alone(double r, double w, double s, double s_rate, double u0, Int rule, const Law *l)
-{
-    return rule == MEAN ? mean_force(r, u0, s, l) : stage_force(r, w, s, s_rate, l);
-}
+{ return rule == MEAN ? mean_force(r, u0, s, l) : stage_force(r, w, s, s_rate, l); }
 
 #endif

@@ -46,7 +46,9 @@ def address(x: Any, shape: tuple[int, ...], dtype: Any = np.float64, wanted: Any
         given = f"{getattr(x, 'dtype', type(x).__name__)} {getattr(x, 'shape', '')}"
         raise TypeError(f"a kernel takes a {np.dtype(dtype)} array of shape {shape}, row by row, not {given}")
     # A third of the time of ``x.ctypes.data``, which read-only and empty arrays need.
-    return ctypes.addressof(ctypes.c_char.from_buffer(x)) if x.size and x.flags.writeable else x.ctypes.data
+    if not (x.size and x.flags.writeable):
+        return x.ctypes.data
+    return ctypes.addressof(ctypes.c_char.from_buffer(x))  # type: ignore[arg-type]
 
 
 def filled(status: int) -> int:

@@ -1,5 +1,5 @@
-/* The loops that take the time of the march. Sums that may be taken in any order say so (omp simd): no -ffast-math, which
- * would drop NaN and infinite stops. */
+/* The loops that take the time of the march. Sums that may be taken in any order say so (omp simd): no -ffast-math,
+ * which would drop NaN and infinite stops. */
 #ifndef STIFFBEAM_LOOPS_H
 #define STIFFBEAM_LOOPS_H
 
@@ -17,19 +17,21 @@
 #endif
 
 /* out += c rows: eight rows at a time, so that `out` is loaded and stored once for all of them. */
-HOT LOOP void add_rows(double *restrict out, Int n, const double *restrict c, const double *restrict rows, Int wide, Int count)
+HOT LOOP void add_rows(double *restrict out, Int n, const double *restrict c, const double *restrict rows, Int wide,
+                       Int count)
 {
     Int i = 0;
     for (; i + 8 <= count; i += 8, c += 8, rows += 8 * wide) {
         const double *restrict r = rows, *restrict q = rows + 4 * wide;
         double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3], c4 = c[4], c5 = c[5], c6 = c[6], c7 = c[7];
         for (Int j = 0; j < n; j++)
-            out[j] += ((c0 * r[j] + c1 * r[wide + j]) + (c2 * r[2 * wide + j] + c3 * r[3 * wide + j]))
-                      + ((c4 * q[j] + c5 * q[wide + j]) + (c6 * q[2 * wide + j] + c7 * q[3 * wide + j]));
+            out[j] += ((c0 * r[j] + c1 * r[wide + j]) + (c2 * r[2 * wide + j] + c3 * r[3 * wide + j])) +
+                      ((c4 * q[j] + c5 * q[wide + j]) + (c6 * q[2 * wide + j] + c7 * q[3 * wide + j]));
     }
     for (; i + 4 <= count; i += 4, c += 4, rows += 4 * wide) {
         double c0 = c[0], c1 = c[1], c2 = c[2], c3 = c[3];
-        for (Int j = 0; j < n; j++) out[j] += (c0 * rows[j] + c1 * rows[wide + j]) + (c2 * rows[2 * wide + j] + c3 * rows[3 * wide + j]);
+        for (Int j = 0; j < n; j++)
+            out[j] += (c0 * rows[j] + c1 * rows[wide + j]) + (c2 * rows[2 * wide + j] + c3 * rows[3 * wide + j]);
     }
     for (; i + 2 <= count; i += 2, c += 2, rows += 2 * wide) {
         double c0 = c[0], c1 = c[1];
@@ -69,7 +71,8 @@ HOT LOOP double dot(const double *restrict x, const double *restrict y, Int n)
 }
 
 /* Two rows on four vectors, `wide` apart: a row takes longer to load than to multiply. */
-HOT LOOP void dots(const double *restrict one, const double *restrict two, const double *const x[4], Int n, double *restrict out)
+HOT LOOP void dots(const double *restrict one, const double *restrict two, const double *const x[4], Int n,
+                   double *restrict out)
 {
     const double *restrict a = x[0], *restrict b = x[1], *restrict c = x[2], *restrict d = x[3];
     double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, t0 = 0.0, t1 = 0.0, t2 = 0.0, t3 = 0.0;

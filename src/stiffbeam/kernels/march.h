@@ -16,20 +16,20 @@ enum { NO_MEMORY = -1, LIST_IS_FULL = 0, DONE = 1 };
  *
  * A state of a components and n modes, D = a n numbers, is held as z (D + (a - 1) n,): its components, then all but the
  * last once more, so that z[e n + d] is what is e components after z[d]. The block gives R entries (positions at all
- * nodes first, then those at ends of steps that are no node, then velocities at nodes where a force depends on them) and
- * the D numbers of the new state. */
+ * nodes first, then those at ends of steps that are no node, then velocities at nodes where a force depends on them)
+ * and the D numbers of the new state. */
 typedef struct {
-    Int R, D, N, a, n;        /* entries, state, forces (nodes rounded up to a multiple of 8), components, modes */
-    Int C, K, nodes;          /* channels, steps, forces that there are: K times stages times contacts */
-    Int rule, rated;          /* enum Rule; 1 where forces depend on velocities */
-    const double *reading;    /* (D, R) */
-    const double *transition; /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
-    const double *push;       /* (N, R + D): of a unit force on entries and new state */
-    const double *velocity;   /* (K, C, D): of the state on the channels' velocities at the ends of the steps */
+    Int R, D, N, a, n;           /* entries, state, forces (nodes rounded up to a multiple of 8), components, modes */
+    Int C, K, nodes;             /* channels, steps, forces that there are: K times stages times contacts */
+    Int rule, rated;             /* enum Rule; 1 where forces depend on velocities */
+    const double *reading;       /* (D, R) */
+    const double *transition;    /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
+    const double *push;          /* (N, R + D): of a unit force on entries and new state */
+    const double *velocity;      /* (K, C, D): of the state on the channels' velocities at the ends of the steps */
     const double *velocity_push; /* (K, C, N): of the forces */
-    const Int *end_first;     /* (C,) the entry that holds a channel at the end of the first step, */
-    const Int *end_stride;    /* (C,) and how many entries later the next one is */
-    const Int *rates;         /* (N,) the entry that holds the velocity at a node; NULL unless rated */
+    const Int *end_first;        /* (C,) the entry that holds a channel at the end of the first step, */
+    const Int *end_stride;       /* (C,) and how many entries later the next one is */
+    const Int *rates;            /* (N,) the entry that holds the velocity at a node; NULL unless rated */
 } Block;
 
 /* Response of a block to the drive g = (1, sin w1 t, cos w1 t, ..) at its start, d = 1 + 2 F numbers. */
@@ -43,9 +43,9 @@ typedef struct {
 
 /* `steps` steps of M members from step `first`. Arrays without const are written or advanced in place. */
 typedef struct {
-    Int M, m, first, steps;        /* members, contacts, range of steps */
-    Int every, outputs, room;      /* an output every so many steps; rows of outputs, 0 for none; rows of events */
-    Int inflows;                   /* blocks with sampled loads or offsets, 0 for none */
+    Int M, m, first, steps;   /* members, contacts, range of steps */
+    Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
+    Int inflows;              /* blocks with sampled loads or offsets, 0 for none */
     double dt;
     const Law *law;                /* (M, m) */
     const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block */
@@ -53,14 +53,14 @@ typedef struct {
     double *z;                     /* (M, D + (a - 1) n) */
     double *position, *velocity;   /* (M, C) at the last step */
     double *tally;                 /* (M, m, TALLY) */
-    Int *diverged;                 /* (M,) the step that overflowed, minus that whose forces were not found, 0 for none */
-    double *times;                 /* (outputs,) or NULL */
+    Int *diverged; /* (M,) the step that overflowed, minus that whose forces were not found, 0 for none */
+    double *times; /* (outputs,) or NULL */
     double *positions, *velocities; /* (M, outputs, C) */
-    double *node_forces;           /* (M, outputs, m) of the nodes at the ends of steps, or NULL */
-    double *contact_forces;        /* (M, outputs, m) of linear stops, or NULL */
-    double *starts, *forces;       /* (B, D + (a - 1) n), (B, N): of the only member, for the energy balance, or NULL */
-    double *events;                /* (room, EVENT) list of impacts */
-    Int *cursor;                   /* (3,) member, block, free row of events: where the next call goes on */
+    double *node_forces;            /* (M, outputs, m) of the nodes at the ends of steps, or NULL */
+    double *contact_forces;         /* (M, outputs, m) of linear stops, or NULL */
+    double *starts, *forces; /* (B, D + (a - 1) n), (B, N): of the only member, for the energy balance, or NULL */
+    double *events;          /* (room, EVENT) list of impacts */
+    Int *cursor;             /* (3,) member, block, free row of events: where the next call goes on */
 } Run;
 
 /* Columns of a contact's tally and of the list of impacts, see sampling.py. */
@@ -76,7 +76,7 @@ API double switch_time(double u0, double v0, double u1, double v1, double side, 
 /* ---------------------------------------------------------------- energy balance */
 
 /* Sums of the balance: three energies, then seven totals, in the order of Ledger's fields after t. */
-enum { KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, IN_CONTACT, FREE, TAKEN, SPREAD, SUMS };
+enum { KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, IN_CONTACT, FREE, DISSIPATED, SPREAD, SUMS };
 
 /* Single steps of whole states (a, n) under known forces, and what the balance needs of them. Values of time functions
  * are at the starts of the steps and the end of the last: steps + 1 rows. */
@@ -88,26 +88,26 @@ typedef struct {
     Int first, every, outputs; /* first step; an output every so many steps; outputs of the whole run */
     Int moving, damped;        /* columns of the offsets, 0 for none; 1 where the system is damped */
     double dt;
-    const double *transition;  /* (a, a n), see Block */
-    const double *push;        /* (F, a n) */
-    const double *driven;      /* (d, a n) */
-    const double *forces;      /* (steps, F) */
-    const double *g;           /* (steps + 1, d) */
-    const double *squares;     /* (n,) squared frequencies */
-    const double *damping;     /* (n,) or NULL */
-    const double *loads;       /* (L, n) */
-    const double *load_values; /* (steps + 1, L) */
-    const double *rows;        /* (m, n) of the contacts */
+    const double *transition;             /* (a, a n), see Block */
+    const double *push;                   /* (F, a n) */
+    const double *driven;                 /* (d, a n) */
+    const double *forces;                 /* (steps, F) */
+    const double *g;                      /* (steps + 1, d) */
+    const double *squares;                /* (n,) squared frequencies */
+    const double *damping;                /* (n,) or NULL */
+    const double *loads;                  /* (L, n) */
+    const double *load_values;            /* (steps + 1, L) */
+    const double *rows;                   /* (m, n) of the contacts */
     const double *offsets, *offset_rates; /* (steps + 1, moving) of the channels, the contacts first, or NULL */
-    const Law *law;            /* (m,) */
-    const double *node_forces; /* (steps + 1, m), NaN where no node is at the end of the step */
-    const double *starts;      /* (blocks, stride) */
-    const double *paths;       /* (2 n terms, K): q, q' of a mode, of a unit of every component and function that acts */
-    const Int *place, *which;  /* (carried,) of the components; (acting,) of the functions of the drive */
-    double *y;                 /* (2 n,) q and q' at the last step */
-    double *met;               /* (2, m) positions and velocities of the contacts there */
-    double *balance;           /* (SUMS,) */
-    double *kept;              /* (SUMS, outputs) */
+    const Law *law;                       /* (m,) */
+    const double *node_forces;            /* (steps + 1, m), NaN where no node is at the end of the step */
+    const double *starts;                 /* (blocks, stride) */
+    const double *paths;      /* (2 n terms, K): q, q' of a mode, of a unit of every component and function that acts */
+    const Int *place, *which; /* (carried,) of the components; (acting,) of the functions of the drive */
+    double *y;                /* (2 n,) q and q' at the last step */
+    double *contacts;         /* (2, m) positions and velocities of the contacts there */
+    double *balance;          /* (SUMS,) */
+    double *kept;             /* (SUMS, outputs) */
 } Account;
 
 /* Add the steps to the balance. */

@@ -39,7 +39,7 @@ _Account = structure(
     "a n m L F d steps block blocks stride carried K terms acting first every outputs moving damped",
     "dt",
     "transition push driven forces g squares damping loads load_values rows offsets offset_rates law node_forces "
-    "starts paths place which y met balance kept",
+    "starts paths place which y contacts balance kept",
 )
 _Rigid = structure(
     "_Rigid",
@@ -296,7 +296,7 @@ def account(
         offsets=address(offsets, (steps + 1, moving), wanted=moving),
         offset_rates=address(offset_rates, (steps + 1, moving), wanted=moving), law=address(law, (m, LAW)),
         node_forces=address(node_forces, (steps + 1, m)), paths=address(free.paths, (2 * n * terms, K), wanted=K),
-        which=address(free.acting, (acting,), np.int64), y=address(y, (2 * n,)), met=address(met, (2, m)),
+        which=address(free.acting, (acting,), np.int64), y=address(y, (2 * n,)), contacts=address(met, (2, m)),
         balance=address(balance, (SUMS,)), kept=address(kept, (SUMS, outputs)),
     )  # fmt: skip
     filled(_functions().account(x))

@@ -41,9 +41,10 @@ int eliminate(double *A, double *b, Int n)
     return 1;
 }
 
-/* Springs, or rigid stops: F minimises 1/2 F S F + r F + sum_c (F_c^2/(2 kappa_c) - g_c F_c) by Lawson and Hanson's active
- * set: the contact that penetrates most closes, the closed ones are solved, those that would pull open again. S[e * wide +
- * c]: what a force at e does to c, symmetric. It ends, since every round lowers the minimum; the limit is for rounding. */
+/* Springs, or rigid stops: F minimises 1/2 F S F + r F + sum_c (F_c^2/(2 kappa_c) - g_c F_c) by Lawson and Hanson's
+ * active set: the contact that penetrates most closes, the closed ones are solved, those that would pull open again.
+ * S[e * wide + c]: what a force at e does to c, symmetric. It ends, since every round lowers the minimum; the limit is
+ * for rounding. */
 void solve_springs(const double *r, const double *S, Int wide, const Law *law, Int m, Node *x)
 {
     double *force = x->F, *target = x->f, *right = x->trial, *side = x->step, *A = x->J;
@@ -203,15 +204,19 @@ API Int solve_stage(Int m, Int rule, const double *r, const double *w, const dou
     double *memory = calloc((size_t)node_memory(&x, m, NULL) + 1, sizeof *memory);
     if (!memory) return NO_MEMORY;
     node_memory(&x, m, memory);
-    memcpy(x.r, r, (size_t)m * sizeof *F), memcpy(x.w, w, (size_t)m * sizeof *F), memcpy(x.before, u0, (size_t)m * sizeof *F);
+    memcpy(x.r, r, (size_t)m * sizeof *F), memcpy(x.w, w, (size_t)m * sizeof *F),
+        memcpy(x.before, u0, (size_t)m * sizeof *F);
     memcpy(x.S, S, (size_t)(m * m) * sizeof *F), memcpy(x.S_rate, S_rate, (size_t)(m * m) * sizeof *F);
-    if (m == 1) *F = force_alone(*r, *w, *S, *S_rate, *u0, rule, law).F;
-    else solve_laws(&x, rule, law, m), memcpy(F, x.F, (size_t)m * sizeof *F);
+    if (m == 1)
+        *F = force_alone(*r, *w, *S, *S_rate, *u0, rule, law).F;
+    else
+        solve_laws(&x, rule, law, m), memcpy(F, x.F, (size_t)m * sizeof *F);
     free(memory);
     return DONE;
 }
 
 API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy)
 {
-    for (Int i = 0; i < count; i++) F[i] = law_force(u[i], v[i], law + i), energy[i] = stored(depth(u[i], law + i), law + i);
+    for (Int i = 0; i < count; i++)
+        F[i] = law_force(u[i], v[i], law + i), energy[i] = stored(depth(u[i], law + i), law + i);
 }
