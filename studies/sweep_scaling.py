@@ -85,10 +85,10 @@ def two_workers_one_killed() -> Ways:
 
 
 def ready(_: int) -> float:
-    """Import the package and its kernel, and wait, so that both workers do it."""
-    from stiffbeam.march.warm import warm_up
+    """Import the package and its kernels, and wait, so that both workers do it."""
+    from stiffbeam.kernels.library import library
 
-    warm_up()
+    library()
     time.sleep(1.0)
     return 0.0
 

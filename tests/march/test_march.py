@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
-import numba
 import numpy as np
 import plain_march
 import pytest
@@ -16,15 +11,13 @@ from oracles import exact_linear
 from systems import linear_part, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.basics import compiled
+from stiffbeam.kernels import march as kernel
+from stiffbeam.kernels.march import LINEAR, Kept
 from stiffbeam.march import block_march
-from stiffbeam.march.kernels import blocks as kernel
-from stiffbeam.march.kernels.blocks import Kept
 from stiffbeam.march.probe import InModes, Together
 from stiffbeam.march.propagator import build
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
-from stiffbeam.model.stage import LINEAR
 from stiffbeam.schemes import registered
 
 SCHEMES = [*registered(), sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
@@ -137,8 +130,8 @@ def test_a_block_equals_its_definition_in_numpy(table10):
     z = stepper.block.pack(rng.normal(size=(4, 1, 25)) * np.array([0.1, 1.0, 10.0, 10.0])[:, None, None])[0]
     t = 0.3
     g = np.array([1.0, np.sin(10.0 * t), np.cos(10.0 * t)])
-    R, D = block.reading.shape
-    row = np.concatenate([block.reading @ z[:D], np.zeros(D)]) + g @ forcing.rows[0]
+    D, R = block.reading.shape
+    row = np.concatenate([z[:D] @ block.reading, np.zeros(D)]) + g @ forcing.rows[0]
     for c in range(3):
         for e in range(3):
             diagonal = block.transition[(e - c) % 3, c * 25 : (c + 1) * 25]
@@ -179,7 +172,7 @@ def test_components_that_only_add_to_others_are_left_out(table10):
     }  # fmt: skip
 
     def reading(propagator, packed):
-        return propagator.block.reading @ packed[0, : propagator.block.reading.shape[1]]
+        return packed[0, : len(propagator.block.reading)] @ propagator.block.reading
 
     for scheme in SCHEMES:
         reduced, full = (
@@ -318,24 +311,3 @@ def test_a_node_beyond_the_step_sees_the_load_there_in_the_last_step_too(damping
     system = sb.System.from_matrices(np.eye(2), np.eye(2), damping, [([1.0, 0.0], ends)], observe=[1.0, 0.0])
     with pytest.raises(sb.InputError, match="t"):
         sb.integrate(system, scheme, 0.1, 2.0)
-
-
-@pytest.mark.slow
-def test_kernels_keep_within_their_arrays(tmp_path):
-    """The tests of the kernels once more with numba's check of every index, in kernels of their own."""
-    tests = Path(__file__).parent
-    chosen = [
-        f"{tests / 'test_march.py'}::test_a_block_equals_its_definition_in_numpy",
-        str(tests / "test_kernel_numpy.py"),
-    ]
-    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "STIFFBEAM_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *chosen]
-    done = subprocess.run(command, env=environment, cwd=tests.parents[1], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-
-
-def test_kernels_that_check_bounds_are_kept_apart(monkeypatch):
-    file = Path(compiled.__file__)
-    without = compiled.directory.__wrapped__(file)
-    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
-    assert compiled.directory.__wrapped__(file) != without

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.model import contact_law
-from stiffbeam.model.stage import solve_node
+from stiffbeam.kernels.contact import contact_forces, solve_node, solve_stage
+from stiffbeam.kernels.march import LINEAR
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)
@@ -282,13 +282,11 @@ def test_two_contacts_at_one_point_share_the_force():
 
 @given(any_stops(), POSITIONS, st.floats(0.0, 1e3))
 def test_the_compiled_law_is_the_law(stops, u, compliance):
-    law = stops.coefficients
-    kappa, g1, g2 = law[:3]
-    assert contact_law.state(u, g1, g2) == stops.state(u)
-    assert contact_law.depth(u, g1, g2) == stops.penetration(u)
-    assert contact_law.law_force(u, 0.0, law) == stops.force(u)
+    (force,), (energy,) = contact_forces(np.array([u]), np.zeros(1), stops.law)
+    assert force == stops.force(u)
     # Numbers below the least normal one are rounded by an amount, and not by a share of themselves.
     least = 4.0 * float(np.finfo(float).smallest_subnormal)
-    assert np.isclose(contact_law.law_energy(u, law), stops.energy(u), rtol=1e-15, atol=least)
-    force = contact_law.stage_force(u, contact_law.stage_stiffness(kappa, compliance), g1, g2)
+    assert np.isclose(energy, stops.energy(u), rtol=1e-15, atol=least)
+    one, none = np.ones(1), np.zeros((1, 1))
+    force = solve_stage(u * one, 0.0 * one, compliance * one[None], none, 0.0 * one, LINEAR, stops.law[None])[0]
     assert np.isclose(force, stops.solve(u, compliance), rtol=1e-15, atol=0.0)

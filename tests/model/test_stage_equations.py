@@ -9,7 +9,8 @@ import pytest
 from law_systems import LAWS, stops_of
 
 import stiffbeam as sb
-from stiffbeam.model.stage import BY_LAW, solve_stage
+from stiffbeam.kernels.contact import solve_stage
+from stiffbeam.kernels.march import BY_LAW
 
 
 def _brute(stops: sb.Stops, r: float, w: float, s: float, s_rate: float) -> float:

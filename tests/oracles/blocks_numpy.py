@@ -13,14 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.march.kernels.blocks import OVERFLOW, Block, Forcing, Inflow, Kept, Marchers
+from stiffbeam.kernels.contact import solve_node, solve_stage
+from stiffbeam.kernels.march import (
+    EVENT,
+    LINEAR,
+    MEAN,
+    OVERFLOW,
+    Block,
+    Forcing,
+    Inflow,
+    Kept,
+    Marchers,
+    switch_time,
+)
 from stiffbeam.model.contact import Stops
-from stiffbeam.model.contact_law import G1, G2, KAPPA, Law, all_laws, damps, stage_force, stage_stiffness
-from stiffbeam.model.stage import LINEAR, MEAN, solve_node, solve_stage
+from stiffbeam.model.contact_law import G1, G2, KAPPA, all_laws, damps
 from stiffbeam.trajectory.sampling import (
     CONTACT,
     END,
-    EVENT,
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
@@ -33,14 +43,12 @@ from stiffbeam.trajectory.sampling import (
     STOP,
     TIME,
     TOUCHING,
-    switch_time,
 )
 
 
 def run(
     block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
-    first: int, steps: int, dt: float, every: int, cursor: Array, linear: int | None = 1,
-    by_law: int | None = None,
+    first: int, steps: int, dt: float, every: int, cursor: Array,
 ) -> bool:  # fmt: skip
     """See ``kernel.run``."""
     K = block.velocity.shape[0]
@@ -90,7 +98,7 @@ def run(
             return False
 
         for c, (rows, tally, left, carried) in enumerate(node_forces):
-            see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], Law(*law[i, c]), c, dt)
+            see = partial(_switch, path[:, c], velocities, marchers.velocity[i, c], law[i, c], c, dt)
             for row in rows:
                 entered, ended = int(row[TIME]), int(row[END])
                 row[TIME], row[MEMBER], row[CONTACT] = (first + see(row[STOP], entered)) * dt, i, c
@@ -127,13 +135,13 @@ def run(
 
 
 def _switch(
-    path: Array, velocities: Callable[[NDArray[np.int64]], Array], v_first: float, law: Law, c: int, dt: float,
+    path: Array, velocities: Callable[[NDArray[np.int64]], Array], v_first: float, law: Array, c: int, dt: float,
     side: float, j: int,
 ) -> float:  # fmt: skip
     """Where in step j contact c, which moves along the path (steps + 1,), begins or ends on the stop of a side."""
     v0 = velocities(np.array([j - 1]))[0, c] if j > 0 else v_first
     v1 = velocities(np.array([j]))[0, c]
-    return j + switch_time.py_func(path[j], v0, path[j + 1], v1, side, law, dt)
+    return j + switch_time(path[j], v0, path[j + 1], v1, side, law, dt)
 
 
 def _velocities(
@@ -152,17 +160,16 @@ def _march(block: Block, law: Array, given: Array, z: Array, before: Array) -> t
 
     given: (B, R + D), what loads add to every block. before: (C,), the channels' positions before the first.
     """
-    R, D = block.reading.shape
-    a, (nodes, m) = len(block.transition), block.compliance.shape
+    (D, R), a, nodes, m = block.reading.shape, len(block.transition), block.nodes, len(law)
+    compliance = block.compliance(m)
     n = (len(z) - D) // max(1, a - 1)
     shifts = np.arange(a)[:, None] * n + np.arange(D)
-    stiff = stage_stiffness.py_func(law[0, KAPPA], block.compliance[:, 0]) if m == 1 else np.zeros(0)
     g1, g2 = (np.tile(law[:, side], nodes // max(1, m)) for side in (G1, G2))
     entries, starts = np.empty((len(given), R)), np.empty((len(given), len(z)))
     forces = np.zeros((len(given), len(block.push)))
     before = before[:m].copy()
     for b, row in enumerate(np.array(given)):
-        row[:R] += block.reading @ z[:D]
+        row[:R] += z[:D] @ block.reading
         row[R:] += np.sum(block.transition * z[shifts], axis=0)
         if block.rule != LINEAR:
             _by_law(block, law, before, row, forces[b])
@@ -170,10 +177,10 @@ def _march(block: Block, law: Array, given: Array, z: Array, before: Array) -> t
             for node in range(0, nodes, m):
                 r = row[node : node + m]
                 if m > 1:
-                    force = solve_node.py_func(r, block.compliance[node : node + m], law)
+                    force = solve_node(r, compliance[node : node + m], law)
                     forces[b, node : node + m] = force
                     row += force @ block.push[node : node + m]
-                elif force := stage_force.py_func(r[0], stiff[node], g1[0], g2[0]):
+                elif force := (np.clip(r[0], g1[0], g2[0]) - r[0]) / (1.0 / law[0, KAPPA] + compliance[node, 0]):
                     forces[b, node] = force
                     row += force * block.push[node]
         entries[b], starts[b] = row[:R], z
@@ -184,7 +191,7 @@ def _march(block: Block, law: Array, given: Array, z: Array, before: Array) -> t
 
 def _by_law(block: Block, law: Array, before: Array, row: Array, forces: Array) -> None:
     """The forces of a block under any law, node by node; ``row`` and ``before`` go along."""
-    (nodes, m), rates = block.compliance.shape, block.rates
+    nodes, m, rates, compliance = block.nodes, len(law), block.rates, block.compliance(len(law))
     for node in range(0, nodes, m):
         here = np.arange(node, node + m)
         inside = (row[here] > law[:, G2]) | (row[here] < law[:, G1])
@@ -194,8 +201,8 @@ def _by_law(block: Block, law: Array, before: Array, row: Array, forces: Array) 
             rate, S_rate = np.zeros(m), np.zeros((m, m))
             if len(rates):
                 rate, S_rate = row[rates[here]], block.push[np.ix_(here, rates[here])].T
-            S = np.ascontiguousarray(block.compliance[here].T)
-            forces[here] = solve_stage.py_func(row[here], rate, S, S_rate, before, block.rule, law)
+            S = compliance[here].T
+            forces[here] = solve_stage(row[here], rate, S, S_rate, before, block.rule, law)
             row += forces[here] @ block.push[here]
         before[:] = row[here]
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import stiffbeam as sb
+from stiffbeam.kernels.contact import solve_node, solve_stage
+from stiffbeam.kernels.march import LINEAR, MEAN
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.contact import laws
 from stiffbeam.model.equations import Matrices
-from stiffbeam.model.stage import LINEAR, MEAN, solve_node, solve_stage
 from stiffbeam.model.time_functions import offset_rate, offset_values
 
 

@@ -5,7 +5,6 @@
     block_march            any scheme on any system in blocks of K steps
     probe                  the matrices of a scheme's step, in modes or for all unknowns, from unit inputs
     propagator             powers of that step, arranged as the arrays of a block
-    kernels                the compiled loops over blocks
     replay                 states and energies of every step of a block march, computed on demand
     rigid_march            any scheme against rigid stops
 

@@ -13,12 +13,13 @@ import numpy as np
 
 from ..basics.arrays import MOST, Array, Recent, aligned, content
 from ..basics.resources import afford, clock
+from ..kernels import march as kernel
+from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
 from ..model.modes import matrices
-from ..model.stage import LINEAR
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
 from ..schemes import Scheme
@@ -29,7 +30,6 @@ from ..trajectory.sampling import (
     AT_START,
     CONTACT,
     END,
-    EVENT,
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
@@ -41,8 +41,6 @@ from ..trajectory.sampling import (
     new_tally,
 )
 from ..trajectory.trajectory import Trajectory, Work
-from .kernels import blocks as kernel
-from .kernels.blocks import Forcing, Kept, Marchers
 from .probe import Coordinates, InModes, independent
 from .propagator import Propagator, build
 from .treatment import Treatment, require_giving_way, require_moved, unsolved
@@ -167,7 +165,7 @@ class Stepper:
     @property
     def step_seconds(self) -> float:
         """Rough time of a step of one member on one core."""
-        (R, D), K = self.block.block.reading.shape, self.block.steps
+        (D, R), K = self.block.block.reading.shape, self.block.steps
         return 1e-9 * (2.0 + 0.12 * R * D / K)
 
     @cached_property
@@ -327,11 +325,11 @@ class March:
         rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
         starts, forces = zeros((rows, self.state.z.shape[1])), zeros((rows, len(block.block.push)))
         kept = Kept(self.t, self.positions, self.velocities, self.node_forces, self.forces, starts, forces)
-        cursor, march_rule = np.array([0, 0, self._rows]), block.block.rule
+        cursor = np.array([0, 0, self._rows])
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
         while not kernel.run(
             block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
-            cursor, *(() if march_rule == LINEAR else (None, 1)),
+            cursor,
         ):  # fmt: skip
             # Doubling keeps the number of copies small.
             longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))

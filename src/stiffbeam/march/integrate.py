@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from ..basics import compiling
 from ..basics.arrays import Array
 from ..basics.resources import afford, clock, silent
 from ..basics.units import KNOWN
@@ -27,9 +26,8 @@ from ..trajectory.ensemble import Runs
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Diverged, Trajectory, versions
 from .block_march import Stepper, block_length
-from .kernels.accounts import account
 from .probe import InModes, Together
-from .replay import block_ledger, rehearse, replay
+from .replay import block_ledger, replay
 from .rigid_march import RIGID, is_rigid, require_rigid, rigid_ledger, rigid_run, rigid_states
 from .treatment import TREATMENTS, Treatment
 
@@ -134,10 +132,9 @@ class Plan:
         if self.stepper is None:
             return rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
         march = self.stepper_for(system.contacts).start([system], self.steps, every, since)
-        with compiling.beside(account, rehearse):
-            for done in march.advance():
-                if progress is not None and not march.state.diverged[0]:
-                    progress(done)
+        for done in march.advance():
+            if progress is not None and not march.state.diverged[0]:
+                progress(done)
         return march.seen(0)
 
     def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> Runs:
@@ -242,8 +239,6 @@ def integrate(
     function("progress", silent if progress is None else progress)
     plan = Plan.of(system, scheme, dt, t_end, contact, every)
     plan.afford(1, every)
-    # A process beside this one may be compiling the same kernels: wait for it.
-    compiling.wait()
     run = plan.run(system, every, progress)
     if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"

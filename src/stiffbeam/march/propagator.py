@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..basics.arrays import Array, aligned, padded
-from ..model.stage import BY_LAW, LINEAR, MEAN
+from ..basics.arrays import Array, IntArray, aligned, padded
+from ..kernels.march import BY_LAW, LINEAR, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
-from .kernels.blocks import Block, Forcing, Inflow
 from .probe import Coordinates, InModes, Readers, StepMap, probe
 from .treatment import Treatment
 
@@ -31,10 +29,10 @@ class Entries:
     where they are read the contacts' velocities at every node."""
 
     nodes: int  # N, a multiple of eight
-    end_first: NDArray[np.int64]  # (C,), see Block
-    end_stride: NDArray[np.int64]
-    rates: NDArray[np.int64]
-    place: NDArray[np.int64]  # (entries,): the step times g plus the reading that stands there, -1 for padding
+    end_first: IntArray  # (C,), see Block
+    end_stride: IntArray
+    rates: IntArray
+    place: IntArray  # (entries,): the step times g plus the reading that stands there, -1 for padding
 
     @classmethod
     @lru_cache(maxsize=256)
@@ -187,7 +185,7 @@ class Propagator:
 
     @property
     def used(self) -> int:
-        """Number of the D numbers that are not padding."""
+        """D, the numbers of a state."""
         return len(self.one.keep) * self.coordinates.rows.shape[1]
 
     def pack(self, z: Array) -> Array:
@@ -195,9 +193,9 @@ class Propagator:
         mixed = np.einsum("ce,emj->cmj", self.one.mix, z)
         # The state once more behind itself but for its last component, so that a shift by e n needs no wrapping.
         again = self.used - self.coordinates.parts
-        packed = aligned((mixed.shape[1], self.block.reading.shape[1] + again))
+        packed = aligned((mixed.shape[1], self.used + again))
         packed[:, : self.used] = mixed.swapaxes(0, 1).reshape(len(packed), -1)
-        packed[:, self.used : self.used + again] = packed[:, :again]
+        packed[:, self.used :] = packed[:, :again]
         return packed
 
     def unpack(self, packed: Array) -> Array:
@@ -210,8 +208,8 @@ class Propagator:
     @property
     def compliances(self) -> tuple[Array, Array]:
         """(nodes, m, m) each: how the forces at a node move its contacts and their velocities."""
-        (nodes, m), rates = self.block.compliance.shape, self.block.rates
-        S = self.block.compliance.reshape(-1, m, m).swapaxes(1, 2)
+        m, rates, nodes = len(self.coordinates.columns), self.block.rates, self.block.nodes
+        S = self.block.compliance(m).reshape(-1, m, m).swapaxes(1, 2)
         of_rates = [self.block.push[np.ix_(here, rates[here])].T for here in np.arange(nodes).reshape(-1, m)]
         return S, np.array(of_rates).reshape(S.shape)
 
@@ -235,7 +233,7 @@ class Propagator:
 
     def inflow(self, starts: Array, last: float) -> Inflow:
         """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), see ``samples_at``."""
-        (R, D), K, readers = self.block.reading.shape, self.steps, self.one.readers
+        (D, R), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
         values = self.samples_at(starts, last)
@@ -263,7 +261,7 @@ class Propagator:
         """
         drives, V = [Drive.of(system) for system in systems], len(systems)
         one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
-        N, (R, D) = coordinates.rows.shape[1], self.block.reading.shape
+        N, (D, R) = coordinates.rows.shape[1], self.block.reading.shape
         pairs = list(zip(drives, systems, strict=True))
         # Constant, sines and cosines of the loads and offsets of every member.
         bases = [(drive.split(coordinates.loads(x), N)[0], drive.offsets(x)[0]) for drive, x in pairs]
@@ -315,11 +313,10 @@ class Propagator:
         # Rows on entries and new state, as those of ``push``; then real ones for 1, sin w t and cos w t.
         rows = np.zeros((V, F, R + D), complex)
         rows[..., :R] = self.entries.of_readings(read.transpose(0, 3, 1, 2), R)
-        rows[..., R : R + n * k] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
+        rows[..., R:] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
         velocity = _by_sines(read[:, :, readers.end_rates].transpose(0, 3, 1, 2), most).transpose(0, 2, 3, 1)
-        return Forcing(
-            float(constant), frequencies[:, F - most + 1 :], _by_sines(rows, most), np.ascontiguousarray(velocity)
-        )
+        driven, velocity = (np.ascontiguousarray(x) for x in (frequencies[:, F - most + 1 :], velocity))
+        return Forcing(float(constant), driven, _by_sines(rows, most), velocity)
 
 
 def _amplitudes(basis: Array) -> Array:
@@ -391,51 +388,47 @@ def build(
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape
     C = one.readers.channels
-    used = k * n
-    R, D = padded(len(entries.place)), padded(used)
+    R, D = len(entries.place), k * n
 
     # What is read from the state, step by step, and from forces: one in step i acts as one in step 0, i steps later.
-    flat = powers.readings(one.reading).transpose(1, 2, 3, 0).reshape(K, g, used)
+    flat = powers.readings(one.reading).transpose(1, 2, 3, 0).reshape(K, g, D)
     of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
     of_force[0] = one.at_once
-    of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(used, P * S)
+    of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(D, P * S)
     step = np.arange(K)
     # delay < 0: the force comes after the reading, which takes the zeros in row K.
     delay = step - step[:, None]
     seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
     # A force in step j acts through the K - 1 - j steps that follow it in the block.
-    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, used)  # by step of the force
+    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, D)  # by step of the force
     pushed = np.zeros((P, S, K, R + D))
     pushed[..., :R] = entries.of_readings(seen, R)
-    pushed[..., R : R + used] = left
+    pushed[..., R:] = left
     speeds = seen[..., one.readers.end_rates]
 
     # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
-    reading, transition = aligned((R, D)), aligned((k, D))
-    reading[:, :used] = entries.of_readings(flat.transpose(2, 0, 1), R).swapaxes(0, 1)
+    reading, transition = aligned((D, R)), aligned((k, D))
+    reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
     component = np.arange(k)
     shifted = powers.last[:, component, (component + component[:, None]) % k]  # cyclic diagonals, (n, e, c)
-    transition[:, :used] = shifted.transpose(1, 2, 0).reshape(k, used)
-    velocity = np.zeros((K, C, D))
-    velocity[..., :used] = flat[:, one.readers.end_rates]
+    transition[:] = shifted.transpose(1, 2, 0).reshape(k, D)
+    velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
 
     # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
     nodes, N = K * S * m, entries.nodes
     push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
     push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
     velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
-    # Compliance: of every row the entries of the contacts at its node.
-    node = np.arange(nodes)
     block = Block(
         reading=reading,
         transition=transition,
         push=push,
-        compliance=push[node[:, None], (node - node % max(1, m))[:, None] + np.arange(m)],
         end_first=entries.end_first,
         end_stride=entries.end_stride,
         velocity=velocity,
         velocity_push=velocity_push,
         rates=entries.rates,
+        nodes=nodes,
         rule=rule,
     )
     # The samples come load by load, then step by step.

@@ -10,15 +10,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray, aligned, padded
+from ..basics.arrays import Array, IntArray, aligned
+from ..kernels.march import SUMS, Energies, FreeBlock, Step, account
+from ..kernels.march import states as states_of
 from ..model.contact import laws
-from ..model.contact_law import LAW
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Term, evaluate, offset_rate
+from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
 from .block_march import Segment, Stepper, initial_channels
-from .kernels.accounts import Energies, FreeBlock, Step, account, work_for
-from .kernels.accounts import states as states_of
 from .probe import InModes
 from .propagator import Propagator
 
@@ -28,7 +27,7 @@ def no_block() -> FreeBlock:
     return FreeBlock(np.zeros((0, 0)), np.zeros(0, np.int64))
 
 
-def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) -> FreeBlock:
+def free_block(step: Step, place: IntArray, n: int, K: int, T: Array) -> FreeBlock:
     """K of the ``step`` of n modes, probed with units of the components in their ``place`` and of the drive.
 
     T: (d, d), the drive's transition over a step, g_k = T^k g.
@@ -42,12 +41,9 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
     undriven = np.zeros_like(step.driven)
     harmonics = step.driven.copy()
     harmonics[0] = 0.0  # the constant drives by itself, in every step
-    T_rows = carried + len(acting)
-    memory = np.empty((2, 2 * width))
-    # An even number of rows: the kernel adds them in pairs.
-    made = np.zeros((T_rows + T_rows % 2, K, width))
+    made = np.empty((carried + len(acting), K, width))
     # One motion for every unit: of a carried component, then of a function of the drive.
-    for t in range(T_rows):
+    for t in range(len(made)):
         start, driven, drives = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
         if t < carried:
             start[t * n : (t + 1) * n] = 1.0  # of all modes at once, which do not see each other
@@ -55,9 +51,9 @@ def free_block(step: Step, place: IntArray, n: int, P: int, K: int, T: Array) ->
             e = acting[t - carried]
             driven, drives = (harmonics, np.ascontiguousarray(g[:, :, e])) if e else (step.driven, drives)
         quiet = step._replace(driven=driven, g=drives, forces=np.zeros((K, len(step.push))))
-        states_of(quiet, n, P, start, place, *memory, made[t])
+        made[t] = states_of(quiet, n, start, place)
     paths = aligned((n, 2, len(made), K))
-    paths[:] = made[:, :, : 2 * P].reshape(len(made), K, 2, P)[..., :n].transpose(3, 2, 0, 1)
+    paths[:] = made[:, :, : 2 * n].reshape(len(made), K, 2, n).transpose(3, 2, 0, 1)
     return FreeBlock(paths.reshape(-1, K), acting)
 
 
@@ -71,36 +67,19 @@ def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArr
     march, block, dt = segment.march, segment.block, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
-    nodes = len(block.block.compliance)
-    by_step = segment.forces[:, :nodes].reshape(len(segment.forces) * block.steps, -1)[: segment.steps]
-    n, of_state = one.coordinates.parts, one.block.reading.shape[0]
-    a, P = one.used // n, _stride(n)
-
-    def laid_out(rows: Array) -> Array:
-        """Rows of a packed state -> rows (.., a P), see Step."""
-        out = aligned((*rows.shape[:-1], a, P))
-        out[..., :n] = rows[..., : a * n].reshape(*rows.shape[:-1], a, n)
-        return out.reshape(*rows.shape[:-1], a * P)
-
+    by_step = segment.forces[:, : block.block.nodes].reshape(len(segment.forces) * block.steps, -1)[: segment.steps]
+    n, of_state = one.coordinates.parts, one.block.reading.shape[1]
     N = one.coordinates.rows.shape[1]
     # Blocks carry the components in ``keep`` only, single steps all of them.
     place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
-    # ``take_step`` adds the rows of the transition in pairs: an odd number gets a row of zeros.
-    transition = np.zeros((a + a % 2, one.block.transition.shape[1]))
-    transition[:a] = one.block.transition
     step = Step(
-        transition=laid_out(transition),
-        push=laid_out(np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]])),
-        driven=laid_out(forcing.rows[0][:, of_state:]),
+        transition=one.block.transition,
+        push=np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]]),
+        driven=np.ascontiguousarray(forcing.rows[0][:, of_state:]),
         forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
     )
     return step, place, np.ascontiguousarray(segment.starts[::apart])
-
-
-def _stride(n: int) -> int:
-    """P of n parts, see Step."""
-    return padded(n) if n > 1 else 1
 
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
@@ -118,7 +97,7 @@ def node_forces_at_ends(segment: Segment, step: Step, contacts: int) -> Array:
     # No node lies at the end of a step: the force there follows from the state.
     if contacts and block.end_first[0] >= len(block.push):
         return np.full((segment.steps, contacts), np.nan)
-    last = len(block.compliance) // segment.block.steps
+    last = block.nodes // segment.block.steps
     return np.ascontiguousarray(step.forces[:, last - contacts : last])
 
 
@@ -133,9 +112,8 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
             out = _states_together(step, place, starts, segment.block.steps)
         else:
             step, place, starts = step_of(segment, one, len(segment.starts))
-            out = aligned((segment.steps, step.transition.shape[1]))
-            states_of(step, n, _stride(n), starts[0], place, *np.empty((2, 2 * out.shape[1])), out)
-        z = out.reshape(segment.steps, -1, _stride(n))[..., :n].reshape(segment.steps, -1, N)
+            out = states_of(step, n, starts[0], place)
+        z = out.reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[:2])
         new = q, v, node_forces_at_ends(segment, step, m)
         q, v, node_forces = (np.concatenate(both) for both in zip(last, new, strict=True))
@@ -170,11 +148,9 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     if not isinstance(stepper.coordinates, InModes):
         return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
     basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
-    # The kernel takes at least one load; a zero one stands for none.
-    loaded = system.loads or [(np.zeros(system.size), Constant(0.0))]
     moving = any(contact.offset is not None for contact in contacts)
-    # Ten numbers each, KINETIC to SPREAD; the first output is the start.
-    kept, balance = np.empty((10, steps // every + 1)), np.zeros(10)
+    # Ten sums each, in the order of Ledger's fields; the first output is the start.
+    kept, balance = np.empty((SUMS, steps // every + 1)), np.zeros(SUMS)
     balance[:3] = system.energies(0.0, system.q0, system.v0)
     kept[:, 0] = balance
     y = basis.to_modal(np.stack([system.q0, system.v0])).ravel()
@@ -182,15 +158,15 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     shared = {
         "squares": basis.omega**2,
         "damping": basis.damping if np.any(basis.damping > 0.0) else basis.damping[:0],
-        "loads": basis.force(np.array([vector for vector, _ in loaded]).reshape(-1, system.size)),
+        "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
         "rows": stepper.coordinates.columns,
         "law": laws(contacts),
     }
     drive = Drive.of(system)
-    units = np.eye(len(loaded))
-    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(loaded)], len(units))
+    units = np.eye(len(system.loads))
+    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
     offsets = drive.offsets(system)
-    last, n, P = np.full((1, len(contacts)), np.nan), len(basis.omega), _stride(len(basis.omega))
+    last, n = np.full((1, len(contacts)), np.nan), len(basis.omega)
     free = None
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
@@ -214,24 +190,12 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         )
         # The map of a whole block is the same in all segments.
         if passed and free is None:
-            free = free_block(step, place, n, P, apart * K, drive.transition(dt))
+            free = free_block(step, place, n, apart * K, drive.transition(dt))
         known = free if passed and free is not None else no_block()
         account(
-            step, energies, known, place, starts, apart * K, P, y, met, balance, segment.first, every, dt, kept,
-            work_for(step, energies, known),
+            step, energies, known, place, starts, apart * K, y, met, balance, segment.first, every, dt, kept
         )  # fmt: skip
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept)
-
-
-def rehearse() -> None:
-    """Compile the kernel of the energy balance, without the march: of no blocks."""
-    row, table = np.zeros(1), np.zeros((1, 1))
-    step = Step(*5 * (table,))
-    energies = Energies(row, row, table, table, table, np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((1, LAW)), table)
-    account(
-        step, energies, no_block(), np.zeros(1, np.int64), np.zeros((0, 1)), 1, 1, np.zeros(2), np.zeros((2, 1)),
-        np.zeros(10), 0, 1, 1.0, np.zeros((10, 1)), work_for(step, energies, no_block()),
-    )  # fmt: skip
 
 
 def _sum(terms: tuple[Array, list[Term]], g: Array, t: Array, value: Callable[..., Array]) -> Array:

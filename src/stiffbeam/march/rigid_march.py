@@ -10,9 +10,10 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import clock
 from ..basics.validation import InputError
+from ..kernels.contact import solve_node
+from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps
 from ..model.equations import Modal
 from ..model.modes import modes
-from ..model.stage import solve_node
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
@@ -21,8 +22,6 @@ from ..trajectory.recorder import Reactions
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Trajectory, Work
 from .block_march import initial_channels
-from .kernels.blocks import OVERFLOW
-from .kernels.rigid_steps import AT_A_STOP, WHERE_CLOSED, WHERE_PREDICTED, Linear, steps
 from .probe import Coordinates, InModes, Together
 from .treatment import Treatment
 
@@ -198,8 +197,7 @@ def _march(
         values = np.moveaxis(values, 0, 1).reshape(length, -1)
         shifts = (values @ shifts_by_load).reshape(length, S, m) + _offset_shifts(system, kinds, at, nodes, dt)
         predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
-        path, reactions = np.empty((length, len(z))), np.empty((length, S, m))
-        steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z, path, reactions)
+        path, reactions = rigid_steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z)
         seconds = clock() - begun
         states = path.reshape(length, *shape)
         ends = (start + 1 + np.arange(length)) * dt

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
+from ..kernels.march import BY_LAW, LINEAR, MEAN
 from ..model.contact import Contact
 from ..model.contact import linear as all_linear
-from ..model.stage import BY_LAW, LINEAR, MEAN
 from ..schemes import Scheme
 from ..trajectory.trajectory import SolverFailure
 
@@ -30,7 +30,7 @@ class Treatment:
         return f"<Treatment {self.name}>"
 
     def rule(self, contacts: Sequence[Contact]) -> int:
-        """LINEAR, BY_LAW or MEAN, see stage: how a node finds its forces. Raises InputError for stops with a law that
+        """LINEAR, BY_LAW or MEAN: how a node finds its forces. Raises InputError for stops with a law that
         this treatment does not take."""
         return LINEAR if all_linear(contacts) else BY_LAW
 
@@ -60,7 +60,7 @@ class Extrapolated(Treatment):
 
 
 class Conserving(Extrapolated):
-    """``contact="conserving"``: the mean force over the step that keeps the energy of system and stops, see stage."""
+    """``contact="conserving"``: the mean force over the step that keeps the energy of system and stops."""
 
     name = "conserving"
     predicts, means = False, True

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, positive
+from ..kernels.contact import contact_forces
 from .contact_law import (
     G1,
     G2,
@@ -28,7 +29,6 @@ from .contact_law import (
     elastic,
     is_linear,
     jumps,
-    law_state,
     pressure,
     slopes,
     stored,
@@ -499,7 +499,7 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     side = upper * 1.0 - lower * 1.0
     damped = damps(all_laws(law))
     if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = np.vectorize(lambda u, v, *row: law_state(u, v, Law(*row)), otypes=[float])(u0, v0, *all_laws(law))
+        pressed = -np.sign(contact_forces(u0, v0, law)[0])
         on = (u0 == g2) | (u0 == g1)
         side = np.where(damped & ~on, pressed, side)
     return side

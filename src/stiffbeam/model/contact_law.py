@@ -11,14 +11,11 @@ and kernels call the same text. A new term is a field of ``Parameters``, its pla
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled, formula, inlined
-
-NEWTON = 200  # iterations, of which a handful are used
+from ..basics.compiled import compiled, formula
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,19 +73,6 @@ def power(d: Any, p: float) -> Any:
 
 
 @formula
-def mean_power(d0: float, d1: float, p: float) -> float:
-    """(d1^(p+1) - d0^(p+1))/((p + 1)(d1 - d0)) of two depths > 0, without cancellation."""
-    if p == 1.0:
-        return 0.5 * (d0 + d1)
-    # The powers' difference by expm1 and log1p, which keep its digits.
-    share = (d1 - d0) / d0
-    # The quotient below is 0/0 as the depths meet. Two terms of its series are exact to rounding here.
-    if abs(share) < 1e-12:
-        return d0**p * (1.0 + 0.5 * p * share)
-    return d0**p * math.expm1((p + 1.0) * math.log1p(share)) / ((p + 1.0) * share)
-
-
-@formula
 def elastic(d: Any, law: Law) -> Any:
     """f(d), odd in d."""
     return law.kappa * power(d, law.p)
@@ -110,12 +94,6 @@ def chord(d: Any, law: Law) -> Any:
 def stored(d: Any, law: Law) -> Any:
     """U(d), even in d."""
     return 0.5 * law.kappa * d * d if law.p == 1.0 else law.kappa * abs(d) ** (law.p + 1.0) / (law.p + 1.0)
-
-
-@formula
-def mean_elastic(d0: float, d1: float, law: Law) -> float:
-    """(U(d1) - U(d0))/(d1 - d0) of two depths > 0, without cancellation."""
-    return law.kappa * mean_power(d0, d1, law.p)
 
 
 def depth_under(force: Any, law: Law) -> Any:
@@ -141,16 +119,10 @@ def slopes(d: Any, rate: Any, law: Law) -> tuple[Any, Any]:
 
 
 @formula
-def is_spring(law: Law) -> Any:
-    """Return True where f = kappa d: the discrete gradient has a closed form."""
-    return law.p == 1.0
-
-
-@formula
 def is_affine(law: Law) -> Any:
     """Return True where ``pressure`` is linear in d and d': a stage equation has a closed form."""
     # & and | in place of ``and`` and ``or``: a Law may hold arrays.
-    return is_spring(law) & (law.lam == 0.0)
+    return (law.p == 1.0) & (law.lam == 0.0)
 
 
 @formula
@@ -172,44 +144,7 @@ def is_linear(law: Law) -> Any:
     return is_affine(law) & (law.c == 0.0)
 
 
-# ---------------------------------------------------------------- the linear law of the march's own blocks
-
-
-@inlined
-def state(u: float, g1: float, g2: float) -> float:
-    """chi: +1 beyond g2, -1 beyond g1, else 0."""
-    return 1.0 if u > g2 else (-1.0 if u < g1 else 0.0)
-
-
-@inlined
-def depth(u: float, g1: float, g2: float) -> float:
-    """u - clip(u, g1, g2): > 0 into the upper stop, < 0 into the lower."""
-    return u - g2 if u > g2 else (u - g1 if u < g1 else 0.0)
-
-
-@inlined
-def stage_stiffness(kappa: float, compliance: float) -> float:
-    """kappa/(1 + kappa s): what a stop looks like to a node that gives way by s per unit of force."""
-    return kappa / (1.0 + kappa * compliance)
-
-
-@inlined
-def stage_force(r: float, stage: float, g1: float, g2: float) -> float:
-    """F with u = r + s F and F = F(u); ``stage`` is ``stage_stiffness(kappa, s)``. With s = 0 it is F(r)."""
-    if r > g2:
-        return stage * (g2 - r)
-    if r < g1:
-        return stage * (g1 - r)
-    return 0.0
-
-
 # ---------------------------------------------------------------- any law between two stops
-
-
-@compiled
-def press(d: float, rate: float, law: Law) -> float:
-    """|F| at penetration d: the positive part of ``pressure`` where d > 0, else 0."""
-    return max(0.0, pressure(d, rate, law)) if d > 0.0 else 0.0
 
 
 @compiled
@@ -220,46 +155,6 @@ def law_state(u: float, v: float, law: Law) -> float:
     if u < law.g1:
         return -1.0 if pressure(law.g1 - u, -v, law) > 0.0 else 0.0
     return 0.0
-
-
-@compiled
-def law_force(u: float, v: float, law: Law) -> float:
-    """F(u, u') on the beam."""
-    if u > law.g2:
-        return -press(u - law.g2, v, law)
-    if u < law.g1:
-        return press(law.g1 - u, -v, law)
-    return 0.0
-
-
-@compiled
-def force_of_node(u: float, v: float, node_force: float, law: Law) -> float:
-    """F at the end of a step whose node found ``node_force``, NaN for none.
-
-    Where c > 0 the force jumps at d = 0. A node may end there, on the stop to rounding, under any force up to c u':
-    its state does not tell which.
-    """
-    return law_force(u, v, law) if math.isnan(node_force) or not jumps(law) else node_force
-
-
-@compiled
-def state_of_node(u: float, v: float, node_force: float, law: Law) -> float:
-    """chi there: where c > 0 the stop presses where a force was found."""
-    if math.isnan(node_force) or not jumps(law):
-        return law_state(u, v, law)
-    return 0.0 if node_force == 0.0 else math.copysign(1.0, -node_force)
-
-
-@compiled
-def law_energy(u: float, law: Law) -> float:
-    """U at position u."""
-    return stored(depth(u, law.g1, law.g2), law)
-
-
-@compiled
-def elastic_force(u: float, law: Law) -> float:
-    """-U'(u); F less it is what dissipates."""
-    return -elastic(depth(u, law.g1, law.g2), law)
 
 
 @compiled
@@ -286,66 +181,3 @@ def side_slopes(u: float, v: float, chi: float, law: Law) -> tuple[float, float]
     if chi == 0:
         return 0.0, 0.0
     return slopes(u - law.g2, v, law) if chi > 0 else slopes(law.g1 - u, -v, law)
-
-
-@compiled
-def stage_press(d0: float, rate0: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
-    """(P, dP/dd0, dP/dd0') with P = |F|(d0 - s P, d0' - s' P), compliances s and s' >= 0.
-
-    |F| grows with d and d', so there is one P; a law with c > 0 jumps at d = 0, where P may be all that lies
-    in the jump and the node stays on the stop. By Newton's method from P = 0: |F| is convex along the line that the
-    node takes, so the iterates rise to the root; an affine law ends at the first.
-    """
-    if not d0 > 0.0:
-        return 0.0, 0.0, 0.0
-    # Linear in depth and rate: one division.
-    if is_affine(law):
-        to_depth, to_rate = slopes(d0, rate0, law)
-        below = 1.0 + to_depth * s + to_rate * s_rate
-        P, slope, slope_rate = pressure(d0, rate0, law) / below, to_depth / below, to_rate / below
-        if not P > 0.0:
-            return (0.0, 0.0, 0.0) if P <= 0.0 else (P, slope, slope_rate)  # NaN stays NaN
-    else:
-        # Any other law: Newton's method inside a bracket of P.
-        if pressure(d0, rate0, law) <= 0.0:
-            return 0.0, 0.0, 0.0
-        P, left = 0.0, 0.0
-        right = pressure(d0, rate0, law)
-        # A larger force would move the node off the stop, where none acts.
-        if s * right > d0:
-            right = d0 / s
-        slope = slope_rate = 0.0
-        for _ in range(NEWTON):
-            d, rate = d0 - s * P, rate0 - s_rate * P
-            trial = pressure(d, rate, law)
-            to_depth, to_rate = slopes(d, rate, law)
-            below = 1.0 + s * to_depth + s_rate * to_rate
-            slope, slope_rate = to_depth / below, to_rate / below
-            # |F| at the trial falls as P grows, which gives the side of the root.
-            if trial > P:
-                left = P
-            else:
-                right = P
-            new = P + (trial - P) / below
-            # In exact arithmetic the iterates rise to the root. A step that rounding throws out becomes a bisection.
-            if not left <= new <= right:
-                new = 0.5 * (left + right)
-            change, P = abs(new - P), new
-            # The change is the rounding of P.
-            if change <= 2e-16 * P or left >= right:
-                break
-    if s * P >= d0:  # in the jump at d = 0
-        return d0 / s, 1.0 / s, 0.0
-    return P, slope, slope_rate
-
-
-@compiled
-def stage_law(r: float, w: float, s: float, s_rate: float, law: Law) -> tuple[float, float, float]:
-    """(F, dF/dr, dF/dw) with u = r + s F, u' = w + s' F and F = F(u, u')."""
-    if r > law.g2:
-        P, slope, slope_rate = stage_press(r - law.g2, w, s, s_rate, law)
-        return -P, -slope, -slope_rate
-    if r < law.g1:
-        P, slope, slope_rate = stage_press(law.g1 - r, -w, s, s_rate, law)
-        return P, -slope, -slope_rate
-    return 0.0, 0.0, 0.0

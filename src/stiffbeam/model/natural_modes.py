@@ -11,9 +11,10 @@ from scipy.optimize import brentq
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, number
+from ..kernels.contact import solve_stage
+from ..kernels.march import BY_LAW
 from . import modes as decoupled
 from .contact import laws
-from .stage import BY_LAW, solve_stage
 from .system import System, require_system
 from .time_functions import Constant, LoadFunction, evaluate, offset_values
 

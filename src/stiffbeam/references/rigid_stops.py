@@ -8,9 +8,9 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value
+from ..kernels.contact import solve_node
 from ..model.contact import Contact
 from ..model.sampled import Sampled
-from ..model.stage import solve_node
 from ..model.system import System
 from ..model.time_functions import covered, offset_values, parts_of, require_closed_form
 

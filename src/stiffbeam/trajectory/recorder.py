@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.compiled import compiled
 from ..basics.validation import InputError, numbers, sequence
+from ..kernels.contact import contact_forces
+from ..kernels.march import EVENT, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
-from ..model.contact_law import Law, all_laws, jumps, law_force, law_of
+from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
 from .records import ContactRecord, Impacts, Ledger, step_ledger
@@ -23,7 +24,6 @@ from .sampling import (
     AT_START,
     CONTACT,
     END,
-    EVENT,
     IMPACT_IMPULSE,
     IMPACT_PEAK,
     IMPULSE,
@@ -36,7 +36,6 @@ from .sampling import (
     STOP,
     TIME,
     TOUCHING,
-    switch_time,
 )
 
 AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
@@ -51,15 +50,10 @@ def impacts_of(events: Array) -> Impacts:
     return rows.started(first) if np.any(first) else rows
 
 
-@compiled
 def forces_at(u: Array, v: Array, law: Array) -> Array:
     """F (M, m) on the bodies at positions and velocities (M, C), the contacts first, under laws (M, m, 6)."""
-    M, m, _ = law.shape
-    out = np.empty((M, m))
-    for i in range(M):
-        for c in range(m):
-            out[i, c] = law_force(u[i, c], v[i, c], law_of(law[i], c))
-    return out
+    m = law.shape[1]
+    return contact_forces(u[:, :m], v[:, :m], law)[0]
 
 
 def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
@@ -150,7 +144,7 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
     are found by cubic Hermite interpolation over the interval's own length. A span with first step 0 is no impact:
     where t begins at 0 it is the contact that is there at the start.
     """
-    law = Law(*stops.law)
+    law = stops.law
     chi = stops.state(u, v)
     # At the first time a position exactly on a stop is contact unless it leaves.
     chi[0] = side_at_start(u[0], v[0], stops.law)

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
-from ...model.stage import solve_node
+from ...kernels.contact import solve_node
 from ...model.system import System
 from ...piecewise.follow import DONE
 from ...piecewise.generator import Generators

@@ -1,0 +1,1 @@
+"""The kernels in C, and the functions of NumPy arrays that call them."""

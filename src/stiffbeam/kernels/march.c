@@ -1,0 +1,498 @@
+/* The march in blocks: members of an ensemble one after another, each in blocks of K steps of a scheme.
+ *
+ * A block is one linear map of x = (z, g, forces): the state and the drive at its start, the forces that its nodes
+ * find. Rows on x give the entries and the new state; `effects` on x give velocities, see `place_effects`. The linear
+ * part of a block costs two products; the forces of the stops are then found node by node, each of which moves what
+ * comes after it.
+ */
+#include "march.h"
+#include "loops.h"
+#include "node.h"
+
+#define OVERFLOWN 1e100 /* a position beyond ends the run; its square, in an energy, is still a number */
+#define ON        1e-14 /* of a position: so near a stop a node is on it */
+#define RING      8     /* blocks whose x is held */
+#define DENSE     8     /* outputs further apart than so many steps are read one by one */
+
+/* A member on its way, and memory. x: state, drive (1 + 2 F numbers), from `base` on the forces, W numbers in all. */
+typedef struct {
+    const Block *b;
+    const Drive *drive;
+    const Run *run;
+    const Law *law; /* (m,) of this member */
+    Node node;
+    Int wide, base, W;          /* R + D; see above */
+    double *effects;            /* (C, K, W): of x on the channels' velocities at the ends of the steps */
+    double *z, *out, *x;        /* state; entries and new state (R + D,); x of the last blocks (RING, W) */
+    double *u, *v, *node_force; /* (K,) positions, velocities and nodes' forces of a contact */
+    double *speeds;             /* (4, K) */
+    double *low, *high, *stiff; /* stops of a panel's entries; of one contact the stiffness of every node (N,) */
+    Int i, rows, resumed;       /* member, free row of events, first block of this call */
+    Int waiting, pressed,
+        of_block[4]; /* blocks whose velocities are not yet written; 1 where a stop is touched in one */
+} Motion;
+
+/* ------------------------------------------------------------------ a block */
+
+/* Entry j with the forces first..i-1 of its panel, which have not yet pushed it. */
+static inline double pushed(const Motion *s, const double *f, Int first, Int i, Int j)
+{
+    double u = s->out[j];
+    for (Int e = first; e < i; e++) u += f[e] * s->b->push[e * s->wide + j];
+    return u;
+}
+
+/* The forces at the node whose contacts begin with i, in x->F; 0 where none acts, -1 where they were not found. */
+static int node_forces(Motion *s, const double *f, Int first, Int i)
+{
+    const Block *b = s->b;
+    const Law *law = s->law;
+    Node *x = &s->node;
+    Int m = s->run->m, wide = s->wide, beyond = 0, last = 0;
+    const double *S = b->push + i * wide;
+    for (Int c = 0; c < m; c++) {
+        x->r[c] = pushed(s, f, first, i, i + c);
+        if (side_of(x->r[c], law + c) != 0.0)
+            beyond++, last = c;
+        else if (b->rule == MEAN && side_of(x->before[c], law + c) != 0.0)
+            beyond++, last = c; /* from one end of the step */
+    }
+    if (!beyond) return 0;
+    for (Int c = 0; b->rated && c < m; c++) x->w[c] = pushed(s, f, first, i, b->rates[i + c]);
+    if (m == 1) {
+        double s_rate = b->rated ? S[b->rates[i]] : 0.0;
+        x->F[0] = force_alone(x->r[0], x->w[0], S[i], s_rate, x->before[0], b->rule, law).F;
+        return isnan(x->F[0]) && !isnan(x->r[0]) ? -1 : 1;
+    }
+    if (b->rule == LINEAR) { /* most are touched one at a time: alone, unless its force closes another one */
+        const double *own = S + last * wide + i;
+        for (Int c = 0; c < m; c++) x->F[c] = 0.0;
+        x->F[last] = stage_force(x->r[last], 0.0, own[last], 0.0, law + last).F;
+        for (Int c = 0; c < m; c++)
+            if (c != last) beyond += side_of(x->r[c] + x->F[last] * own[c], law + c) != 0.0;
+        if (beyond > 1) solve_springs(x->r, S + i, wide, law, m, x);
+        return 1;
+    }
+    for (Int c = 0; c < m; c++)
+        for (Int e = 0; e < m; e++) {
+            x->S[c * m + e] = S[e * wide + i + c];
+            x->S_rate[c * m + e] = b->rated ? S[e * wide + b->rates[i + c]] : 0.0;
+        }
+    solve_laws(x, b->rule, law, m);
+    for (Int c = 0; c < m; c++)
+        if (isnan(x->F[c]) && !isnan(x->r[c])) return -1;
+    return 1;
+}
+
+/* A panel of one contact that is a spring; the loops are for the compiler to unroll. */
+static inline void press_springs(const double *restrict push, Int wide, double g1, double g2,
+                                 const double *restrict stiff, const double *restrict out, double *restrict f)
+{
+    double force[8];
+#pragma GCC unroll 8
+    for (int i = 0; i < 8; i++) {
+        double r = out[i];
+#pragma GCC unroll 8
+        for (int e = 0; e < i; e++) r += force[e] * push[e * wide + i];
+        force[i] = stiff[i] * (least(most(r, g1), g2) - r);
+    }
+    for (int i = 0; i < 8; i++) f[i] = force[i];
+}
+
+/* The forces f of the stops, panel by panel: nodes of a panel look up what those before them push, all that comes after
+ * is pushed in one pass. 0 where none is touched, 1 where one is, -1 - i where those of node i were not found. */
+static Int resolve(Motion *s, double *f)
+{
+    const Block *b = s->b;
+    const Law *law = s->law;
+    Node *x = &s->node;
+    double *out = s->out;
+    Int m = s->run->m, wide = s->wide, panel = m < 8 ? 8 / m * m : m, touched = 0,
+        springs = m == 1 && b->rule == LINEAR;
+    for (Int first = 0; first < b->nodes; first += panel) {
+        Int end = first + panel < b->nodes ? first + panel : b->nodes,
+            any = beyond(out + first, s->low, s->high, end - first) > 0;
+        for (Int i = first; i < end; i++) f[i] = 0.0;
+        for (Int c = 0; b->rule == MEAN && c < m; c++) any |= side_of(x->before[c], law + c) != 0.0;
+        if (any) {
+            const double *push = b->push + first * wide + first;
+            if (springs) {
+                press_springs(push, wide, law->g1, law->g2, s->stiff + first, out + first, f + first);
+                touched = 1;
+            }
+            for (Int i = first; !springs && i < end; i += m) {
+                int acts = node_forces(s, f, first, i);
+                if (acts < 0) return -1 - i;
+                for (Int c = 0; acts && c < m; c++) f[i + c] = x->F[c], touched = 1;
+                for (Int c = 0; b->rule == MEAN && c < m; c++) x->before[c] = pushed(s, f, first, i + m, i + c);
+            }
+            add_rows(out + first, wide - first, f + first, push, wide, end - first);
+        } else if (b->rule == MEAN)
+            for (Int c = 0; c < m; c++) x->before[c] = out[end - m + c];
+    }
+    return touched;
+}
+
+/* The drive g at t. */
+static void drive_at(const Drive *d, Int v, double t, double *g)
+{
+    g[0] = d->constant;
+    for (Int f = 0; f < d->F; f++) {
+        double phase = d->frequencies[v * d->F + f] * t;
+        g[1 + 2 * f] = sin(phase), g[2 + 2 * f] = cos(phase);
+    }
+}
+
+static double *x_of(const Motion *s, Int block) { return s->x + (block % RING) * s->W; }
+
+/* The velocity of channel c at the end of step k of a block. */
+static double speed(const Motion *s, Int block, Int k, Int c)
+{
+    const Block *b = s->b;
+    double total = dot(s->effects + (c * b->K + k) * s->W, x_of(s, block), s->W);
+    return s->run->inflows ? total + s->run->inflow_velocity[(block * b->K + k) * b->C + c] : total;
+}
+
+/* ------------------------------------------------------------------ outputs */
+
+/* Steps of a block, which begins after step `at`, before its first output. */
+static Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }
+
+/* Write the velocities at the outputs of the blocks that wait for them. */
+static void keep_speeds(Motion *s)
+{
+    const Block *b = s->b;
+    const Run *run = s->run;
+    Int K = b->K, per_step = b->nodes / K, dense = run->every < DENSE;
+    const double *x[4];
+    for (Int j = 0; j < 4; j++) x[j] = x_of(s, s->of_block[j < s->waiting ? j : 0]);
+    for (Int c = 0; c < b->C; c++) {
+        for (Int k = 0; dense && k < K; k += 2) {
+            Int after = k + 1 < K ? k + 1 : k,
+                length = s->base + (s->pressed ? (after + 1) * per_step : 0); /* no force acts before its own step */
+            double sums[8];
+            dots(s->effects + (c * K + k) * s->W, s->effects + (c * K + after) * s->W, x, length, sums);
+            for (Int j = 0; j < 4; j++) s->speeds[j * K + k] = sums[j], s->speeds[j * K + after] = sums[4 + j];
+        }
+        for (Int j = 0; j < s->waiting; j++) {
+            Int block = s->of_block[j], at = run->first + block * K,
+                count = K < run->steps - block * K ? K : run->steps - block * K;
+            double *out = run->velocities + (s->i * run->outputs + at / run->every + 1) * b->C + c;
+            double *speeds = s->speeds + j * K;
+            Int k = first_output(run, at), every = run->every, C = b->C;
+            for (Int i = k; !dense && i < count; i += every) speeds[i] = speed(s, block, i, c);
+            for (Int i = k; dense && run->inflows && i < count; i += every)
+                speeds[i] += run->inflow_velocity[(block * K + i) * C + c];
+            for (; k < count; k += every, out += C) *out = speeds[k];
+        }
+    }
+    s->waiting = s->pressed = 0;
+}
+
+/* The other outputs of channel c in a block of `count` steps after step `at`. */
+static void keep(const Motion *s, Int c, Int at, Int count, const double *f)
+{
+    const Block *b = s->b;
+    const Run *run = s->run;
+    Int o = at / run->every + 1, outputs = (at + count) / run->every - at / run->every;
+    Int first = b->end_first[c] + first_output(run, at) * b->end_stride[c], apart = run->every * b->end_stride[c];
+    const double *u = s->out + first;
+    double *p = run->positions + (s->i * run->outputs + o) * b->C + c;
+    for (Int j = 0; j < outputs; j++) p[j * b->C] = u[j * apart];
+    if (run->times && c == 0)
+        for (Int j = 0; j < outputs; j++) run->times[o + j] = (double)((o + j) * run->every) * run->dt;
+    if (c >= run->m) return;
+    Int to = (s->i * run->outputs + o) * run->m + c;
+    for (Int j = 0; run->node_forces && b->end_first[c] < b->N && j < outputs; j++)
+        run->node_forces[to + j * run->m] = f[first + j * apart];
+    for (Int j = 0; run->contact_forces && j < outputs; j++)
+        run->contact_forces[to + j * run->m] = -s->law[c].kappa * depth(u[j * apart], s->law + c);
+}
+
+/* ------------------------------------------------------------------ impacts */
+
+/* Least s in (0, 1] at which the cubic Hermite interpolant of a gap, gap0 > 0 >= gap1, is zero: Newton's method, kept
+ * inside the first change of sign between the extrema of the cubic. */
+static double first_crossing(double gap0, double rate0, double gap1, double rate1)
+{
+    double c0 = gap0, c1 = rate0, c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1,
+           c3 = 2.0 * (gap0 - gap1) + rate0 + rate1;
+    double low = 0.0, high = 1.0, discriminant = c2 * c2 - 3.0 * c1 * c3;
+    if (discriminant > 0.0) {
+        double q = -(c2 + copysign(sqrt(discriminant), c2)), one = c3 != 0.0 ? q / (3.0 * c3) : 1.0,
+               two = q != 0.0 ? c1 / q : 1.0;
+        double points[2] = {least(one, two), most(one, two)};
+        for (int i = 0; i < 2; i++) {
+            double p = points[i];
+            if (low < p && p < high) {
+                if (c0 + p * (c1 + p * (c2 + p * c3)) <= 0.0)
+                    high = p;
+                else
+                    low = p;
+            }
+        }
+    }
+    double s = least(most(gap0 / (gap0 - gap1), low), high);
+    for (int i = 0; i < 100; i++) {
+        double gap = c0 + s * (c1 + s * (c2 + s * c3)), rate = c1 + s * (2.0 * c2 + s * 3.0 * c3), enough = 1e-9;
+        if (gap > 0.0)
+            low = s;
+        else
+            high = s;
+        double new = rate < 0.0 ? s - gap / rate : INFINITY, old = s;
+        if (!(low <= new && new <= high)) new = 0.5 * (low + high), enough = 1e-16; /* bisection goes on to rounding */
+        s = new;
+        if (fabs(new - old) < enough) break;
+    }
+    return s;
+}
+
+/* Fraction of the step at which contact with the stop on `side` begins or ends. At a damped stop that is reached, to
+ * rounding, the sign of the force dates it, not the crossing. */
+API double switch_time(double u0, double v0, double u1, double v1, double side, const Law *l, double dt)
+{
+    double stop = side > 0.0 ? l->g2 : l->g1, sign = u1 > u0 ? 1.0 : -1.0;
+    if (damps(l) && side * (u0 - stop) > -ON * most(fabs(u0), fabs(stop))) {
+        double before = pressure(side * (u0 - stop), side * v0, l), after = pressure(side * (u1 - stop), side * v1, l);
+        if (before * after < 0.0) return before / (before - after);
+        if (side * (u1 - stop) > 0.0) return 0.0;
+    }
+    return first_crossing(sign * (stop - u0), -sign * v0 * dt, sign * (stop - u1), -sign * v1 * dt);
+}
+
+/* Add the steps u (count,) to a tally; new impacts are appended from row `rows` on. Their TIME, and the END of those
+ * that end, are the step before the crossing; END is -1 of an open one. v, node_force: velocities and the nodes'
+ * forces, or NULL. means: the forces are means over the steps; impulses are theirs, the last that of the step in which
+ * a contact ends. */
+static inline Int scan(const double *u, const double *v, const double *node_force, int means, Int count, const Law *l,
+                       double dt, double *tally, double *events, Int rows, Int first)
+{
+    double side = tally[SIDE], *open = tally[ROW] >= 0.0 ? events + (Int)tally[ROW] * EVENT : NULL, none[EVENT] = {0.0};
+    double touching = 0.0, total = 0.0, highest = 0.0, impulse = 0.0,
+           peak = 0.0; /* of all, and of the visit to a stop */
+    Int passed = (Int)tally[SINCE] - first, k = 0;
+    while (k < count) { /* from one change of side to the next */
+        double *visit = open ? open : none;
+        for (impulse = peak = 0.0; k < count; k++) {
+            double rate = v ? v[k] : 0.0, force = node_force && !means ? node_force[k] : NAN;
+            if (side_of_node(u[k], rate, force, l) != side) break;
+            if (k < passed || (side == 0.0 && !means)) continue;
+            double size = side != 0.0 ? fabs(force_of_node(u[k], rate, force, l)) : 0.0;
+            impulse += means ? fabs(node_force[k]) : size, peak = most(peak, size), touching += side != 0.0;
+        }
+        total += impulse, highest = most(highest, peak);
+        visit[IMPACT_IMPULSE] += impulse * dt, visit[IMPACT_PEAK] = most(visit[IMPACT_PEAK], peak);
+        if (k == count) break;
+        side = side_of_node(u[k], v ? v[k] : 0.0, node_force && !means ? node_force[k] : NAN, l);
+        if (open) open[END] = (double)k;
+        /* Of means: the step that leaves the stop has contact in part of it. */
+        if (open && side == 0.0 && means && k >= passed) open[IMPACT_IMPULSE] += fabs(node_force[k]) * dt;
+        open = NULL;
+        if (side != 0.0 && k >= passed) {
+            open = events + rows++ * EVENT;
+            open[TIME] = (double)k, open[STOP] = side, open[END] = -1.0, open[IMPACT_PEAK] = open[IMPACT_IMPULSE] = 0.0;
+        }
+    }
+    tally[TOUCHING] += touching, tally[PEAK] = most(tally[PEAK], highest), tally[IMPULSE] += total * dt;
+    tally[SIDE] = side, tally[ROW] = open ? (double)((open - events) / EVENT) : -1.0;
+    return rows;
+}
+
+/* Impacts of contact c in a block. */
+static void watch(Motion *s, Int c, Int block, Int at, Int count, const double *f)
+{
+    const Block *b = s->b;
+    const Run *run = s->run;
+    const Law *l = s->law + c;
+    double *tally = run->tally + (s->i * run->m + c) * TALLY, *v = NULL, *node_force = NULL;
+    Int entry = b->end_first[c], stride = b->end_stride[c], opened = (Int)tally[ROW], means = b->rule == MEAN;
+    for (Int k = 0; k < count; k++) s->u[k] = s->out[entry + k * stride];
+    if (damps(l)) {
+        v = s->v;
+        for (Int k = 0; k < count; k++) v[k] = speed(s, block, k, c);
+    }
+    if (means || (jumps(l) && entry < b->N)) {
+        node_force = s->node_force;
+        for (Int k = 0; k < count; k++) node_force[k] = means ? f[k * run->m + c] : f[entry + k * stride];
+    }
+    /* Where F = F(u) once more: the compiler leaves out what stands behind an argument that is NULL. */
+    Int new = v || node_force
+                  ? scan(s->u, v, node_force, (int)means, count, l, run->dt, tally, run->events, s->rows, at)
+                  : scan(s->u, NULL, NULL, 0, count, l, run->dt, tally, run->events, s->rows, at);
+    if (!means && b->rule != LINEAR) /* the force at the last step counts half, see ``with_ends`` */
+        tally[LAST] =
+            fabs(force_of_node(s->u[count - 1], v ? v[count - 1] : 0.0, node_force ? node_force[count - 1] : NAN, l));
+    /* The end of the impact that was open before, then times and ends of the new ones. */
+    for (Int change = 2 * s->rows - 1; change < 2 * new; change++) {
+        Int row = change < 2 * s->rows ? opened : change / 2, column = change % 2 ? END : TIME;
+        if (row < 0) continue;
+        double *e = run->events + row * EVENT;
+        Int k = (Int)e[column];
+        if (k < 0) continue;
+        double u0 = k > 0 ? s->u[k - 1] : run->position[s->i * b->C + c];
+        double v0 = k > 0                ? speed(s, block, k - 1, c)
+                    : block > s->resumed ? speed(s, block - 1, b->K - 1, c)
+                                         : run->velocity[s->i * b->C + c];
+        double inside = switch_time(u0, v0, s->u[k], speed(s, block, k, c), e[STOP], l, run->dt);
+        e[column] = ((double)(at + k) + inside) * run->dt;
+        e[MEMBER] = (double)s->i, e[CONTACT] = (double)c;
+    }
+    s->rows = new;
+}
+
+/* ------------------------------------------------------------------ members */
+
+/* One block: 0 where the member goes on. */
+static int pass_block(Motion *s, Int block)
+{
+    const Block *b = s->b;
+    const Drive *drive = s->drive;
+    const Run *run = s->run;
+    Int K = b->K, m = run->m, R = b->R, D = b->D, wide = s->wide, i = s->i, v = i < drive->V ? i : drive->V - 1;
+    Int at = run->first + block * K, count = K < run->steps - block * K ? K : run->steps - block * K,
+        d = 1 + 2 * drive->F;
+    double *x = x_of(s, block), *g = x + D, *f = x + s->base, *out = s->out;
+    /* Without contact forces: positions at all nodes, and the state at the end. */
+    memcpy(x, s->z, (size_t)D * sizeof *x);
+    drive_at(drive, v, (double)at * run->dt, g);
+    if (run->inflows)
+        memcpy(out, run->inflow + block * wide, (size_t)R * sizeof *out);
+    else
+        memset(out, 0, (size_t)R * sizeof *out);
+    turn(b->transition, b->a, b->n, D, s->z, out + R);
+    for (Int j = R; run->inflows && j < wide; j++) out[j] += run->inflow[block * wide + j];
+    add_rows(out, R, x, b->reading, R, D);
+    Int still = g[0] == 0.0;
+    add_rows(out, wide, g + still, drive->rows + (v * d + still) * wide, wide, d - still);
+    /* Then the forces of the stops, each of which moves what comes after it. */
+    for (Int c = 0; b->rule == MEAN && c < m; c++) s->node.before[c] = run->position[i * b->C + c];
+    Int touched = m ? resolve(s, f) : 0;
+    if (touched < 0) {
+        run->diverged[i] = -(at + (-1 - touched) * K / b->nodes + 1);
+        return 1;
+    }
+    if (run->starts) {
+        Int state = D + (b->a - 1) * b->n;
+        memcpy(run->starts + block * state, s->z, (size_t)state * sizeof *x);
+        memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *f);
+    }
+    for (Int c = 0; c < b->C; c++) {
+        const double *u = out + b->end_first[c];
+        Int apart = b->end_stride[c];
+        if (!(fabs(u[(count - 1) * apart]) < OVERFLOWN)) {
+            for (Int k = count - 1; k >= 0; k--)
+                if (!(fabs(u[k * apart]) < OVERFLOWN)) run->diverged[i] = at + k + 1;
+            return 1;
+        }
+        if (run->outputs) keep(s, c, at, count, f);
+        /* A position that is not at a node may be beyond a stop although no node is. */
+        if (c < m && (touched || run->tally[(i * m + c) * TALLY + SIDE] != 0.0 || b->end_first[c] >= b->N))
+            watch(s, c, block, at, count, f);
+        run->position[i * b->C + c] = u[(count - 1) * apart];
+    }
+    if (run->outputs && at / run->every != (at + count) / run->every)
+        s->of_block[s->waiting++] = block, s->pressed |= touched != 0;
+    memcpy(s->z, out + R, (size_t)D * sizeof *x);
+    memcpy(s->z + D, s->z, (size_t)((b->a - 1) * b->n) * sizeof *x);
+    return 0;
+}
+
+/* The part of the drive in `effects`: the same for all members, or this one's. */
+static void place_drive(const Motion *s, Int v)
+{
+    const Block *b = s->b;
+    Int d = 1 + 2 * s->drive->F;
+    for (Int c = 0; c < b->C; c++)
+        for (Int k = 0; k < b->K; k++)
+            memcpy(s->effects + (c * b->K + k) * s->W + b->D, s->drive->velocity + ((v * b->K + k) * b->C + c) * d,
+                   (size_t)d * sizeof(double));
+}
+
+/* The parts of state and forces, and of a drive that all members share. */
+static void place_effects(const Motion *s)
+{
+    const Block *b = s->b;
+    for (Int c = 0; c < b->C; c++)
+        for (Int k = 0; k < b->K; k++) {
+            double *row = s->effects + (c * b->K + k) * s->W;
+            memcpy(row, b->velocity + (k * b->C + c) * b->D, (size_t)b->D * sizeof *row);
+            memcpy(row + s->base, b->velocity_push + (k * b->C + c) * b->N, (size_t)b->N * sizeof *row);
+        }
+    if (s->drive->V == 1) place_drive(s, 0);
+}
+
+/* A member to the end of the call, from block `cursor[1]` on; 0 where the list of impacts may not hold another block's.
+ */
+static int pass_member(Motion *s)
+{
+    const Block *b = s->b;
+    const Run *run = s->run;
+    Int i = s->i, m = run->m, blocks = (run->steps + b->K - 1) / b->K, state = b->D + (b->a - 1) * b->n;
+    Int several = run->every < DENSE ? 4 : 1, panel = m && m < 8 ? 8 / m * m : m, block, ended = 0, full = 0;
+    s->law = run->law + i * m;
+    memcpy(s->z, run->z + i * state, (size_t)state * sizeof *s->z);
+    for (Int j = 0; j < panel; j++) s->low[j] = s->law[j % m].g1, s->high[j] = s->law[j % m].g2;
+    for (Int j = 0; m == 1 && j < b->nodes; j++) s->stiff[j] = spring_stiffness(b->push[j * s->wide + j], s->law);
+    if (s->drive->V > 1) place_drive(s, i);
+    s->waiting = s->pressed = 0, s->resumed = run->cursor[1];
+    for (block = s->resumed; block < blocks && !ended; block++) {
+        if ((full = s->rows + m * b->K > run->room)) break;
+        if (s->waiting == several || (s->waiting && s->of_block[0] <= block - RING + 2)) keep_speeds(s);
+        ended = pass_block(s, block);
+    }
+    if (s->waiting) keep_speeds(s);
+    if (ended) { /* the outputs that follow were not computed */
+        Int o = (run->first + (block - 1) * b->K) / run->every + 1, after = (i * run->outputs + o) * b->C;
+        size_t length = run->outputs ? (size_t)((run->outputs - o) * b->C) * sizeof(double) : 0;
+        if (length) memset(run->positions + after, 0, length), memset(run->velocities + after, 0, length);
+    } else if (block > s->resumed) {
+        Int count = block < blocks ? b->K : run->steps - (blocks - 1) * b->K;
+        for (Int c = 0; c < b->C; c++) run->velocity[i * b->C + c] = speed(s, block - 1, count - 1, c);
+    }
+    memcpy(run->z + i * state, s->z, (size_t)state * sizeof *s->z);
+    run->cursor[1] = full ? block : 0;
+    return !full;
+}
+
+/* Places in memory `at`, each at a 64-byte boundary, none in NULL; returns its length in numbers. */
+static Int places(Motion *s, double *at)
+{
+    const Block *b = s->b;
+    Int m = s->run->m, used = 0, panel = m < 8 ? 8 : m, K = b->K;
+    double **where[] = {&s->out,    &s->x,   &s->z,    &s->u,     &s->v,      &s->node_force,
+                        &s->speeds, &s->low, &s->high, &s->stiff, &s->effects};
+    Int sizes[] = {s->wide, RING * s->W, b->D + (b->a - 1) * b->n, K, K, K, 4 * K, panel, panel, b->N, b->C * K * s->W};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        *where[i] = at ? at + used : NULL;
+        used += (sizes[i] + 7) / 8 * 8;
+    }
+    return used + node_memory(&s->node, m, at ? at + used : NULL);
+}
+
+API Int march(const Block *b, const Drive *drive, const Run *run)
+{
+    Int base = (b->D + 1 + 2 * drive->F + 7) / 8 * 8, done = 1;
+    Motion s = {.b = b,
+                .drive = drive,
+                .run = run,
+                .wide = b->R + b->D,
+                .base = base,
+                .W = base + b->N,
+                .rows = run->cursor[2]};
+    void *memory;
+    double *at = aligned(places(&s, NULL), &memory);
+    if (!at) return NO_MEMORY;
+    places(&s, at);
+    place_effects(&s);
+    for (Int i = run->cursor[0]; i < run->M && done; i++) {
+        s.i = i;
+        if (run->diverged[i])
+            run->cursor[1] = 0; /* it stays where it is; the others go on */
+        else
+            done = pass_member(&s);
+        run->cursor[0] = done ? 0 : i;
+    }
+    run->cursor[2] = s.rows;
+    free(memory);
+    return done ? DONE : LIST_IS_FULL;
+}

@@ -1,0 +1,157 @@
+/* Functions of the march for Python: one description of every argument. Matrices are row by row; (M, m) is a shape.
+ *
+ * Sizes are checked once, in Python; nothing here checks them. No function keeps anything between calls, so that
+ * threads may call any of them at the same time. Functions that need memory return NO_MEMORY where there is none.
+ */
+#ifndef STIFFBEAM_MARCH_H
+#define STIFFBEAM_MARCH_H
+
+#include "law.h"
+
+enum { NO_MEMORY = -1, LIST_IS_FULL = 0, DONE = 1 };
+
+/* ---------------------------------------------------------------- blocks of steps */
+
+/* K steps of a scheme as one linear map, the same for every member of an ensemble.
+ *
+ * A state of a components and n modes, D = a n numbers, is held as z (D + (a - 1) n,): its components, then all but the
+ * last once more, so that z[e n + d] is what is e components after z[d]. The block gives R entries (positions at all
+ * nodes first, then those at ends of steps that are no node, then velocities at nodes where a force depends on them)
+ * and the D numbers of the new state. */
+typedef struct {
+    Int R, D, N, a, n;           /* entries, state, forces (nodes rounded up to a multiple of 8), components, modes */
+    Int C, K, nodes;             /* channels, steps, forces that there are: K times stages times contacts */
+    Int rule, rated;             /* enum Rule; 1 where forces depend on velocities */
+    const double *reading;       /* (D, R) */
+    const double *transition;    /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
+    const double *push;          /* (N, R + D): of a unit force on entries and new state */
+    const double *velocity;      /* (K, C, D): of the state on the channels' velocities at the ends of the steps */
+    const double *velocity_push; /* (K, C, N): of the forces */
+    const Int *end_first;        /* (C,) the entry that holds a channel at the end of the first step, */
+    const Int *end_stride;       /* (C,) and how many entries later the next one is */
+    const Int *rates;            /* (N,) the entry that holds the velocity at a node; NULL unless rated */
+} Block;
+
+/* Response of a block to the drive g = (1, sin w1 t, cos w1 t, ..) at its start, d = 1 + 2 F numbers. */
+typedef struct {
+    Int F, V;                  /* frequencies; drives: 1, or one for every member */
+    double constant;           /* 1, or 0 where nothing is constant in time */
+    const double *frequencies; /* (V, F) */
+    const double *rows;        /* (V, d, R + D) */
+    const double *velocity;    /* (V, K, C, d) */
+} Drive;
+
+/* `steps` steps of M members from step `first`. Arrays without const are written or advanced in place. */
+typedef struct {
+    Int M, m, first, steps;   /* members, contacts, range of steps */
+    Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
+    Int inflows;              /* blocks with sampled loads or offsets, 0 for none */
+    double dt;
+    const Law *law;                /* (M, m) */
+    const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block */
+    const double *inflow_velocity; /* (B, K, C) */
+    double *z;                     /* (M, D + (a - 1) n) */
+    double *position, *velocity;   /* (M, C) at the last step */
+    double *tally;                 /* (M, m, TALLY) */
+    Int *diverged; /* (M,) the step that overflowed, minus that whose forces were not found, 0 for none */
+    double *times; /* (outputs,) or NULL */
+    double *positions, *velocities; /* (M, outputs, C) */
+    double *node_forces;            /* (M, outputs, m) of the nodes at the ends of steps, or NULL */
+    double *contact_forces;         /* (M, outputs, m) of linear stops, or NULL */
+    double *starts, *forces; /* (B, D + (a - 1) n), (B, N): of the only member, for the energy balance, or NULL */
+    double *events;          /* (room, EVENT) list of impacts */
+    Int *cursor;             /* (3,) member, block, free row of events: where the next call goes on */
+} Run;
+
+/* Columns of a contact's tally and of the list of impacts, see sampling.py. */
+enum { SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST, TALLY = 8 };
+enum { MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END, EVENT };
+
+/* DONE, or LIST_IS_FULL where the list of impacts may not hold another block's: call again with a longer one. */
+API Int march(const Block *block, const Drive *drive, const Run *run);
+
+/* Fraction of a step at which contact with the stop on `side` begins or ends, from both ends (u, u') of the step. */
+API double switch_time(double u0, double v0, double u1, double v1, double side, const Law *law, double dt);
+
+/* ---------------------------------------------------------------- energy balance */
+
+/* Sums of the balance: three energies, then seven totals, in the order of Ledger's fields after t. */
+enum { KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, IN_CONTACT, FREE, DISSIPATED, SPREAD, SUMS };
+
+/* Single steps of whole states (a, n) under known forces, and what the balance needs of them. Values of time functions
+ * are at the starts of the steps and the end of the last: steps + 1 rows. */
+typedef struct {
+    Int a, n, m, L, F, d;      /* components, modes, contacts, loads, forces of a step, functions of the drive */
+    Int steps, block, blocks;  /* steps, between two starts, starts */
+    Int stride, carried;       /* numbers of a start, components that it holds */
+    Int K, terms, acting;      /* blocks without forces: steps (0: none), terms, functions of the drive that act */
+    Int first, every, outputs; /* first step; an output every so many steps; outputs of the whole run */
+    Int moving, damped;        /* columns of the offsets, 0 for none; 1 where the system is damped */
+    double dt;
+    const double *transition;             /* (a, a n), see Block */
+    const double *push;                   /* (F, a n) */
+    const double *driven;                 /* (d, a n) */
+    const double *forces;                 /* (steps, F) */
+    const double *g;                      /* (steps + 1, d) */
+    const double *squares;                /* (n,) squared frequencies */
+    const double *damping;                /* (n,) or NULL */
+    const double *loads;                  /* (L, n) */
+    const double *load_values;            /* (steps + 1, L) */
+    const double *rows;                   /* (m, n) of the contacts */
+    const double *offsets, *offset_rates; /* (steps + 1, moving) of the channels, the contacts first, or NULL */
+    const Law *law;                       /* (m,) */
+    const double *node_forces;            /* (steps + 1, m), NaN where no node is at the end of the step */
+    const double *starts;                 /* (blocks, stride) */
+    const double *paths;      /* (2 n terms, K): q, q' of a mode, of a unit of every component and function that acts */
+    const Int *place, *which; /* (carried,) of the components; (acting,) of the functions of the drive */
+    double *y;                /* (2 n,) q and q' at the last step */
+    double *contacts;         /* (2, m) positions and velocities of the contacts there */
+    double *balance;          /* (SUMS,) */
+    double *kept;             /* (SUMS, outputs) */
+} Account;
+
+/* Add the steps to the balance. */
+API Int account(const Account *s);
+
+/* The states (steps, a n) at the ends of the steps from `starts`. */
+API Int states(const Account *s, double *out);
+
+/* ---------------------------------------------------------------- rigid stops */
+
+enum { AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED }; /* when a node can press; the first in a position, else a velocity */
+
+/* K steps on states of D numbers, with S nodes and m contacts. */
+typedef struct {
+    Int a, n, D, S, m, K;     /* a > 0: every mode steps by itself, D = a n */
+    const double *blocks;     /* (a, a, n), or NULL */
+    const double *matrix;     /* (D, D), or NULL */
+    const double *reading;    /* (S, m, D) argument of each node from the old state */
+    const double *predicting; /* (m, D) predicted positions */
+    const double *responses;  /* (S, m, D) of the new state to unit reactions */
+    const double *compliance; /* (S, S, m, m) [node of the reaction, node of the argument, reaction, argument] */
+    const Int *kinds;         /* (S,) */
+    const double *bounds;     /* (S, m, 2) where the stops stand in the arguments */
+    const double *stops;      /* (m, 2) in positions */
+    const double *driven;     /* (K, D) what loads add to the states, */
+    const double *shifts;     /* (K, S, m) and with offsets to the arguments, */
+    const double *predicted;  /* (K, m) and to predicted positions */
+    double *z;                /* (D,) */
+    double *path;             /* (K, D) states at the ends of the steps */
+    double *reactions;        /* (K, S, m) */
+} Rigid;
+
+API Int rigid_steps(const Rigid *s);
+
+/* ---------------------------------------------------------------- contacts of one node */
+
+/* F (m,) of springs, or rigid stops, with v = r + S F; S (m, m) symmetric positive semidefinite. */
+API Int solve_node(Int m, const double *r, const double *S, const Law *law, double *F);
+
+/* F (m,) under any law with u = r + S F, u' = w + S' F, and u0 where the step began; NaN where the search fails. */
+API Int solve_stage(Int m, Int rule, const double *r, const double *w, const double *S, const double *S_rate,
+                    const double *u0, const Law *law, double *F);
+
+/* Forces and energies at positions u and velocities v, each (count,) as the laws are. */
+API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy);
+
+#endif

@@ -1,0 +1,117 @@
+"""The library of the kernels: built from its sources, guarded against wrong arrays, within its memory."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stiffbeam as sb
+from stiffbeam.kernels import compile as compilation
+from stiffbeam.kernels.contact import solve_node, solve_stage
+from stiffbeam.kernels.library import address
+from stiffbeam.kernels.march import BY_LAW, Step, states
+
+TESTS = Path(__file__).parents[1]
+CHOSEN = [  # every branch of the kernels in a minute
+    "march/test_march.py::test_a_block_equals_its_definition_in_numpy", "march/test_kernel_numpy.py",
+    "march/test_ledger.py", "schemes/test_conserving_contact.py", "model/test_stage_equations.py",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros((3, 2), np.float32), np.zeros((2, 3)), np.zeros((2, 3)).T, np.zeros((6, 2))[::2], [[0.0, 0.0]] * 3, None],
+    ids=["float32", "shape", "columns", "every second", "list", "None"],
+)
+def test_a_wrong_array_is_an_error_and_no_crash(wrong):
+    with pytest.raises(TypeError, match=r"takes a float64 array of shape \(3, 2\), row by row, not "):
+        address(wrong, (3, 2))
+
+
+def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
+    law = sb.Stops(upper=0.0, stiffness=1.0).law[None]
+    with pytest.raises(TypeError):
+        solve_node(np.zeros(2), np.zeros((1, 1)), law)
+    with pytest.raises(TypeError):
+        solve_stage(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.zeros((2, 2)), np.zeros(1), BY_LAW, law)
+    with pytest.raises((TypeError, ValueError)):
+        states(Step(*(np.zeros((1, 1)),) * 5), 1, np.zeros(1), np.array([3]))
+
+
+def test_read_only_arrays_have_an_address():
+    x = np.ones(3)
+    same = address(x, (3,))
+    x.setflags(write=False)
+    assert address(x, (3,)) == same
+    assert address(x, (4,), wanted=False) is None
+
+
+def test_a_library_has_the_name_of_its_sources(tmp_path, monkeypatch):
+    for file in compilation.sources():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    name = compilation.library_path().name
+    monkeypatch.setattr(compilation, "FOLDER", tmp_path)
+    assert compilation.library_path() == tmp_path / name
+    (tmp_path / "march.c").write_text("int nothing;")
+    assert compilation.library_path().name != name
+
+
+def test_an_installed_package_has_the_library_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(compilation, "FOLDER", tmp_path)
+    (tmp_path / "kernels-0123456789ab.so").touch()
+    assert compilation.library_path() == tmp_path / "kernels-0123456789ab.so"
+
+
+def test_what_is_missing_is_said_in_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(compilation.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"need a C compiler: install gcc or clang, or `pip install ziglang`\.$"):
+        compilation.build(tmp_path / "kernels.so")
+    monkeypatch.undo()
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(ImportError, match="do not compile with false"):
+        compilation.build(tmp_path / "kernels.so")
+
+
+def _tests_pass_with(library: Path, **environment: str) -> None:
+    """Run ``CHOSEN`` with another library, in a process of its own."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-n",
+        "0",
+        "-p",
+        "no:cacheprovider",
+        *(str(TESTS / x) for x in CHOSEN),
+    ]
+    environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **environment}
+    command += [str(TESTS / x) for x in CHOSEN]
+    done = subprocess.run(command, env=environment, cwd=TESTS.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+@pytest.mark.slow
+def test_kernels_for_any_processor_pass_the_tests_of_the_march(tmp_path):
+    """The library without the loops for the vector registers of today's processors."""
+    _tests_pass_with(compilation.build(tmp_path / "plain.so", clones=False))
+
+
+@pytest.mark.slow
+def test_kernels_keep_within_their_memory(tmp_path):
+    """The tests of the march once more with the compiler's checks of addresses and of undefined behaviour."""
+    command = compilation.compiler()
+    if sys.platform != "linux" or command is None:
+        pytest.skip("needs gcc on Linux")
+    found = subprocess.run([*command, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
+    if not os.path.isabs(found.stdout.strip()):
+        pytest.skip("the compiler has no libasan.so")
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-g", "-O1"]
+    library = compilation.build(tmp_path / "checked.so", clones=False, more=checks)
+    # Python itself leaks.
+    _tests_pass_with(library, LD_PRELOAD=found.stdout.strip(), ASAN_OPTIONS="detect_leaks=0")
