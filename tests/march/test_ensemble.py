@@ -261,10 +261,6 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
             lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="fortran"),
             "engine",
         ),
-        (
-            lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, sb.perturbed_members(s, 1), engine="jax"),
-            "leave engine out",
-        ),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
         (lambda s: sb.varied_members(two_contacts(), frequency=[1.0]), "frequency"),

@@ -85,9 +85,6 @@ class Plan:
         integer("every", every, 1)
         one_of("contact", contact, CONTACTS)
         scheme = scheme_for(scheme, contact)
-        # An engine of earlier versions: the message names what replaces it.
-        if isinstance(engine, str) and engine == "jax":
-            raise InputError("engine", engine, "be numba or direct", "leave engine out: ensembles run on all cores")
         one_of("engine", engine, (*RUNS, DIRECT), f"be {', '.join(RUNS)} or {DIRECT}")
         if scheme.second_order_only and isinstance(system, FirstOrderSystem):
             rule = f"be of second order for {scheme}"

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, instance, integer, non_negative, numbers, sequence
+from ..basics.validation import InputError, instance, integer, non_negative, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
 from .system import System, unsymmetric
@@ -75,10 +75,6 @@ class ReducedModel:
     stiffness: Any = field(repr=False)
     rows: Array = field(repr=False)
     reduce: Callable[[int], ReducedModel] = field(repr=False)
-
-    left_out: ClassVar = Renamed("first_omitted")
-    start_lost: ClassVar = Renamed("initial_data_error")
-    static_lost: ClassVar = Renamed("static_error")
 
     def __repr__(self) -> str:
         kept = (
