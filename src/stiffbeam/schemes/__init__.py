@@ -1,4 +1,4 @@
-"""The schemes. A new one is one file, one import and one name in a tuple here, and one line in the list of public names."""
+"""The schemes. A new one is one file, and one line here and in the list of public names."""
 
 from __future__ import annotations
 

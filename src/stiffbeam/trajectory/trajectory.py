@@ -21,7 +21,7 @@ from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import arrays_of, frame_of, named, output_index, save, values_of
+from .schema import dataset_of, frame_of, named, output_index, save, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -354,7 +354,7 @@ class Trajectory:
     def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
         """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
         x along the beam also displacement(time, x) and velocity(time, x)."""
-        return arrays_of(self, None if x is None else numbers("x", np.atleast_1d(x))).to_xarray()
+        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
 
 
 def _travels(value: Any) -> bool:
