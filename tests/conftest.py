@@ -72,14 +72,6 @@ def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
     return [items[len(items) * k // n] for k in range(n)] if n < len(items) else items
 
 
-@pytest.fixture(scope="session", autouse=True)
-def compiled() -> None:
-    """No test is the one that waits for the compiler."""
-    from stiffbeam.march.warm import warm_up
-
-    warm_up()
-
-
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of references in ``tmp_path``; compiled kernels are those of every other test."""

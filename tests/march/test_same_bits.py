@@ -11,14 +11,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics import compiling
-from stiffbeam.march import warm
-from stiffbeam.march.kernels.accounts import account
-from stiffbeam.march.replay import rehearse as rehearse_ledger
 from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.piecewise import motion
-from stiffbeam.piecewise.tracer import rehearse
-from stiffbeam.studies.comparison import compare_case
 
 CALLS = ("bdf2", "hht", "direct", "exact", "perturbed", "ledger")
 PAST_THE_HORIZON = 2.0  # where one bit more or less changes every impact
@@ -103,70 +96,3 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
     for engine in ("auto", "numpy"):
         with pytest.raises(sb.InputError, match=r"numba.*direct"):
             sb.integrate(system, sb.HHT(-0.1), 1e-4, 1e-3, engine=engine)
-
-
-def test_compare_says_that_it_compiles_and_begins_before_the_references(monkeypatch):
-    said, order = [], []
-    module = sys.modules[compare_case.__module__]
-    monkeypatch.setattr(module, "compile_beside", lambda *_: order.append("begun"))
-    monkeypatch.setattr(module, "warm_up", lambda by_law: order.append("waited"))
-
-    def solve(*arguments, **options):
-        order.append("solved")
-        return sb.reference(*arguments, **options)
-
-    monkeypatch.setattr(module, "reference", solve)
-
-    case = sb.paper_case(10)
-    result = compare_case(
-        case, case.runs[:1], ("exact", "cvode"), t_end=0.02,
-        progress=lambda what, done, total: said.append(what),
-    )  # fmt: skip
-    assert order == ["begun", "solved", "solved", "waited"]
-    assert warm.COMPILING in said
-    assert [c.label.partition("@")[0] for c in result.comparisons] == [str(case.runs[0][0]), "cvode"]
-
-
-def test_who_compiles_beside_is_waited_for(monkeypatch):
-    """With nothing on disk a process begins, once; where that fails the kernel is compiled here."""
-    begun = []
-
-    class Failing:
-        def __init__(self, command, **_) -> None:
-            begun.append(command)
-
-        def wait(self) -> None:
-            begun.append("waited")
-
-    monkeypatch.setattr(warm, "compiled", lambda: False)
-    monkeypatch.setattr(compiling, "_beside", None)
-    monkeypatch.setattr(warm, "_warm", set())
-    monkeypatch.setattr(compiling.subprocess, "Popen", Failing)
-    warm.compile_beside("pass")
-    warm.compile_beside("pass")
-    warm.warm_up()
-    assert len(begun) == 2
-    assert begun[1] == "waited"
-
-
-@pytest.mark.parametrize("program", ["solver", "", None])
-def test_a_program_that_embeds_python_is_not_started_again(program, monkeypatch):
-    monkeypatch.setattr(compiling, "_beside", None)
-    monkeypatch.setattr(compiling.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
-    monkeypatch.setattr(sys, "executable", program)
-    assert not compiling.begin("pass")
-
-
-def test_what_is_compiled_beside_is_what_is_called():
-    """A kernel for arrays of another kind would be compiled again, after the wait for it."""
-    kernels = motion.states, motion.observe, motion.press, motion.grow, account
-    rehearse()
-    rehearse_ledger()
-    known = [list(kernel.signatures) for kernel in kernels]
-    reference = sb.reference(sb.paper_case(10).system(), 0.05)
-    assert reference.horizon == 0.05
-    assert reference.state_at is not None
-    reference.state_at(np.zeros(1))
-    assert sb.integrate(sb.paper_case(10).system(), sb.BDF2(), 1e-4, 0.05).energy.loss[-1] != 0.0
-    assert all(known)
-    assert [list(kernel.signatures) for kernel in kernels] == known

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from ..basics import compiling
 from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
 from ..basics.validation import InputError, function
 from ..model.members import EnsembleMembers, as_members, march_apart
@@ -18,7 +17,6 @@ from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, g
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
-from .warm import any_law, warm_up
 
 SLICE_SECONDS = 1e-3  # of stepping, below which a thread takes longer to start
 
@@ -89,8 +87,6 @@ def integrate_ensemble(
     if abs(passed * dt - since) > 1e-9 * t_end:
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
-    if plan.engine == "numba":
-        compiling.wait()
     report = None if progress is None else lambda done: progress(done * plan.steps)
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)
@@ -102,8 +98,6 @@ def integrate_ensemble(
         parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report, least))
     else:
         require_executor(executor)
-        if plan.stepper is not None:
-            warm_up(any_law(system, contact))  # here, so that the processes find the kernel on disk
         parts = list(on_executor(executor, march, members, member_seconds, report))
     seconds = wall_clock() - begun
     return gathered(

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ..basics import compiling
 from ..basics.arrays import Array
 from ..basics.resources import afford, clock, silent
 from ..basics.units import KNOWN
@@ -30,10 +29,9 @@ from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import RUNS, Stepper, initial_channels
 from .choice import CONTACTS, is_rigid, pays, require_rigid, rule_of, scheme_for
 from .direct_march import Piece, direct_pieces
-from .kernels.accounts import account
 from .kernels.blocks import OVERFLOW
 from .probe import InModes, Together
-from .replay import block_ledger, rehearse, replay
+from .replay import block_ledger, replay
 from .rigid_march import rigid_pieces
 
 DIRECT, RIGID = "direct", "rigid steps"
@@ -386,15 +384,11 @@ def integrate(
     function("progress", silent if progress is None else progress)
     plan = Plan.of(system, scheme, dt, t_end, contact, every, engine)
     plan.afford(1, every)
-    # A process beside this one may be compiling the same kernels: wait for it.
-    if plan.engine == "numba":
-        compiling.wait()
     if plan.stepper is not None:
         march = plan.stepper.start([plan.system], plan.steps, every)
-        with compiling.beside(account, rehearse):
-            for done in march.advance():
-                if progress is not None and not march.state.diverged[0]:
-                    progress(done)
+        for done in march.advance():
+            if progress is not None and not march.state.diverged[0]:
+                progress(done)
         run = march.seen(0)
     else:
         run = seen_directly(plan, system, every, progress)

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..basics.arrays import Array, IntArray, aligned, padded
 from ..model.contact import laws
-from ..model.contact_law import LAW
 from ..model.system import System
 from ..model.time_functions import Constant, Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
@@ -221,17 +220,6 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             work_for(step, energies, known),
         )  # fmt: skip
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept)
-
-
-def rehearse() -> None:
-    """Compile the kernel of the energy balance, without the march: of no blocks."""
-    row, table = np.zeros(1), np.zeros((1, 1))
-    step = Step(*5 * (table,))
-    energies = Energies(row, row, table, table, table, np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((1, LAW)), table)
-    account(
-        step, energies, no_block(), np.zeros(1, np.int64), np.zeros((0, 1)), 1, 1, np.zeros(2), np.zeros((2, 1)),
-        np.zeros(10), 0, 1, 1.0, np.zeros((10, 1)), work_for(step, energies, no_block()),
-    )  # fmt: skip
 
 
 def _sum(terms: tuple[Array, list[Term]], g: Array, t: Array, value: Callable[..., Array]) -> Array:

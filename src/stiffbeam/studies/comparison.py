@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
-import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -19,20 +16,11 @@ from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
 from ..march.choice import CONTACTS
 from ..march.integrate import integrate
-from ..march.replay import rehearse as rehearse_ledger
-from ..march.warm import COMPILING, any_law, compile_beside, warm_up
 from ..measures.comparison import Comparison, compare
-from ..model.contact import Stops
-from ..model.problem import BeamProblem
-from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
-from ..model.time_functions import Harmonic
-from ..piecewise.tracer import rehearse as rehearse_motion
-from ..references import expected_seconds, reference, solve, substitute
+from ..references import expected_seconds, reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
-from ..schemes import HHT
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
-from ..trajectory.recorder import sampled_impacts
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
@@ -159,12 +147,7 @@ def compare_case(
     positive("budget", budget)
     solver = _Solver(cache, budget)
     first = case.system()
-    rigid, by_law = first.rigid, any_law(first, contact)
-    if not rigid:  # the references do not need the march
-        given = b""
-        with suppress(Exception):  # a system with functions that no other process can have
-            given = pickle.dumps((first, case.dt))
-        compile_beside(f"from {__name__} import rehearse; rehearse({by_law})", by_law, given)
+    rigid = first.rigid
     if references is None:
         references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
     for name in references:
@@ -184,9 +167,6 @@ def compare_case(
             keep(one)
             solved.append(one)
         main = solved[0] if solved else None
-        if not rigid:
-            progress(COMPILING, 0, 0)
-            warm_up(by_law)
         for one in several:
             if one.kind == SOLVER:
                 continue
@@ -252,26 +232,6 @@ def _references(
         yield solution
         if steps < 2:
             return
-
-
-def rehearse(by_law: bool = False) -> None:
-    """Compile what a comparison asks, in the order in which it asks: what reads an exact motion, Kvaerno's method, the
-    energy balance and the steps of a run, and samples of a path.
-
-    The comparison itself compiles what follows an exact motion and the functions that SUNDIALS calls, which takes as
-    long. Programs of JAX are for one shape of system each: the standard input has that of the comparison and its time
-    step, pickled, or nothing.
-    """
-    rehearse_motion()
-    if given := sys.stdin.buffer.read():
-        with suppress(InputError, SolverFailure):  # a library that is missing is told of by the comparison itself
-            system, dt = pickle.loads(given)
-            solve(system, dt, COMPARED[-1], None, RTOL, None)
-    stops = Stops(lower=-0.1, upper=0.1, stiffness=1e3, exponent=1.5 if by_law else 1.0)
-    small = semidiscretise(BeamProblem(stiffness=1.0, stops=stops, base=Harmonic(0.2, 10.0)), cells=4)
-    rehearse_ledger()
-    run = integrate(small, HHT(-0.1), 1e-3, 0.1)
-    sampled_impacts(run.t, run.tip, run.tip_velocity, stops)
 
 
 def _measure(result: CaseComparison, run: Trajectory, main: Reference) -> None:

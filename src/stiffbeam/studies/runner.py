@@ -26,7 +26,6 @@ from ..basics.resources import TALK, Show, cores, displayed
 from ..basics.storage import source_hash
 from ..basics.validation import InputError, integer
 from ..files.cases import Case, case_of, find_case
-from ..march.warm import COMPILING, any_law, compiled, warm_up
 from ..model.system import System
 from ..references.registry import REFERENCES
 from ..schemes import Scheme
@@ -84,12 +83,6 @@ def run_study(
     missing = [point for point in points if journal.part(point) is None]
     finished = len(points) - len(missing)
     with journal if missing else nullcontext():
-        if missing and study.marches and executor is None:
-            system = case.system()
-            if not system.rigid:  # another kernel marches rigid stops
-                if not compiled():
-                    progress(f"{study.command}: {COMPILING}", 0, 0)
-                warm_up(any_law(system, "implicit"))  # here, and not in each of the processes
         progress(study.command, finished, len(points))
         with closing(_evaluate_all(study, case, missing, jobs, executor)) as results:  # ends the processes too
             for point, rows in results:
