@@ -1,4 +1,4 @@
-"""The public names: the one list of them, which ``__init__.py`` reads too."""
+"""Public names of the package, loaded on first use."""
 
 from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
@@ -50,7 +50,21 @@ from .references.horizon import PerturbationGrowth as PerturbationGrowth
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
-from .schemes import *  # noqa: F403
+from .schemes.bathe import Bathe as Bathe
+from .schemes.bdf2 import BDF2 as BDF2
+from .schemes.conserving import ExponentialFlow as ExponentialFlow
+from .schemes.conserving import Theta as Theta
+from .schemes.conserving import Trapezoidal as Trapezoidal
+from .schemes.contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .schemes.moreau_jean import MoreauJean as MoreauJean
+from .schemes.moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
+from .schemes.newmark import HHT as HHT
+from .schemes.newmark import GeneralisedAlpha as GeneralisedAlpha
+from .schemes.nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .schemes.paoli_schatzman import PaoliSchatzman as PaoliSchatzman
+from .schemes.scheme import RigidScheme as RigidScheme
+from .schemes.scheme import Scheme as Scheme
+from .schemes.sdirk import SDIRK as SDIRK
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
-import warnings
 from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -85,8 +83,7 @@ def reference(
         control finds the kink, the default of "cvode", "ida" and "radau".
     progress : bool or callable
         True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
-        measured with. A function is called as show(what, done, total), total 0 where it is not known. Without either,
-        a warning announces work of minutes, with an estimate from a pilot run.
+        measured with. A function is called as show(what, done, total), total 0 where it is not known.
 
     Returns
     -------
@@ -117,15 +114,11 @@ def reference(
     require_system(system)
     method_of(method)
     t_end = positive("t_end", t_end)
-    silent = not progress and not warn_of_minutes(system, t_end, method, rtol, atol, steps)
     with displayed(progress) as show:
         show(f"{method}: solving", 0, 0)
         solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
         if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
-        left = (COPIES - 1.0) * solution.work.march_seconds if REFERENCES[method].kind == EXACT else 0.0
-        if silent and left >= MINUTES:  # impacts that no pilot has seen
-            warnings.warn(f"the horizon of {method} will take about {left:.0f} s more: {ADVICE}", stacklevel=2)
         return with_horizon(solution, system, t_end, steps, solve, show)
 
 
@@ -207,7 +200,6 @@ def solve(
         raise InputError("method", method, rule, remedy) from None
 
 
-MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
 RISES = 1.5  # from one pilot to one of twice the span, at least: else the start of the motion decides both
 COPIES = 5.0  # exact solutions behind one with its horizon
@@ -277,18 +269,3 @@ def _judged(system: System, t_end: float) -> float:
     except InputError:
         return 2.0
     return 1.0
-
-
-ADVICE = "progress=True shows how far it is; a shorter t_end, fewer cells or a looser rtol cost less"
-
-
-def warn_of_minutes(system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps) -> bool:
-    """Warn where ``reference`` will take more than a minute, with the estimate and what to do; return True if so."""
-    begun = time.perf_counter()
-    seconds = expected_seconds(system, t_end, method, rtol, atol, steps, MINUTES)
-    if seconds >= MINUTES:
-        pilots = time.perf_counter() - begun
-        warnings.warn(
-            f"{method} will take about {seconds:.0f} s or more (by pilots of {pilots:.1f} s): {ADVICE}", stacklevel=3
-        )
-    return seconds >= MINUTES

@@ -26,14 +26,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from html import escape
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
-from ..basics.validation import InputError, Renamed, instance, integer, one_of, positive, sequence
+from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
@@ -242,10 +242,6 @@ class Advice:
     system: System = field(repr=False)
     scatter: dict[str, float] = field(default_factory=dict)
     remark: str = ""
-    chosen: ClassVar = Renamed("recommendation")
-    cannot: ClassVar = Renamed("unattainable")
-    tried: ClassVar = Renamed("candidates")
-    want_met: ClassVar = Renamed("attainable")
 
     def run(self, every: int = 1) -> Trajectory:
         """The recommended run. Raises InputError if there is no recommendation."""
