@@ -20,6 +20,7 @@ from stiffbeam.files.cases import find_case
 from stiffbeam.kernels.contact import contact_forces
 from stiffbeam.model import contact_law
 from stiffbeam.model.contact import dissipation_for, restitution_of
+from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
 KV = {0.01: (3.1217484115644179, 0.96926475046449247), 0.1: (2.9560753247495496, 0.74407939772177969)}
 HC = {0.01: 0.99337745439876736, 1.0: 0.59362426004004009}
@@ -231,6 +232,24 @@ def test_the_law_in_c_is_the_law_of_the_stops(law):
             assert math.isclose(
                 to_rate, float(stops.force(u, v - h) - stops.force(u, v + h)) / (2 * h), rel_tol=1e-4, abs_tol=1e-6
             )
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.5, 3.0, 1.7])
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("dissipation", [0.0, 0.4])
+def test_the_law_in_c_is_that_of_numpy_and_jax(exponent, damping, dissipation):
+    from jax import numpy as jnp
+
+    stops = sb.Stops(-0.2, 0.1, stiffness=3.0, exponent=exponent, damping=damping, dissipation=dissipation)
+    u, v = np.random.default_rng(4).normal(size=(2, 500))
+    forces, energies = contact_forces(u, v, stops.law)
+    side = np.where(u > 0.1, 1.0, np.where(u < -0.2, -1.0, 0.0))
+    with float64_on_the_processor():
+        for of in (np, jnp):
+            depth = of.abs(of.asarray(u) - of.clip(of.asarray(u), -0.2, 0.1))
+            pressed = np.asarray(contact_law.pressure(depth, of.asarray(side * v), stops.coefficients))
+            assert np.allclose(forces, -side * np.maximum(0.0, pressed), rtol=1e-14, atol=1e-15)
+            assert np.allclose(energies, contact_law.stored(depth, stops.coefficients), rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact_law.LINEAR))))
