@@ -4,8 +4,7 @@
     python studies/site.py --out FOLDER --smoke     # the longest studies in their smallest configuration
 
 The pages are the Markdown files, scripts and notebooks of this repository. The build runs scripts, cells and studies,
-so the site shows what they print. Sphinx makes it; a warning is an error, and so is a number that a page states and no
-block or record on it holds (quotes.py).
+so the site shows what they print. Sphinx makes it; a warning is an error.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from pathlib import Path, PurePosixPath
 
 ROOT = Path(__file__).parent.parent
 JOURNAL = ROOT / "stiffbeam-output" / "site-journal"  # finished points of studies: a second build reads them
-ANSWERS = ROOT / "studies" / "answers.md"  # the answers for readers of the repository; a full build writes it anew
 LONG = ("first_impact", "rigid_bar", "impacts", "precision", "orbits")  # each takes as long as all the others
 SWEEP = {"parameter": "frequency", "values": [8.0 + 0.2 * k for k in range(31)]}
 CHAPTERS = {
@@ -39,7 +37,7 @@ CHAPTERS = {
         "studies/loose_supports.py", "studies/identify.py",
     ],
     "Answers": [
-        "studies/gallery.md", "studies/README.md", "studies/outputs.md", "studies/speed.md",
+        "studies/gallery.md", "studies/README.md", "studies/speed.md",
         "reference/problems/README.md", "reference/orbits/README.md", "studies/other_engines.md",
         "studies/engines/README.md", "reference/README.md", "reference/agreement.md",
     ],
@@ -136,7 +134,7 @@ class Pages:
             inside = os.path.normpath(source.parent / written[2])
             if (ROOT / inside).is_dir():
                 inside = os.path.normpath(f"{inside}/README.md")
-            there = {"README.md": "index.md", "studies/answers.md": "studies/gallery.md"}.get(inside, _page(inside))
+            there = {"README.md": "index.md"}.get(inside, _page(inside))
             if there not in self.sources and there != "index.md":
                 there = inside
                 if (ROOT / inside).is_file():
@@ -219,9 +217,6 @@ class Pages:
                 parts.append("\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *rows]))
             files = " · ".join(f"{{download}}`{end.upper()} <gallery/{name}.{end}>`" for end in ("json", "csv"))
             parts += [records.answer.notes, files]
-        if not self.smoke:
-            words = [part for part in parts if not part.startswith(("![", "{"))]
-            ANSWERS.write_text("\n\n".join(filter(None, words)) + "\n", encoding="utf-8")
         return "\n\n".join(filter(None, parts))
 
 
@@ -317,11 +312,7 @@ def _page(source: str) -> str:
 
 
 def build(out: Path, smoke: bool) -> None:
-    """Write the site into ``out``. Raises SystemExit for typed numbers, and where Sphinx warns."""
-    from quotes import PAGES, typed
-
-    if found := [line for page in PAGES for line in typed(page)]:
-        raise SystemExit("\n".join(["numbers that neither a block nor a record holds:", *found]))
+    """Write the site into ``out``. Raises SystemExit where Sphinx warns."""
     from sphinx.application import Sphinx
 
     sources = out.with_name(f"{out.name}-sources")
