@@ -37,8 +37,8 @@ CHAPTERS = {
         "studies/loose_supports.py", "studies/identify.py",
     ],
     "Answers": [
-        "studies/gallery.md", "studies/README.md", "studies/speed.md",
-        "reference/problems/README.md", "reference/orbits/README.md", "studies/other_engines.md",
+        "studies/gallery.md", "studies/README.md",
+        "reference/problems/README.md", "reference/orbits/README.md",
         "studies/engines/README.md", "reference/README.md", "reference/agreement.md",
     ],
     "Theory": ["studies/theory/horizon.md", "studies/theory/march.md", "studies/theory/exact.md"],
@@ -46,7 +46,7 @@ CHAPTERS = {
         "studies/guide/commands.md", "studies/names/data.md",
         "studies/names/model.md", "studies/names/schemes.md", "studies/names/runs.md",
         "studies/names/measures.md", "studies/names/testset.md", "studies/guide/records.md", "studies/guide/words.md",
-        "studies/guide/weight.md", "studies/guide/citing.md", "CONTRIBUTING.md", "tests/campaigns/README.md",
+        "studies/guide/citing.md", "CONTRIBUTING.md", "tests/campaigns/README.md",
         "CHANGELOG.md",
     ],
 }  # fmt: skip
