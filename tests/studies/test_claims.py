@@ -15,7 +15,7 @@ from dumont2002.ensembles import add_ensembles, lines
 from dumont2002.evidence import Evidence, NotMeasured
 from dumont2002.figures import panels
 from dumont2002.reading import Reading
-from dumont2002.sample import Sample, above, below, coherent, every, no, some
+from dumont2002.sample import Sample, above, below, every, no, some
 from dumont2002.table import make_table
 from dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, VERDICTS, Finding
 from stiffbeam.model.beam import natural_frequencies
@@ -57,14 +57,6 @@ def test_statements_combine_like_the_words():
     assert some([False, None]) is None
     assert some([None, True]) is True
     assert no(None) is None
-
-
-def test_lines_that_members_share_are_told_from_noise():
-    rng = np.random.default_rng(2)
-    noise = rng.normal(size=(20_000, 6, 1)) + 1j * rng.normal(size=(20_000, 6, 1))
-    assert 10 < sum(coherent(one)[0] for one in noise) < 55  # 0.135 % of 20 000 is 27, a deviation 5
-    assert all(coherent(one + 6.0)[0] for one in noise[:500])
-    assert not coherent(noise[0, :1])[0]  # one member shares its line with nobody
 
 
 def test_a_line_is_its_complex_amplitude_on_the_clock():
