@@ -1,22 +1,47 @@
-"""Sphinx settings of the pages in this folder: ``sphinx-build -W studies OUT``."""
+"""Settings of the site. In the repository: ``sphinx-build -W -c studies . stiffbeam-output/site``."""
+
+from __future__ import annotations
 
 project = author = html_title = "stiffbeam"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "numpydoc", "sphinx_copybutton"]
-master_doc = "index"
-include_patterns = ["*.md", "*.ipynb", "guide/*.md", "theory/*.md"]
-html_theme = "pydata_sphinx_theme"
-html_theme_options = {"navigation_with_keys": False, "show_prev_next": False, "header_links_before_dropdown": 6}
-html_show_sourcelink = False
+root_doc = "studies/index"
+include_patterns = [
+    "README.md", "CONTRIBUTING.md", "studies/*.md", "studies/*.ipynb", "studies/guide/*.md", "studies/theory/*.md",
+    "studies/engines/*.md", "reference/**.md", "tests/campaigns/*.md",
+]  # fmt: skip
+exclude_patterns = ["reference/problems/*/**"]
 myst_heading_anchors = 4
-nb_execution_mode = "off"  # a test runs the notebook and compares what it prints
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
-suppress_warnings = ["myst.xref_missing"]  # links to files of the repository that are no pages
+python_display_short_literal_types = True
+html_theme = "pydata_sphinx_theme"
+html_theme_options = {"navigation_with_keys": False, "show_prev_next": False}
+html_show_sourcelink = False
 
 
-def setup(app):
-    """The bar of an absolute value is no substitution: docstrings are written for readers of code."""
+def keep_formulas(app: object, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
+    """Show indented blocks of a docstring as they stand, and absolute values in sentences as bars.
 
-    def bars(app, what, name, value, options, lines):
-        lines[:] = [line.replace("|", "\N{DIVIDES}") for line in lines]
+    An indented block after an empty line is a formula; after a line of text it describes the parameter on that line.
+    """
+    shown: list[str] = []
+    block = "text"
+    for before, line in zip(["", *lines], lines, strict=False):
+        if line.strip() and not line.startswith("    "):
+            block = "text"
+        elif line.strip() and block == "text":
+            block = "description" if before.strip() else "formula"
+            shown += ["::", ""] if block == "formula" and shown else []
+        code = line.split("``")
+        code[::2] = [text if block == "formula" else text.replace("|", r"\|") for text in code[::2]]
+        shown.append("``".join(code))
+    lines[:] = shown
 
-    app.connect("autodoc-process-docstring", bars)
+
+def setup(app: object) -> None:
+    """Register the hook for docstrings."""
+    app.connect("autodoc-process-docstring", keep_formulas, priority=0)  # type: ignore[attr-defined]

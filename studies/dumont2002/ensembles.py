@@ -6,25 +6,20 @@ spread only, and a statement about the motion is one about their distribution.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from stiffbeam.basics.arrays import Array
-from stiffbeam.files.cases import paper_case
 from stiffbeam.march.ensemble import integrate_ensemble
 from stiffbeam.measures.frequencies import whole_periods
 from stiffbeam.model.members import SPREAD, perturbed_members
-from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references.ensemble import reference_ensemble
 from stiffbeam.schemes import Scheme
-from stiffbeam.schemes.labels import parse_run
 from stiffbeam.trajectory.ensemble import Ensemble
 
 from .motion import motion
-from .reading import Reading
 from .table import Made
 
 SEEDS = (1, 2)
@@ -85,19 +80,6 @@ def _marched(made: Made, scheme: Scheme, form: str, members: int, seed: int, end
     system, chosen = made.systems[form], made.reading.scheme(scheme)
     copies = perturbed_members(system, members, PERTURBATION, seed)
     return integrate_ensemble(system, chosen, made.case.dt, end, copies, made.reading.contact, every)
-
-
-@lru_cache(maxsize=64)
-def elsewhere(table: int, run: str, reading: Reading, members: int, seed: int) -> dict[str, list[Any]]:
-    """The measures of a ``scheme@form`` that the table itself does not run; empty where all members overflow."""
-    case = paper_case(table)
-    scheme, form = parse_run(run)
-    made = Made(case, reading, {form: semidiscretise(case.problem, case.cells, form)})
-    steps, every = _steps(made)
-    t = np.arange(0, steps + 1, every) * case.dt
-    ensemble = _marched(made, scheme, form, members, seed, steps * case.dt, every)
-    alive = np.flatnonzero(np.isnan(ensemble.diverged))
-    return _measured(made, ensemble, alive, t) if len(alive) else {}
 
 
 def _measured(made: Made, ensemble: Ensemble, alive: Array, t: Array) -> dict[str, list[Any]]:

@@ -20,7 +20,7 @@ from .evidence import Evidence
 from .misprints import forced_order
 from .no_contact import GRIDS, error_curves
 from .typeset import percent
-from .verdicts import Finding, judge, plain_verdict, shared_verdict
+from .verdicts import Finding, plain_verdict, shared_verdict
 
 GAMMAS = (0.18043, 0.2, 0.35, 0.4359, 0.7, 0.8, 1.0)  # away from the poles of the tableau
 ALPHAS = (0.0, -0.05, -0.1, -0.2, -0.3, -1.0 / 3.0)
@@ -36,7 +36,6 @@ class FirstOrderNewmark(WeightedNewmark):
         self.gamma, self.beta = gamma, (gamma + 0.5) ** 2 / 4.0
 
 
-@judge
 def order_in_space(e: Evidence) -> Finding:
     """Both discretisations in space are of second order."""
     case, grids, parts, orders = paper_case(2), (20, 28, 40, 56, 80, 112), [], []
@@ -48,7 +47,6 @@ def order_in_space(e: Evidence) -> Finding:
     return Finding(f"Order in h: {', '.join(parts)}.", plain_verdict(all(abs(slope - 2.0) < 0.1 for slope in orders)))
 
 
-@judge
 def imaginary_eigenvalues(e: Evidence) -> Finding:
     """The matrix of (3.12) has imaginary eigenvalues only."""
     system = semidiscretise(paper_case(2).problem, 25, "velocity-curvature")
@@ -58,7 +56,6 @@ def imaginary_eigenvalues(e: Evidence) -> Finding:
     return Finding(f"Largest |Re|/|lambda|, h = 0.04: {share:.1e}.", plain_verdict(share < 1e-6))
 
 
-@judge
 def higher_gamma(e: Evidence) -> Finding:
     """The spectral radius of a fast oscillation falls with every gamma."""
     # R(z) at z = 10 i: an oscillation with 10/(2 pi) steps a radian.
@@ -67,7 +64,6 @@ def higher_gamma(e: Evidence) -> Finding:
     return Finding(f"|R(10 i)|: {written}.", plain_verdict(all(a > b for a, b in pairwise(radii))))
 
 
-@judge
 def l_stable(e: Evidence) -> Finding:
     """SDIRK-OS is L-stable for gamma inside the interval, and just outside it is not."""
     y = np.logspace(-3, 4, 4000)
@@ -86,7 +82,6 @@ def l_stable(e: Evidence) -> Finding:
     )
 
 
-@judge
 def hht_control(e: Evidence) -> Finding:
     """The spectral radius at high frequency falls with every alpha."""
     radii = [float(amplification(HHT(a), 1e4).spectral_radius[0]) for a in ALPHAS]
@@ -96,7 +91,6 @@ def hht_control(e: Evidence) -> Finding:
     )
 
 
-@judge
 def hht_order(e: Evidence) -> Finding:
     """HHT is of second order."""
     found = {alpha: forced_order(HHT(alpha)) for alpha in (-0.05, -0.1, -0.3)}
@@ -107,7 +101,6 @@ def hht_order(e: Evidence) -> Finding:
     )
 
 
-@judge
 def hht_stable(e: Evidence) -> Finding:
     """HHT is stable at every step."""
     steps = np.logspace(-3, 4, 400)
@@ -119,7 +112,6 @@ def hht_stable(e: Evidence) -> Finding:
     )
 
 
-@judge
 def superior_stability(e: Evidence) -> Finding:
     """SDIRK-OS forgets a fast mode within a step, HHT does not; both are stable."""
     steps = np.logspace(-3, 4, 400)
@@ -133,7 +125,6 @@ def superior_stability(e: Evidence) -> Finding:
     )
 
 
-@judge
 def newmark(e: Evidence) -> Finding:
     """First-order Newmark damps a low mode ten times as much as HHT."""
     x = 0.01
@@ -147,7 +138,6 @@ def newmark(e: Evidence) -> Finding:
     )
 
 
-@judge
 def period_errors(e: Evidence) -> Finding:
     """SDIRK-OS has a smaller period elongation than HHT; in part for one of its gamma."""
     hht = float(amplification(HHT(-0.1), 0.1).period_elongation[0])
@@ -160,7 +150,6 @@ def period_errors(e: Evidence) -> Finding:
     )
 
 
-@judge
 def elongation_and_damping(e: Evidence) -> Finding:
     """HHT and BDF2 lengthen the period and damp at every step."""
     steps = np.logspace(-3, -0.5, 200)
@@ -178,7 +167,6 @@ def elongation_and_damping(e: Evidence) -> Finding:
     )
 
 
-@judge
 def without_contact(e: Evidence) -> Finding:
     """The error without contact stays below a hundredth of the motion."""
     curves = error_curves(e.reading)

@@ -1,20 +1,23 @@
-"""Making tables: each in a process of its own, its pictures and trajectories written, its numbers journalled."""
+"""Making tables: each in a process of its own, with pictures, trajectories and one JSON file of numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import closing
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from stiffbeam.basics.resources import cores
-from stiffbeam.basics.storage import source_hash
+from joblib import Parallel, delayed
+
+import stiffbeam
+from stiffbeam.basics.text import plain
 from stiffbeam.figures.chart import save_figure
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.march.integrate import integrate
-from stiffbeam.studies.runner import Journal, processes, undisturbed
 
 from .ensembles import EXACT_MEMBERS, MEMBERS, Numbers
 from .figures import close_up, film, panels, picture, save_small, together
@@ -24,11 +27,15 @@ from .table import Made, make_table
 
 TABLES = tuple(range(1, 18))
 FILM = "film.gif"
-SOURCE = source_hash(Path(__file__).parent)[:12]  # a table of other code is made again
+HERE, PACKAGE = Path(__file__).parent, Path(stiffbeam.__file__).parent
+CODE = [
+    *sorted(HERE.glob("*.py")),
+    *(file for end in ("py", "c", "toml") for file in sorted(PACKAGE.rglob(f"*.{end}"))),
+]
+SOURCE = hashlib.sha256(b"".join(file.read_bytes() for file in CODE)).hexdigest()[:12]  # other code makes all again
 STORED_STEPS = 20_000  # at most, of a trajectory in the store
 # The longest first, so that no process is left alone with one of them.
 LONGEST_FIRST = (1, 3, 4, 11, 8, 12, 7, 9, 5, 13, 16, 15, 6, 2, 10, 14, 17)
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -53,8 +60,23 @@ class Job:
 
     @property
     def point(self) -> dict[str, Any]:
-        """The point that the journal knows this job by."""
+        """Options that tell this job from others of its table."""
         return self.reading.to_dict() | {"members": self.members, "exact_members": self.exact_members}
+
+
+def stored(file: Path, point: dict[str, Any]) -> Any:
+    """Return what ``store`` wrote for this point and this code, None if there is none."""
+    found = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    return found["rows"] if found.get("point") == json.loads(json.dumps(point | {"source": SOURCE})) else None
+
+
+def store(file: Path, point: dict[str, Any], rows: Any) -> Any:
+    """Write rows of a point as one file, whole or not at all, and return them as they are read."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"point": point | {"source": SOURCE}, "rows": plain(rows)})
+    (part := file.with_suffix(".part")).write_text(text, encoding="utf-8")
+    os.replace(part, file)
+    return json.loads(text)["rows"]
 
 
 def make_tables(
@@ -64,54 +86,27 @@ def make_tables(
     jobs: int = 2,
     members: int = MEMBERS,
     exact_members: int = EXACT_MEMBERS,
-    progress: Progress = lambda what, done, total: None,
 ) -> dict[int, Finished]:
-    """Make ``tables`` in ``jobs`` processes, those that ``out`` holds already left alone.
+    """Make ``tables`` in ``jobs`` processes, except those that ``out`` already holds.
 
-    A table is journalled when all its files are there, so that a kill loses the ones that are running only.
+    The numbers of a table are stored when all its files are there: an interruption loses unfinished tables only.
     """
-    store = out / reading.name
     found: dict[int, Finished] = {}
-    missing: dict[int, tuple[Job, Journal]] = {}
+    missing: list[Job] = []
     for number in sorted(tables, key=LONGEST_FIRST.index):
-        job = Job(number, reading, store / f"table{number}", members, exact_members)
-        journal = Journal(store / "journal", f"reproduce-{SOURCE}", paper_cases()[f"table{number}"])
-        rows = journal.rows(job.point)
-        if rows is not None and all((job.folder / name).is_file() for name in rows[0]["files"]):
-            found[number] = _finished(job, rows[0])
+        job = Job(number, reading, out / reading.name / f"table{number}", members, exact_members)
+        row = stored(job.folder / "numbers.json", job.point)
+        if row is not None and all((job.folder / name).is_file() for name in row["files"]):
+            found[number] = _finished(job, row)
         else:
-            missing[number] = (job, journal)
-    waiting = {number: job for number, (job, _) in missing.items()}
-    with closing(_run(waiting, jobs, len(found), progress)) as made:  # ends the processes too
-        for number, row in made:
-            job, journal = missing[number]
-            found[number] = _finished(job, *journal.keep(job.point, [row]))
+            missing.append(job)
+    rows = Parallel(n_jobs=min(jobs, max(1, len(missing))), return_as="generator")(
+        delayed(make)(job) for job in missing
+    )
+    for job, row in zip(missing, rows, strict=True):
+        found[job.number] = _finished(job, store(job.folder / "numbers.json", job.point, row))
+        print(f"table {job.number} done, {len(found)} of {len(tables)}", file=sys.stderr)
     return {number: found[number] for number in sorted(found)}
-
-
-def _run(
-    waiting: dict[int, Job], jobs: int, done: int, progress: Progress
-) -> Generator[tuple[int, dict[str, Any]], None, None]:
-    """(table, row) of every job as it is finished."""
-    total = done + len(waiting)
-    if jobs == 1 or len(waiting) == 1:
-        for number, job in waiting.items():
-            progress(f"table {number}", done, total)
-            yield number, make(job)
-            done += 1
-        return
-    queue = list(waiting.items())
-    with processes(jobs, max(1, cores() // jobs)) as pool:
-        running: dict[Future[Any], int] = {}
-        while queue or running:
-            while queue and len(running) < jobs:
-                number, job = queue.pop(0)
-                with undisturbed():
-                    running[pool.submit(make, job)] = number
-            progress("tables " + ", ".join(map(str, sorted(running.values()))), done, total)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                done += 1
-                yield running.pop(future), future.result()
 
 
 def make(job: Job) -> dict[str, Any]:

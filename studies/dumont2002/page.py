@@ -23,7 +23,6 @@ from . import no_contact, rows
 from .ensembles import PERIODS, PERTURBATION
 from .figures import name_of
 from .make import Finished
-from .peaks import EXCITED
 from .reading import Reading
 from .sample import of_members
 from .table import drive_of
@@ -79,7 +78,7 @@ def environment() -> Environment:
         "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
         "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
         "name_of": name_of, "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION,
-        "EXCITED": EXCITED, "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
+        "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
     }  # fmt: skip
     filters: dict[str, Any] = {
         "anchor": anchor, "typeset": typeset, "whole": whole, "parts": rows.parts, "line": line, "data_uri": data_uri,

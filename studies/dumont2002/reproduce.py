@@ -8,18 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from stiffbeam.basics.text import plain
 from stiffbeam.basics.validation import InputError
 from stiffbeam.figures.chart import save_figure
-from stiffbeam.files.cases import paper_case
-from stiffbeam.studies.runner import Journal
 
 from .claims import judged
 from .costs import costs
 from .ensembles import EXACT_MEMBERS, MEMBERS
 from .evidence import Evidence
 from .figures import shares
-from .make import SOURCE, TABLES, Finished, Progress, make_tables
+from .make import TABLES, Finished, make_tables, store, stored
 from .misprints import measured
 from .no_contact import error_curves, in_time, whole
 from .numbers import exact_name as exact_name
@@ -37,8 +34,7 @@ def reproduce(
     jobs: int = 2,
     members: int = MEMBERS,
     exact_members: int = EXACT_MEMBERS,
-    progress: Progress = lambda what, done, total: None,
-    command: str = "stiffbeam reproduce",
+    command: str = "python -m dumont2002",
 ) -> tuple[Path, dict[int, Finished]]:
     """Make ``tables``, None for all of them and everything else of the paper; returns (page, tables).
 
@@ -50,30 +46,24 @@ def reproduce(
         if number not in TABLES:
             remedy = "`stiffbeam cases` lists them"
             raise InputError("table", number, f"be one of the paper's, {TABLES[0]} to {TABLES[-1]}", remedy)
-    made = make_tables(wanted, reading, out, jobs, members, exact_members, progress)
+    made = make_tables(wanted, reading, out, jobs, members, exact_members)
     across = None
     if tables is None:
         options = reading.to_dict() | {"members": members, "exact_members": exact_members}
-        across = _across(made, reading, out / reading.name, options, progress)
-    progress("writing the page", 0, 0)
+        across = _across(made, reading, out / reading.name, options)
     return write_page(out / PAGE, made, reading, command, across), made
 
 
-def _across(
-    made: dict[int, Finished], reading: Reading, folder: Path, options: dict[str, Any], progress: Progress
-) -> dict[str, Any]:
-    """Measurements of all tables together for ``write_page``, journalled part by part."""
-    journal = Journal(folder / "journal", f"reproduce-across-{SOURCE}", paper_case(10))
+def _across(made: dict[int, Finished], reading: Reading, folder: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Measurements of all tables together for ``write_page``, stored part by part."""
     numbers = {number: finished.numbers for number, finished in made.items()}
     pictures = [folder / name for name in ("no-contact-error.svg", "no-contact-in-time.svg")]
 
     def rows(part: str, make: Callable[[], list[dict[str, Any]]], again: bool = False) -> list[dict[str, Any]]:
         """Rows of a finished ``part``, else, or once more, those that ``make`` gives."""
-        found = journal.rows(options | {"part": part})
-        if found is None or again:
-            progress(part, 0, 0)
-            found = list(journal.keep(options | {"part": part}, plain(make())))
-        return found
+        file = folder / f"{part.replace(' ', '-').lower()}.json"
+        found = stored(file, options)
+        return store(file, options, make()) if found is None or again else found
 
     def errors() -> list[dict[str, Any]]:
         curves = error_curves(reading)

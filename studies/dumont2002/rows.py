@@ -14,11 +14,8 @@ from stiffbeam.schemes import HHT, SDIRK
 
 from .costs import CPU_TABLES
 from .ensembles import Numbers
-from .evidence import Evidence
 from .figures import EXACT, ONE, STYLE
-from .judges_motions import lines, named
 from .numbers import exact_name
-from .reading import Reading
 from .sample import of_members
 from .table import equation_of
 from .typeset import DASH, MINUS, short, typeset, written
@@ -147,26 +144,6 @@ def impacts(numbers: Mapping[int, Numbers], known: bool) -> Table:
          *(["true"] if known else []), "contact, %", "exact contact, %"],
         rows,
     )  # fmt: skip
-
-
-def spectra(numbers: Mapping[int, Numbers]) -> Table:
-    """Lines and bands of every motion of every table."""
-    evidence, shares = (
-        Evidence(dict(numbers), [], Reading()),
-        ("band", "off_multiples", "aperiodicity", "rate_aperiodicity"),
-    )
-    rows = [
-        [f"{table} {evidence.name(table, motion)}", named(lines(evidence, table, motion)),
-         spread(row, "even_over_odd"), *(spread(row, what, 100.0) for what in shares)]
-        for table, found in numbers.items()
-        for motion, row in (found["runs"] | found["exact"]).items() if row["ensemble"]
-    ]  # fmt: skip
-    return Table(
-        "Spectra of the ensembles, mean and standard deviation",
-        ["table, motion", "lines, 2a to 9a", "even over odd", "band, %", "beside, %", "change, %", "of velocity, %"],
-        rows,
-        text=(0, 1),
-    )
 
 
 def without_contact(curves: Sequence[Mapping[str, Any]]) -> Table:

@@ -95,17 +95,3 @@ def every(statements: Iterable[bool | None]) -> bool | None:
 def some(statements: Iterable[bool | None]) -> bool | None:
     """Disjunction: True if one holds, False if all fail, else None."""
     return no(every(map(no, statements)))
-
-
-def coherent(lines: Array) -> Array:
-    """Return where the mean of complex amplitudes (members, k) is no chance of their scatter, (k,).
-
-    With |mean|^2 over the variance of the mean F-distributed with 2 and 2 (n - 1) degrees of freedom for
-    n members without a common line, F > (n - 1)(CHANCE^(-1/(n - 1)) - 1) in CHANCE of the cases.
-    """
-    n = len(lines)
-    if n < 2:
-        return np.zeros(lines.shape[1], bool)
-    mean = np.mean(lines, axis=0)
-    variance = np.sum(np.abs(lines - mean) ** 2, axis=0) / (n - 1) / n
-    return np.abs(mean) ** 2 > (n - 1) * (CHANCE ** (-1.0 / (n - 1)) - 1.0) * variance

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 HOLDS = "holds"
@@ -25,15 +24,6 @@ class Finding:
 
     measured: str
     verdict: str
-
-
-JUDGES: dict[str, Callable[..., Finding]] = {}
-
-
-def judge(function: Callable[..., Finding]) -> Callable[..., Finding]:
-    """Enter a function of (evidence, *tables, **arguments) under the name that claims.toml calls it by."""
-    JUDGES[function.__name__] = function
-    return function
 
 
 def of_both(measured: str, of_runs: bool | None, of_beam: bool | None) -> Finding:

@@ -7,7 +7,6 @@ import pytest
 from dumont2002 import make as making
 from dumont2002.make import make_tables
 from dumont2002.reading import Reading
-from stiffbeam.basics.storage import source_hash
 
 
 @pytest.fixture
@@ -36,20 +35,10 @@ def test_finished_tables_are_taken_from_the_store(counted, tmp_path):
 
 
 def test_a_table_of_other_code_is_made_again(counted, tmp_path, monkeypatch):
-    """The code of a table is no part of the package, whose hash every journal has in its name."""
     make_tables([2], Reading(), tmp_path, jobs=1)
     monkeypatch.setattr(making, "SOURCE", "edited")
     make_tables([2], Reading(), tmp_path, jobs=1)
     assert counted == [2, 2]
-
-
-def test_the_hash_of_a_folder_is_that_of_its_code_and_data(tmp_path):
-    hashes = []
-    for number, name in enumerate(("a.py", "b.toml", "b.toml", "page.html")):
-        (tmp_path / name).write_text(f"x = {number}\n", encoding="utf-8")
-        hashes.append(source_hash.__wrapped__(tmp_path))
-    assert len({*hashes}) == 3
-    assert hashes[2] == hashes[3]  # a sentence of the page changes no number
 
 
 def test_a_table_whose_picture_is_gone_is_made_again(counted, tmp_path):
