@@ -24,11 +24,8 @@ if __name__ == "__main__":
     print(f"cells  kappa  step   {'impulse':12}  {'energy lost, %':18}  {'impacts':8}  method")
     for row in rows[rows.kappa.isin(STIFFNESS)].sort_values(["cells", "kappa"], kind="stable").itertuples():
         law = f", e = {row.restitution:g}" if row.restitution >= 0.0 else ""
-        node = ", massless node" if "massless" in row.node else ""
         impulse = spread(row.impulse_low, row.impulse_high, 3)
         lost = spread(100.0 * row.lost_low, 100.0 * row.lost_high, 2)
         impacts = spread(row.impacts_low, row.impacts_high, 3)
         step = f"{row.dt:g}" if row.dt else "exact"
-        print(
-            f"{row.cells:5}  {row.kappa:5.0e}  {step:5}  {impulse:12}  {lost:18}  {impacts:8}  {row.method}{node}{law}"
-        )
+        print(f"{row.cells:5}  {row.kappa:5.0e}  {step:5}  {impulse:12}  {lost:18}  {impacts:8}  {row.method}{law}")

@@ -14,7 +14,7 @@ os.environ.setdefault("MPLBACKEND", "agg")
 # Before NumPy is there, and inherited by pytest's workers: on all cores at once, BLAS threads only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-sys.path.append(str(Path(__file__).parents[1] / "studies"))  # for dumont2002; at the end: site.py there is not Python's
+sys.path.append(str(Path(__file__).parents[1] / "studies"))  # for dumont2002
 
 # A shell's background jobs ignore it, and so would every command that a test starts and interrupts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

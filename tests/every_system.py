@@ -191,18 +191,6 @@ def _rigid_oscillator() -> Bench:
     return system, 1e-3, 3.0
 
 
-@bench("bar with a massless contact")
-def _massless_bar() -> Bench:
-    mass, stiffness = chain([1.0, 1.0, 1.0, 0.5], [500.0] * 4)
-    system = sb.System.from_matrices(
-        mass,
-        stiffness,
-        loads=[([0.0, 0.0, 0.0, 1.0], sb.Harmonic(20.0, 7.0))],
-        contacts=[sb.Contact([0.0, 0.0, 0.0, 1.0], sb.Stops(upper=0.1, stiffness=np.inf))],
-    )
-    return system.massless_contacts(), 1e-3, 2.0
-
-
 @bench("one-sided Hertz chain")
 def _hertz_chain() -> Bench:
     """Granular: spheres that touch and nothing else; the first is thrown."""

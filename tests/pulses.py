@@ -11,7 +11,8 @@ SHAPES = ("sine", "triangle", "box", "gauss")
 
 
 def pulse(shape: str, amplitude: float, start: float, width: float):
-    """A bare callable that is zero, or for "gauss" next to it, outside (start, start + width)."""
+    """A bare callable that is zero, or for "gauss" next to it, outside (start, start + width). It states where it
+    begins, turns and ends."""
 
     def load(t):
         s = (np.asarray(t) - start) / width
@@ -24,6 +25,7 @@ def pulse(shape: str, amplitude: float, start: float, width: float):
             return np.where(inside, amplitude, 0.0)
         return amplitude * np.exp(-((10.0 * (s - 0.5)) ** 2))
 
+    load.breakpoints = (start, start + 0.5 * width, start + width)
     return load
 
 

@@ -76,5 +76,5 @@ viscosity = 0.02
 stops = {{ upper = 0.02, stiffness = 400.0 }}
 initial_velocity = [0.0, 0.0, 0.5]
 [case.uncertain]
-stiffness = {tolerance}
+stiffness = [{3.0 - 3.0 * tolerance}, {3.0 + 3.0 * tolerance}]
 """

@@ -1,4 +1,4 @@
-"""The public names: the one list of them, which ``__init__.py`` reads too."""
+"""Public names of the package, loaded on first use."""
 
 from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
@@ -32,23 +32,16 @@ from .model.problem import BeamSection as BeamSection
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile
-from .model.reduction import ReducedModel as ReducedModel
 from .model.reduction import reduce_model as reduce_model
 from .model.sampled import Sampled as Sampled
-from .model.sampled import noise as noise
-from .model.sampled import random_phases as random_phases
 from .model.semidiscretisation import semidiscretise as semidiscretise
 from .model.system import System as System
 from .model.time_functions import Constant as Constant
 from .model.time_functions import Harmonic as Harmonic
 from .model.time_functions import Superposition as Superposition
 from .model.time_functions import TimeFunction as TimeFunction
-from .model.uncertain import Uncertain as Uncertain
-from .model.uncertain import uncertain_members as uncertain_members
 from .references import reference as reference
 from .references.ensemble import reference_ensemble as reference_ensemble
-from .references.exact.continuation import Branch as Branch
-from .references.exact.continuation import continuation as continuation
 from .references.exact.derivative import Derivative as Derivative
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
@@ -57,18 +50,27 @@ from .references.horizon import PerturbationGrowth as PerturbationGrowth
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow
 from .references.jax_flow import jax_flow as jax_flow
-from .references.orbit_proof import OrbitProof as OrbitProof
-from .schemes import *  # noqa: F403
+from .schemes.bathe import Bathe as Bathe
+from .schemes.bdf2 import BDF2 as BDF2
+from .schemes.conserving import ExponentialFlow as ExponentialFlow
+from .schemes.conserving import Theta as Theta
+from .schemes.conserving import Trapezoidal as Trapezoidal
+from .schemes.contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .schemes.moreau_jean import MoreauJean as MoreauJean
+from .schemes.moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
+from .schemes.newmark import HHT as HHT
+from .schemes.newmark import GeneralisedAlpha as GeneralisedAlpha
+from .schemes.nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .schemes.paoli_schatzman import PaoliSchatzman as PaoliSchatzman
+from .schemes.scheme import RigidScheme as RigidScheme
+from .schemes.scheme import Scheme as Scheme
+from .schemes.sdirk import SDIRK as SDIRK
 from .studies import study as study
 from .studies.advice import Advice as Advice
 from .studies.advice import advise as advise
 from .studies.doubt import Doubt as Doubt
 from .studies.doubt import doubt as doubt
-from .testset.problem import EnclosedAnswer as EnclosedAnswer
-from .testset.problem import FrozenOrbit as FrozenOrbit
 from .testset.problem import Problem as Problem
-from .testset.problem import frozen_orbit as frozen_orbit
-from .testset.problem import frozen_orbits as frozen_orbits
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
 from .testset.score import score as score

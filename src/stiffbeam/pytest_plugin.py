@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def reference_solution() -> Callable[..., Reference]:
     """``reference_solution(problem_or_case_or_system, cells=25, t_end=1.0, form="displacement", **options)``.
 
-    A multiprecision reference, trusted to t_end, computed once and cached between test runs. A case is
+    A multiprecision reference, of rigid stops an exact one, computed once and cached between test runs. A case is
     named ("table10", a file) or given; its cells and t_end are the defaults then. options: those of
     ``stiffbeam.cached_reference``, as method="cvode", t_eval=times, rtol=1e-9.
     """
@@ -44,7 +44,7 @@ def reference_solution() -> Callable[..., Reference]:
         else:
             remedy = "for example reference_solution('table10')"
             raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name", remedy)
-        chosen: dict[str, Any] = {"method": "multiprecision"} | options
+        chosen: dict[str, Any] = {"method": "exact" if system.rigid else "multiprecision"} | options
         return cached_reference(system, end, **chosen)
 
     return make

@@ -119,7 +119,7 @@ def derivatives_text(definition: Definition) -> str:
         return ""
     problem = problem_of(definition)
     known = derivatives(
-        problem.data, problem.t_end, definition.parameters,
+        problem.data, definition.parameters,
         lambda data: definition.truth(replace(problem, data=data, samples=1)),
     )  # fmt: skip
     lines = ["", "[derivatives]", f"how = {toml(HOW)}"]

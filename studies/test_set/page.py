@@ -173,8 +173,8 @@ TAIL = """
 * for piecewise-linear systems, the multiprecision solution of stiffbeam (python-flint), computed twice with different
   precision.
 
-The derivatives come from differences of order 8 of these answers, and from Taylor series with variational equations in
-MPFR (heyoka). Both agree to 22 digits.
+The derivatives come from differences of order 8 of these answers. When they were frozen, Taylor series with variational
+equations in MPFR (heyoka) gave the same 22 digits.
 
 Two tests check the answers with methods that share no code with the first solution:
 

@@ -1,4 +1,4 @@
-"""Does ``advise`` name the right source of uncertainty? Random beams, each ranked by brute force with other draws.
+"""Does ``doubt`` name the right source of uncertainty? Random beams, each ranked by brute force with other draws.
 
     python tests/campaigns/doubt_ranks.py --systems 20 --seed 3
 
@@ -6,7 +6,7 @@ Every beam has a mesh, one uncertain parameter and admissible errors, all random
 data all come first somewhere. Brute force draws other members, builds each beam by itself and follows it by matrix
 exponentials between events (``tests/oracles/vibro_march.py``). The error of the mesh is the distance to beams of 12
 cubic elements, a form of order 4: their errors are a hundredth of those of 32 cells. Printed for every quantity: the
-source that the advice names, its rank by brute force, and the sizes. A ranking may stay open only between two sources
+source that the budget names, its rank by brute force, and the sizes. A ranking may stay open only between two sources
 within a factor of 2.
 """
 
@@ -30,11 +30,12 @@ from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
+from stiffbeam.model.members import value_at
 from stiffbeam.studies.advice import Probe
 from stiffbeam.studies.budget import Budget
 
 DRAWS, MORE = 32, 128  # if not all verdicts are confirmed, MORE draws decide
-MEMBERS = 192  # at most, of the advice
+MEMBERS = 96  # of the budget
 ALIKE = 2.0  # largest ratio of sources that may be named as alike
 CLEAR = 4.0  # a largest size so many times the second takes no further draws
 PARAMETERS = ("stiffness", "stops.stiffness", "stops[0].upper", "loads[0].time.amplitude")
@@ -75,7 +76,9 @@ class Beam:
 
     def case(self, cells: int = 0) -> Case:
         case = case_of(self.build(1.0, cells or self.cells), T_END / 1000, T_END, "random")
-        return replace(case, uncertain={self.parameter: sb.Uncertain(tolerance=self.tolerance)})
+        value = value_at(case.system(), self.parameter)
+        ends = (value * (1.0 - self.tolerance), value * (1.0 + self.tolerance))
+        return replace(case, uncertain={self.parameter: ends})
 
     def exact(self, factor: float, t: np.ndarray, cells: int, form: str = "displacement") -> dict[str, np.ndarray]:
         """Tip (k,) and largest forces of one beam by matrix exponentials."""
@@ -154,15 +157,18 @@ def judged(seed: int, index: int) -> Counter[str]:
     """Outcomes of one beam: right, wrong or open, by source."""
     beam, outcomes = Beam(seed, index), Counter[str]()
     schemes = [sb.HHT(alpha=-0.1), sb.BDF2()]
-    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16, members=MEMBERS)
+    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16)
     if advice.recommendation is None or advice.horizon < T_END:
         print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
         return Counter(["without a run"])
-    sizes = brute(beam, advice.recommendation)
-    uncertain = [x for x in advice.budgets if x.uncertain]
+    run = advice.recommendation
+    sizes = brute(beam, run)
+    doubt = sb.doubt(beam.case(), run.scheme, run.dt, MEMBERS, contact=run.contact)
+    budgets = [x for x in doubt.budgets if x.quantity in sizes]
+    uncertain = [x for x in budgets if x.uncertain]
     if any(verdict(x, sizes[x.quantity])[0] in ("wrong", "open") for x in uncertain):
-        sizes = brute(beam, advice.recommendation, MORE)
-    for budget in advice.budgets:
+        sizes = brute(beam, run, MORE)
+    for budget in budgets:
         if not budget.uncertain:  # a stop that no beam touches
             assert not any(x > 0.0 for x in sizes[budget.quantity].values())
             continue

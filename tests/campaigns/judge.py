@@ -23,7 +23,7 @@ from stiffbeam.references.registry import REFERENCES
 AGREEMENT = "agreement"
 # Every family of solvers that a comparison may show, and at the end their references against one another.
 EVERY_REFERENCE = (
-    "exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno5", "radau", "dop853", "diffrax:Tsit5", AGREEMENT
+    "exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno5", "radau", "dop853", AGREEMENT
 )  # fmt: skip
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 OUTPUTS = 401
@@ -334,7 +334,7 @@ def _affordable(case: Case, method: str) -> bool:
 
 def every_reference(case: Case) -> list[str]:
     """Every method that can follow a case in seconds, and ``AGREEMENT``."""
-    return [method for method in EVERY_REFERENCE if _affordable(case, method.replace("diffrax:Tsit5", "dop853"))]
+    return [method for method in EVERY_REFERENCE if _affordable(case, method)]
 
 
 def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:

@@ -35,10 +35,12 @@ class Verdict:
 
 
 class Pulse:
-    """A pulse as a user writes it: a function of time and nothing else."""
+    """A pulse as a user writes it: a function of time that states where it is not smooth."""
 
     def __init__(self, wave: Wave) -> None:
         self.wave = wave
+        _, _, begin, end = wave
+        self.breakpoints = (begin, 0.5 * (begin + end), end)
 
     def __call__(self, t):
         return wave_value(self.wave, t)

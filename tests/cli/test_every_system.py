@@ -42,7 +42,6 @@ OPTIONS: dict[str, dict[str, Any]] = {  # beside the smoke options: longer where
     "ensemble": {"members": 4},
     "impacts": {"members": 2},
     "contact_duration": {"members": 2},
-    "orbits": {"starts": 3},  # without damping some lead to no branch, by their rounding
 }
 ANY_CASE = ("amplification", "restitution", "rigid_bar")  # which ask nothing of the case
 COMMANDS = ("compare", "advise", "reference", "agree", "animate")

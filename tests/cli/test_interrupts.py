@@ -27,7 +27,7 @@ COMMANDS: dict[str, list[str]] = {
     "compare": ["compare", "table10", "--t-end", "0.2", "--references", "cvode,exact", "--no-cache", "--out", "out"],
     "reference": ["reference", "table10", "--method", "multiprecision", "--t-end", "0.2", "--out", "out/r.nc"],
     "advise": ["advise", "table10", "--t-end", "0.3", "--schemes", "HHT(alpha=-0.1)"],
-    "doubt": ["doubt", "table10", "--uncertain", "stiffness=0.01", "--members", "16"],
+    "doubt": ["doubt", "table10", "--uncertain", "stiffness=297:303", "--members", "16"],
     "animate": ["animate", "table10", "--t-end", "0.2", "--seconds", "2", "--out", "out/film.gif"],
     "score": ["score", "HHT(alpha=-0.1)", "--problem", "bilinear-gap,bouncing-bar,bilinear-oscillator"],
     "reproduce": ["reproduce", "table", "17", "--out", "out"],

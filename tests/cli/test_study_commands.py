@@ -68,7 +68,7 @@ def test_a_record_shorter_than_the_run_is_bad_input_of_every_study(words, comman
 
 def test_a_quantity_that_is_named_twice_is_refused(command):
     for words in (["advise", "table10", "--want", "tip=1e-3,tip=1e-2"],
-                  ["doubt", "table10", "--uncertain", "stiffness=0.1,stiffness=0.2"]):  # fmt: skip
+                  ["doubt", "table10", "--uncertain", "stiffness=1:2,stiffness=2:3"]):  # fmt: skip
         code, _, err = command(*words)
         assert code == 2
         assert "once" in err

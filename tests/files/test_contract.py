@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 from functools import cache
-from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import loadmat
-from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.trajectory.schema import BY_NAME, COORDINATES, SCHEMA
 
-STORED = Path(__file__).parent / "stored"
 BEAM = sb.BeamProblem.from_physical(
     length=0.4, bending_stiffness=4.2, mass_per_length=0.16, base=sb.Harmonic(2e-3, 150.0),
     stops=[sb.Stops(-2e-3, 2e-3, stiffness=1e5), sb.Stops(None, 1e-3, stiffness=1e5, position=0.25)],
@@ -160,26 +156,6 @@ def test_the_schema_names_every_variable_once_and_a_wrong_name_is_refused():
     plain = sb.Trajectory.from_arrays(run.t, run.tip)
     with pytest.raises(sb.InputError, match="be one that the result holds"):
         _ = plain["energy_loss"]
-
-
-@pytest.mark.parametrize("kind", ["run", "reference"])
-def test_a_file_of_the_format_before_is_read(kind, tmp_path):
-    path = STORED / f"format2-{kind}.nc"
-    loaded = sb.load(path)
-    with h5py.File(path) as old:
-        assert old.attrs["stiffbeam_format"] == 2
-        same(loaded.energy.loss, old["ledger_loss"])
-        same(loaded.energy.loss_in_contact, old["ledger_contact"])
-        same(loaded["impact_time"], old["impact_times"])
-        same(loaded["impact_peak_force"], old["impact_peaks"])
-        same(loaded.tip, old["tip"])
-        assert sum(contact.impacts.count for contact in loaded.contacts) == len(old["impact_times"]) > 0
-    anew = sb.load(loaded.save(tmp_path / "anew.nc"))
-    assert anew.to_xarray().identical(loaded.to_xarray())
-    assert anew.to_xarray().attrs["stiffbeam_format"] == 3
-    system = two_contacts()  # what was stored
-    run = sb.integrate(system, sb.HHT(-0.1), 1e-2, 0.8)
-    np.testing.assert_allclose(loaded.tip, run.tip, atol=1e-9 if kind == "run" else 0.05)
 
 
 def test_a_file_of_an_ensemble_is_no_run(tmp_path):

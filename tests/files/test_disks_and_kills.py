@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 import os
 import random
-import re
-import socket
 import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from break_it import LOSSES, kills
@@ -21,7 +18,6 @@ from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled, storage
-from stiffbeam.basics.storage import write_whole
 from stiffbeam.cli import app
 from stiffbeam.cli.application import file_name
 from stiffbeam.files.cases import paper_case
@@ -61,50 +57,6 @@ def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path
     assert all("with room" in line and "what was there is as it was" in line for line in lines)
     assert sorted(x.name for x in tmp_path.iterdir()) == sorted(names)
     assert {x.read_text() for x in tmp_path.iterdir()} == {"before"}
-
-
-def test_a_file_has_the_mode_of_the_umask_and_takes_away_what_a_killed_run_left(tmp_path):
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    write_whole(tmp_path / "a.txt", "one")
-    host = next(iter(_partials(tmp_path, "a.txt"))).name.split(".")[3].split("-")[0]
-    left = tmp_path / f".a.txt.{host}-{dead.pid}-0123abcd.partial"
-    at_work = tmp_path / f".a.txt.{host}-{os.getpid()}-0123abcd.partial"
-    other = tmp_path / f".b.txt.{host}-{dead.pid}-0123abcd.partial"
-    for file in (left, at_work, other):
-        file.write_text("half")
-    before = os.umask(0o027)
-    try:
-        write_whole(tmp_path / "a.txt", "two")
-    finally:
-        os.umask(before)
-    assert (tmp_path / "a.txt").read_text() == "two"
-    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
-    assert not left.exists()
-    assert at_work.exists()
-    assert other.exists()
-
-
-def _partials(folder: Path, name: str):
-    """What it writes to before the file is there."""
-    seen = []
-    real = os.replace
-    try:
-        os.replace = lambda a, b: seen.append(Path(a)) or real(a, b)
-        write_whole(folder / name, "x")
-    finally:
-        os.replace = real
-    return seen
-
-
-def test_a_long_name_in_any_alphabet_is_written_and_its_left_overs_go(tmp_path):
-    name = 120 * "\N{LATIN SMALL LETTER U WITH DIAERESIS}" + ".json"  # 245 bytes of the 255 that a name may have
-    dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True)
-    host = re.sub(r"[^\w]", "_", socket.gethostname())
-    left = tmp_path / f".{name[:75]}.{host}-{dead.stdout.strip()}-01234567.partial"
-    left.write_text("half", encoding="utf-8")
-    assert write_whole(tmp_path / name, "all").read_text(encoding="utf-8") == "all"
-    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.slow
@@ -153,47 +105,6 @@ def test_kernels_run_where_they_cannot_be_kept(tmp_path, monkeypatch):
     kept = kernel._cache
     monkeypatch.setattr(type(kept), "_save_overload", full)
     assert kernel(2) == 3
-
-
-@pytest.mark.parametrize("what", ["folder", "kernels", "file"])
-def test_a_cache_in_which_others_can_write_is_not_used(what, tmp_path, monkeypatch):
-    """A planted index is code: numba unpickles it."""
-    kernels = tmp_path / "numba" / "0123"
-    kernels.mkdir(parents=True)
-    planted = kernels / "planted.nbi"
-    planted.write_bytes(b"")
-    for path in (tmp_path, tmp_path / "numba", kernels):
-        path.chmod(0o755)
-    planted.chmod(0o644)
-    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path))
-    assert storage.directory.__wrapped__() == tmp_path
-    {"folder": tmp_path, "kernels": tmp_path / "numba", "file": planted}[what].chmod(0o777)
-    with pytest.warns(UserWarning, match="others can write to .* from which compiled code is run"):
-        private = storage.directory.__wrapped__()
-    assert private != tmp_path
-    assert private.stat().st_mode & 0o777 == 0o700
-    private.rmdir()
-
-
-def test_a_cache_made_where_groups_may_write_is_used_again(tmp_path, monkeypatch):
-    """With the umask 002, usual for users with a group of their own, every process compiled all kernels anew."""
-    monkeypatch.setenv("STIFFBEAM_CACHE_DIR", str(tmp_path / "new"))
-    before = os.umask(0o002)
-    try:
-        folder = storage.directory.__wrapped__()
-        kernels = folder / "numba" / "0123" / "model"
-        kernels.mkdir(parents=True)
-        (kernels / "law.nbi").write_bytes(b"")
-        (folder / "jax" / "0123.xla").write_bytes(b"")
-    finally:
-        os.umask(before)
-    assert kernels.stat().st_mode & 0o777 == 0o775
-    assert storage.directory.__wrapped__() == folder
-    folder.chmod(0o755)  # the folders of code are closed too
-    assert storage.directory.__wrapped__() == folder
-    (folder / "jax").chmod(0o755)
-    with pytest.warns(UserWarning, match=r"others can write to .*0123\.xla"):
-        storage.directory.__wrapped__().rmdir()
 
 
 @pytest.mark.slow

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -50,37 +53,6 @@ def test_the_readme_is_short():
     assert len(README.split()) < 700
 
 
-@pytest.mark.slow
-def test_the_guide_counts_what_the_study_finds(tmp_path, monkeypatch):
-    """Means of 200 chaotic runs: another rounding draws other members, so to four deviations of their difference."""
-    import stiffbeam as sb
-
-    monkeypatch.chdir(tmp_path)
-    lines = {line["method"]: line for line in sb.study("ensemble", "table10").answer.table}
-    text = TEXTS["ensembles"].replace("\n", " ")
-
-    def held(label: str, count: str, share: str) -> None:
-        mean, _, deviation = lines[label]["impacts"].split()
-        part = lines[label]["contact, %"].split()[0]
-        assert abs(float(mean) - float(count)) < 0.5 + 4.0 * float(deviation) * (2 / 200) ** 0.5, label
-        assert abs(float(part) - float(share)) < 0.1 * float(share), label
-
-    hht, exact, hht_share, exact_share = re.search(
-        r"as the exact motion, (\d+) against (\d+), .*? for (\d+) % .*? instead of ([\d.]+) %", text
-    ).groups()
-    sdirk, bdf2, sdirk_share, bdf2_share = re.search(
-        r"SDIRK-OS has (\d+) and BDF2 (\d+), with (\d+) and (\d+) %", text
-    ).groups()
-    share, trapezoidal = re.search(
-        r"for ([\d.]+) %, but gains energy at the stops and has (\d+) impacts", text
-    ).groups()
-    held("exact", exact, exact_share)
-    held("HHT(alpha=-0.1)", hht, hht_share)
-    held("SDIRK(gamma=0.4359)", sdirk, sdirk_share)
-    held("BDF2", bdf2, bdf2_share)
-    held("Trapezoidal", trapezoidal, share)
-
-
 @pytest.mark.parametrize(
     "page",
     [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md", ROOT / "tests" / "campaigns" / "README.md"],
@@ -112,48 +84,30 @@ def test_the_paper_has_one_identifier():
     assert f"    doi: {DOI}\n" in cited
 
 
-def test_every_question_of_the_studies_has_its_answer_below():
-    text = (STUDIES / "README.md").read_text(encoding="utf-8")
-    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
-    for file, page, mark in (("", text, "###"), ("answers.md", answers, "##")):
-        asked = re.findall(rf"^\* \[[^]]*\]\({re.escape(file)}#([^)]*)\) `", text, re.MULTILINE)
-        headings = {heading.replace(" ", "-") for heading in re.findall(rf"^{mark} (.*)$", page, re.MULTILINE)}
-        assert asked
-        assert set(asked) <= headings
+@pytest.mark.slow
+def test_the_notebook_prints_what_it_shows(monkeypatch):
+    """Every code cell in order in one namespace; the figure is the last cell's value."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict = {}
+    notebook = json.loads((STUDIES / "first_beam.ipynb").read_text(encoding="utf-8"))
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    for cell in cells:
+        with redirect_stdout(io.StringIO()) as printed:
+            exec("".join(cell["source"]), names)
+        shown = "".join(text for output in cell["outputs"] for text in output.get("text", []))
+        assert printed.getvalue().strip() == shown.strip()
+    (picture,) = cells[-1]["outputs"]  # the page of a repository shows the stored one
+    assert picture["data"]["image/png"].startswith("iVBOR")
 
 
-def test_the_answers_hold_every_study_with_its_question():
-    from stiffbeam.studies import STUDIES as NAMES
-    from stiffbeam.studies import find_study
-
-    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
-    for name in NAMES:
-        assert f"## {name.replace('_', ' ')}\n\n{find_study(name).question}\n" in answers
-
-
-def test_the_guides_quote_the_answers():
-    """Numbers of the ensemble on Table 10, of two guides, are those of the page that the last build wrote."""
-    answers = (STUDIES / "answers.md").read_text(encoding="utf-8")
-    table = answers.partition("## ensemble\n")[2].partition("## chaos")[0]
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("| ")]
-    heads, numbers = rows[0], {row[0].partition("(")[0]: row for row in rows[2:]}
-
-    def value(method: str, head: str) -> float:
-        return float(numbers[method][heads.index(head)].split()[0])
-
-    ensembles, choose = (TEXTS[name].replace("\n", " ") for name in ("ensembles", "choose"))
-    counts = {method: f"{value(method, 'impacts'):.0f}" for method in numbers}
-    shares = {method: f"{value(method, 'contact, %'):g}" for method in numbers}
-    assert f"{counts['HHT']} against {counts['exact']}, but stays in contact for {shares['HHT']} %" in ensembles
-    assert f"SDIRK-OS has {counts['SDIRK']} and BDF2 {counts['BDF2']}, with {shares['SDIRK']}" in ensembles
-    trapezoidal = (
-        f"for {shares['Trapezoidal']} %, but gains energy at the stops and has {counts['Trapezoidal']} impacts"
-    )
-    assert trapezoidal in ensembles
-    losses = [value(m, "lost, %") for m in ("BDF2", "SDIRK", "HHT", "GeneralisedAlpha", "Bathe")]
-    assert f"have lost {min(losses):.0f} to {max(losses):.0f} %" in choose
-    damped = [value(m, "contact, %") for m in ("HHT", "GeneralisedAlpha", "Bathe")]
-    assert f"{min(damped):.0f} to {max(damped):.0f} % of the time, for {shares['exact']} % in truth" in choose
+@pytest.mark.slow
+def test_the_pages_build_without_a_warning(tmp_path):
+    pytest.importorskip("myst_nb")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(STUDIES), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    names = (tmp_path / "names.html").read_text(encoding="utf-8")
+    assert [name for name in sb.__all__ if f'id="stiffbeam.{name}"' not in names] == []
 
 
 @pytest.mark.slow

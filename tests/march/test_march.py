@@ -17,7 +17,6 @@ from stiffbeam.march import block_march
 from stiffbeam.march.probe import InModes, Together
 from stiffbeam.march.propagator import build
 from stiffbeam.march.treatment import TREATMENTS
-from stiffbeam.model import equations
 from stiffbeam.model.modes import modes
 from stiffbeam.schemes import registered
 
@@ -69,20 +68,6 @@ def test_dense_blocks_equal_the_plain_march(scheme, contact, table10_system):
     assert dense.impacts.count > 0
     assert_equal_runs(dense, other, 1e-7 if contact == "extrapolated" else 1e-10, "dense blocks")
     assert np.max(np.abs(dense.energy.loss - other.energy.loss)) < 1e-6 * np.max(other.energy.input)
-
-
-@pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.SDIRK()], ids=str)
-def test_large_matrices_by_entries_and_bands_are_the_same_matrices(scheme, monkeypatch):
-    """130 unknowns: products and solves with bands against full ones, eps (w_max/w_1)^2 apart at worst."""
-    system = with_dashpots(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0)), 130))
-    sparse = plain_march.march(system, scheme, 1e-4, 5e-3)
-    monkeypatch.setattr(equations, "LARGE", 1000)
-    full = plain_march.march(system, scheme, 1e-4, 5e-3)
-    given = system.mass, system.damping, system.stiffness
-    assert equations.Matrices(*given).entries == 3 * 130**2
-    monkeypatch.setattr(equations, "LARGE", 128)
-    assert equations.Matrices(*given).entries < 7 * 130
-    assert np.max(np.abs(sparse.tip - full.tip)) < 1e-8 * np.max(np.abs(full.tip))
 
 
 def test_a_short_run_is_not_worth_long_blocks(table10_system):

@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics import compiling
 from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.piecewise import motion
-from stiffbeam.piecewise.tracer import rehearse
 
 CALLS = ("bdf2", "hht", "dense", "exact", "perturbed", "ledger")
 PAST_THE_HORIZON = 2.0  # where one bit more or less changes every impact
@@ -96,24 +93,3 @@ def test_the_count_of_table_10_does_not_depend_on_what_ran_before():
     sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 2.0, sb.perturbed_members(system, 3))
     counts.add(sb.integrate(system, sb.HHT(-0.1), 1e-4, 2.0).impacts.count)
     assert len(counts) == 1
-
-
-@pytest.mark.parametrize("program", ["solver", "", None])
-def test_a_program_that_embeds_python_is_not_started_again(program, monkeypatch):
-    monkeypatch.setattr(compiling, "_beside", None)
-    monkeypatch.setattr(compiling.subprocess, "Popen", lambda *_, **__: pytest.fail("started"))
-    monkeypatch.setattr(sys, "executable", program)
-    assert not compiling.begin("pass")
-
-
-def test_what_is_compiled_beside_is_what_is_called():
-    """A kernel for arrays of another kind would be compiled again, after the wait for it."""
-    kernels = motion.states, motion.observe, motion.press, motion.grow
-    rehearse()
-    known = [list(kernel.signatures) for kernel in kernels]
-    reference = sb.reference(sb.paper_case(10).system(), 0.05)
-    assert reference.horizon == 0.05
-    assert reference.state_at is not None
-    reference.state_at(np.zeros(1))
-    assert all(known)
-    assert [list(kernel.signatures) for kernel in kernels] == known

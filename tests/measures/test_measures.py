@@ -77,6 +77,19 @@ def test_the_step_at_the_end_of_the_window_counts_whatever_its_rounding():
     assert result.tip_error_matched == result.tip_error_rms
 
 
+def test_a_minimum_that_is_flat_to_rounding_is_no_error():
+    t, mean = np.linspace(0.0, 50.0, 2001), 1e15
+    found = phase_lag(t, mean + np.cos(t), -np.sin(t), lambda x: mean + np.cos(x + 1e-3), 50.0, 1.0, 1.0)
+    assert abs(found.lag) < 2.0 * np.pi / 401
+
+
+@pytest.mark.parametrize("time", [-np.inf, 0.0, np.nan, 1.0])
+def test_an_error_to_a_time_outside_the_window_is_refused(table10_system, time):
+    run = sb.integrate(table10_system, sb.HHT(-0.1), 1e-5, 0.05)
+    with pytest.raises(sb.InputError, match="window"):
+        sb.compare(run, sb.reference(table10_system, 0.05)).tip_error_to(time)
+
+
 @pytest.mark.parametrize("end", [3.0, np.nextafter(3.0, 0.0)])
 def test_a_drift_that_is_as_long_as_the_window_has_its_lag_whatever_the_rounding(end):
     t = np.linspace(0.0, 3.0, 3001)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas
 import pytest
+from noise import noise
 from scipy.integrate import quad, solve_ivp
 from scipy.signal import lfilter
 from scipy.stats import norm
@@ -64,8 +65,8 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
     known = {"impact": v / u / (2 * np.pi) * np.exp(-0.5 * (gap / u) ** 2), "contact": norm.sf(gap / u)}
     inside = dict.fromkeys(known, 0)
     for seed in range(CASES):
-        noise = sb.noise(4 * span, rms=1.0, band=band, seed=seed)
-        system = one_mass(1.0, sb.Stops(upper=gap, stiffness=1e-9), damping=2 * zeta, load=noise)
+        load = noise(4 * span, rms=1.0, band=band, seed=seed)
+        system = one_mass(1.0, sb.Stops(upper=gap, stiffness=1e-9), damping=2 * zeta, load=load)
         rates = sb.contact_rates(sb.integrate(system, sb.Trapezoidal(), 0.16, span), since=60.0).rates[0]
         for name, value in known.items():
             inside[name] += rates[name].low <= value <= rates[name].high

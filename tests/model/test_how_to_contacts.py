@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import massless_contact
 import numpy as np
 import pytest
 import round_hole
@@ -28,3 +29,13 @@ def test_twelve_sides_have_the_peak_force_of_the_circle():
     polygon = np.hypot(*(round_hole.directions(12).T @ np.array([contact.force for contact in exact.contacts])))
     assert np.max(polygon) == pytest.approx(np.max(circle), rel=0.05)
     assert round_hole.force_ratio(12, 1e-9) == pytest.approx((0.0, 1.0), abs=1e-6)
+
+
+def test_a_rod_without_mass_at_its_end_rebounds_with_its_speed():
+    """The impulse of a free rod on a wall is twice its momentum; the mass of the node sets the error, 1/(2 n)."""
+    assert sb.reference(massless_contact.rod(40), 3.0).contacts[0].impulse == pytest.approx(2.0, rel=1 / 80)
+
+
+def test_a_singular_mass_is_refused_with_its_remedy():
+    with pytest.raises(sb.InputError, match=r"mass must be positive definite.*condense"):
+        sb.System.from_matrices(np.diag([1.0, 0.0]), np.eye(2), observe=[1.0, 0.0])

@@ -1,12 +1,12 @@
-"""Noise as records, and ensembles whose members have records of their own."""
+"""The how-to script for noise, and ensembles whose members have records of their own."""
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from noise import noise
 from systems import bouncing_chain
 
 import stiffbeam as sb
@@ -15,58 +15,23 @@ from stiffbeam.references import solve
 T_END, BAND = 6.0, (2.0, 20.0)
 
 
-def test_noise_has_the_spectrum_it_says():
-    """Flat in the band, nothing outside; the mean square to what the spline loses; other seeds, other records."""
-    record = sb.noise(T_END, 0.7, BAND, seed=3)
-    t = np.linspace(0.0, T_END, 4096, endpoint=False)
-    lines = 2.0 * np.abs(np.fft.rfft(record.value(t))) / len(t)
-    omega = 2.0 * np.pi / T_END * np.arange(len(lines))
-    inside = (omega >= BAND[0]) & (omega <= BAND[1] * (1 + 1e-9))
-    np.testing.assert_allclose(lines[inside], 0.7 * np.sqrt(2.0 / np.sum(inside)), rtol=2e-3)
-    assert np.max(lines[~inside]) < 2e-3 * np.max(lines)
-    assert np.sqrt(np.mean(record.value(t) ** 2)) == pytest.approx(0.7, rel=1e-3)
-    assert record == sb.noise(T_END, 0.7, BAND, seed=3)
-    assert record != sb.noise(T_END, 0.7, BAND, seed=4)
-
-
 def test_noise_is_the_sum_of_cosines_that_its_docstring_states():
-    record = sb.noise(T_END, 0.7, BAND, seed=3)
+    record = noise(T_END, 0.7, BAND, seed=3)
     base = 2.0 * np.pi / T_END
     k = np.arange(np.ceil(BAND[0] / base), np.floor(BAND[1] / base) + 1)
     phases = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(k))
     cosines = np.cos(np.outer(record.t, base * k) + phases)
     np.testing.assert_allclose(record.values, 0.7 * np.sqrt(2.0 / len(k)) * np.sum(cosines, axis=1), atol=1e-12)
-
-
-def test_long_noise_of_a_wide_band_needs_memory_for_its_samples_only():
-    """500 Hz for 10 s are 80001 samples of 5000 cosines, 3 GiB as a table."""
-    tracemalloc.start()
-    try:
-        record = sb.noise(10.0, 1.0, (0.0, 2.0 * np.pi * 500.0), seed=0)
-        assert tracemalloc.get_traced_memory()[1] < 100e6
-    finally:
-        tracemalloc.stop()
-    assert np.mean(record.values[:-1] ** 2) == pytest.approx(1.0, rel=1e-12)
-
-
-@pytest.mark.parametrize("count", [64, 65])
-def test_random_phases_keep_the_spectrum(count):
-    record = sb.Sampled(np.linspace(0.0, 1.0, count), np.random.default_rng(0).normal(size=count), "cubic")
-    other = sb.random_phases(record, seed=1)
-    for x in (np.abs(np.fft.rfft(y.values[:-1])) for y in (record, other)):
-        np.testing.assert_allclose(x, np.abs(np.fft.rfft(record.values[:-1])), atol=1e-12)
-    assert np.max(np.abs(other.values - record.values)) > 0.5
-    with pytest.raises(sb.InputError, match="equidistant"):
-        sb.random_phases(sb.Sampled([0.0, 0.1, 1.0, 2.0], [0.0, 1.0, 0.0, 2.0]), seed=1)
+    assert np.mean(record.values[:-1] ** 2) == pytest.approx(0.49, rel=1e-12)
 
 
 def shaken(seed: int, moving: bool = False) -> sb.System:
     """The chain under noise of its own, with stops that move by noise."""
     system = bouncing_chain()
-    offset = sb.noise(T_END, 0.02, BAND, seed + 100) if moving else system.contacts[0].offset
+    offset = noise(T_END, 0.02, BAND, seed + 100) if moving else system.contacts[0].offset
     return replace(
         system,
-        loads=(*system.loads, (np.array([0.0, 1.0, 0.5]), sb.noise(T_END, 4.0, BAND, seed))),
+        loads=(*system.loads, (np.array([0.0, 1.0, 0.5]), noise(T_END, 4.0, BAND, seed))),
         contacts=(replace(system.contacts[0], offset=offset),),
     )
 
@@ -94,15 +59,3 @@ def test_members_made_by_hand_are_their_solo_runs_too():
     members = sb.EnsembleMembers(one, "noise", [0, 1], {"loads": [one.loads, two.loads]})
     many = sb.integrate_ensemble(one, sb.BDF2(), 1e-3, T_END, members, every=10)
     np.testing.assert_array_equal(many.tip[1], sb.integrate(two, sb.BDF2(), 1e-3, T_END, every=10).tip)
-
-
-def test_bad_noise_is_refused():
-    for arguments, words in (
-        ((T_END, 1.0, (0.1, 0.2), 0), "hold a multiple"),
-        ((T_END, -1.0, BAND, 0), "rms"),
-        ((T_END, 1.0, BAND, -1), "seed"),
-        ((0.0, 1.0, BAND, 0), "t_end"),
-        ((1e6, 1.0, (0.0, 1e6), 0), "GiB of memory"),
-    ):
-        with pytest.raises(sb.InputError, match=words):
-            sb.noise(*arguments)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import xarray
 from systems import bouncing_chain
 
 import stiffbeam as sb
-from stiffbeam import references
 from stiffbeam.basics.validation import InputError
-from stiffbeam.references.registry import Steps
 from stiffbeam.studies.comparison import compare_case
 
 SCREEN = 24 * 80  # characters
@@ -107,37 +103,6 @@ def test_an_ensemble_is_saved_whole(things, tmp_path):
     assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
     with pytest.raises(InputError, match=r"end in \.nc or "):
         many.save(tmp_path / "many.xlsx")
-
-
-def test_work_of_minutes_is_announced(monkeypatch):
-    """By a pilot, with its estimate; not where progress is shown, and not for what takes seconds."""
-    system = bouncing_chain()
-    sb.reference(system, 1.0, "dop853", t_eval=np.linspace(0.0, 1.0, 11))  # a warning would fail the test
-    monkeypatch.setattr(references, "MINUTES", 1e-9)
-    for method in ("exact", "dop853"):
-        with pytest.warns(UserWarning, match=f"{method} will take about"):
-            sb.reference(system, 1.0, method)
-        sb.reference(system, 1.0, method, progress=lambda what, done, total: None)
-    # What no pilot has seen is announced after the first of five solutions.
-    monkeypatch.setattr(references, "warn_of_minutes", lambda *_: False)
-    with pytest.warns(UserWarning, match=r"the horizon of exact will take about \d+ s more: progress=True"):
-        sb.reference(system, 1.0)
-    sb.reference(system, 1.0, progress=lambda what, done, total: None)
-
-
-def test_what_compiling_takes_is_not_taken_times_the_span(monkeypatch):
-    """A solver that compiles for 11 s when it first meets a span, and needs 0.6 s for all of it, takes no minutes."""
-    system, span = bouncing_chain(), 1000.0
-    compiled: set[float] = set()
-
-    def solve(_system, t_end, *_rest):
-        seconds = 0.6 * t_end / span + (0.0 if t_end in compiled else 11.0)
-        compiled.add(t_end)
-        return SimpleNamespace(work=SimpleNamespace(march_seconds=seconds))
-
-    monkeypatch.setattr(references, "FASTEST_TIME", 1e-9)
-    monkeypatch.setattr(references, "solve", solve)
-    references.warn_of_minutes(system, span, "exact", 1e-10, None, Steps())  # a warning would fail the test
 
 
 def test_a_comparison_of_a_case_shows_itself():

@@ -23,8 +23,7 @@ from stiffbeam.references.registry import Steps
 
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
 PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.seconds < 1.0]
-ANY_FUNCTION = [method for method in PHASED if method != "heyoka"]  # which refuses callables, and "through"
-WAYS = [(m, w) for m in PHASED for w in ("restart", "through") if w == "restart" or m in ANY_FUNCTION]
+WAYS = [(m, w) for m in PHASED for w in ("restart", "through")]
 
 
 def struck(width: float, start: float = 0.5, load=None) -> sb.System:
@@ -39,38 +38,36 @@ def struck(width: float, start: float = 0.5, load=None) -> sb.System:
 
 
 def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
-    return smooth_pieces(struck(0.002, load=load), t_end, Steps(**options)).pieces
+    return smooth_pieces(struck(0.002, load=load), t_end, Steps(**options))
 
 
-@pytest.mark.parametrize("method", [*ANY_FUNCTION, pytest.param("radau", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("width", "impacts", "peak"), [(2e-3, 10, 0.008955748138), (2e-4, 0, 0.001120889584)])
 @pytest.mark.fast(1)
 def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
-    """Steps double at rest: without a bound they leap over a load of 2 ms in 1 s, and every tolerance agrees."""
+    """Steps double at rest: without breakpoints they leap over a load of .2 ms in 1 s, and every tolerance agrees."""
     ref = sb.reference(struck(width), 1.0, method, rtol=1e-8)
     assert ref.impacts.count == impacts
     assert abs(np.max(np.abs(ref.tip)) - peak) < 1e-5 * peak
     assert ref.horizon == 1.0
-    assert "loads sampled every 3.8e-06" in ref.provenance["horizon_against"]
+    assert "seen at steps of at most 0.005" in ref.provenance["horizon_against"]
     with pytest.raises(AssertionError, match="off by"):
         within_reference((ref.t, 0.0 * ref.t), ref, tolerance=1e-3)
 
 
-@pytest.mark.slow
-def test_a_load_that_only_the_second_look_sees_shortens_the_horizon(monkeypatch):
-    """2 us in 1 s lie between the points of the first look, 1/2^18 apart, and on one of the second's, at 1/3."""
-    system = struck(2e-6, start=1.0 / 3.0 - 1e-6)
-    assert len(smooth_pieces(system, 1.0, Steps()).pieces) == 1
-    ref = sb.reference(system, 1.0, "cvode-adams")
-    assert np.max(np.abs(ref.tip)) == 0.0
-    assert ref.horizon < 0.335
-    stated = sb.reference(system, 1.0, "cvode-adams", breakpoints=(1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6))
+def test_breakpoints_of_the_caller_show_a_short_load():
+    def load(t):
+        return pulse("sine", 500.0, 1.0 / 3.0, 2e-6)(t)
+
+    ends = (1.0 / 3.0, 1.0 / 3.0 + 2e-6)
+    stated = sb.reference(struck(1.0, load=load), 1.0, "cvode-adams", breakpoints=ends)
+    itself = sb.reference(struck(2e-6, start=1.0 / 3.0), 1.0, "cvode-adams")
     assert np.max(np.abs(stated.tip)) > 0.0
-    assert stated.horizon == 1.0
+    assert stated.tip == pytest.approx(itself.tip, rel=1e-6, abs=1e-6 * np.max(np.abs(stated.tip)))
 
 
 def test_a_function_states_its_breakpoints_itself():
-    load = pulse("sine", 500.0, 1.0 / 3.0 - 1e-6, 2e-6)
+    load = pulse("sine", 500.0, 0.0, 2e-6)
     load.breakpoints = (1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6)
     assert [p.end for p in parts(load)[:2]] == pytest.approx(list(load.breakpoints), abs=1e-15)
     load.breakpoints = (np.nan,)
@@ -78,45 +75,21 @@ def test_a_function_states_its_breakpoints_itself():
         parts(load)
 
 
-@pytest.mark.parametrize(
-    ("load", "cuts"),
-    [
-        (pulse("sine", 500.0, 0.5, 2e-3), [0.5, 0.502]),
-        (pulse("sine", 500.0, 0.3, 2e-5), [0.3, 0.30002]),
-        (pulse("box", 1.0, 0.3, 0.1), [0.3, 0.4]),
-        (lambda t: np.maximum(0.0, t - 0.3), [0.3]),
-        (lambda t: np.sign(np.sin(20.0 * np.pi * t)), [0.05 * k for k in range(1, 20)]),
-        (lambda t: 1e3 * np.sin(6.0 * t) + pulse("sine", 1.0, 0.5, 2e-3)(t), [0.5, 0.502]),
-        (lambda t: np.interp(t, [0.0, 0.2, 0.21, 1.0], [0.0, 1.0, -2.0, 0.5]), [0.2, 0.21]),
-    ],
-)
-@pytest.mark.parametrize("other", [False, True])
-def test_kinks_and_jumps_are_found_to_rounding(load, cuts, other):
-    found = parts(load, other=other)
-    assert [p.end for p in found[:-1]] == pytest.approx(cuts, abs=1e-11)
+def test_each_side_of_a_cut_sees_its_own_values():
+    found = parts(pulse("box", 1.0, 0.3, 0.1))
+    assert [p.end for p in found] == pytest.approx([0.3, 0.35, 0.4, 1.0], abs=1e-15)
     for before, after in pairwise(found):
         assert before.end == after.start
-        assert before.last <= before.end < after.first  # each side sees its own values
+        assert before.last <= before.end < after.first
 
 
-@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-5])
-def test_no_step_leaps_over_a_smooth_pulse(width):
-    """Where a Gaussian is more than 1e-6 of its height the steps are at most four widths long."""
-    found = parts(lambda t: np.exp(-(((t - 0.37) / width) ** 2)))
-    assert len(found) < 20  # and no restarts but for a change of pace
-    for p in found:
-        if p.start < 0.37 + 3.7 * width and p.end > 0.37 - 3.7 * width:
-            assert min(p.max_step, p.end - p.start) <= 4.0 * width
-
-
-def test_a_smooth_fast_load_bounds_the_step_and_a_rough_one_everywhere():
-    (sine,) = parts(lambda t: np.sin(500.0 * t))
-    assert 0.02 < sine.max_step * 500.0 / (2.0 * np.pi) < 0.5
+def test_a_load_bounds_the_step():
+    (function,) = parts(lambda t: np.sin(500.0 * t))
+    (other,) = parts(lambda t: np.sin(500.0 * t), other=True)
+    assert function.max_step == 5e-3 > other.max_step
     (harmonic,) = parts(sb.Harmonic(1.0, 500.0))
     assert harmonic.max_step * 500.0 / (2.0 * np.pi) == pytest.approx(0.25)
-    (noise,) = parts(lambda t: np.modf(1e4 * np.sin(1e7 * t))[0])
-    assert noise.max_step < 1e-4
-    (still,) = parts(lambda t: 0.0 * t)
+    (still,) = parts(sb.Constant(0.0))
     assert still.max_step == np.inf
 
 
@@ -293,11 +266,8 @@ def test_the_work_of_a_load_is_as_good_as_the_motion_where_that_asks_for_no_shor
     assert np.max(np.abs(ledger.loss)) < 1e-4 * np.max(ledger.energy)
 
 
-@pytest.mark.parametrize(
-    "method",
-    ["scipy:RK45", "scipy:BDF", *(pytest.param(m, marks=pytest.mark.slow) for m in ("diffrax:Tsit5", "kvaerno5"))],
-)
-def test_a_solver_by_its_name_in_a_library_finds_every_impact(method):
+@pytest.mark.parametrize("method", ["lsoda", pytest.param("kvaerno5", marks=pytest.mark.slow)])
+def test_a_solver_of_a_library_finds_every_impact(method):
     system, t_end = bouncing_chain(), 1.0
     exact, run = sb.reference(system, t_end), sb.reference(system, t_end, method, rtol=1e-9)
     assert exact.impacts.count > 0
@@ -417,7 +387,7 @@ def test_a_damped_stop_lets_go_where_it_starts_to_recede(method, law):
     assert run.contacts[0].fraction == pytest.approx(1.0 / 3.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("method", "way"), [(m, w) for m, w in WAYS if m in ANY_FUNCTION])
+@pytest.mark.parametrize(("method", "way"), WAYS)
 @pytest.mark.parametrize("law", [{}, {"dissipation": 1.0}])
 def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
     t = np.linspace(0.0, 3.0, 61)

@@ -155,11 +155,7 @@ def test_towards_rigid_stops_the_impulse_converges_and_the_count_does_not():
         # A node with mass behind a stiff spring bounces as with restitution 1: in 6 and 17 bounces to 7 and 9 %.
         a, b = by[cells, 1e9, rigid_beam.NODE, None], by[cells, None, rigid_beam.NODE, 1.0]
         assert a["impulse"] == pytest.approx(b["impulse"], rel=0.12)
-        massless = by[cells, None, rigid_beam.MASSLESS, None]
-        assert massless["impulse"] == pytest.approx(b["impulse"], rel=0.15)
     coarse, fine = (by[cells, None, rigid_beam.NODE, 1.0]["impacts"] for cells in (12, 24))
     assert fine > 1.5 * coarse
     conserving = [row for row in records.rows if row["method"] == rigid_beam.CONSERVING]
-    # At kappa = inf the stop moves as the loads move its massless node, and its work is a sum of order dt^2.
-    assert max(abs(row["lost"]) for row in conserving if row["kappa"] is not None) < 1e-9
-    assert max(abs(row["lost"]) for row in conserving) < 1e-3
+    assert max(abs(row["lost"]) for row in conserving) < 1e-9

@@ -5,16 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 import stiffbeam as sb
 
 STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
-
-
-def oscillator(frequency):
-    load = ([1.0], sb.Harmonic(0.3, frequency))
-    return sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[STOP])
 
 
 def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(table10, capsys):
@@ -29,20 +23,6 @@ def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(tab
     quiet = sb.reference(system, 0.05, progress=True)  # neither a terminal nor a notebook
     assert quiet.horizon == asked.horizon
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_continuation_shows_every_orbit_and_its_search_for_grazings():
-    shown: list[tuple[str, int, int]] = []
-    along, keep = np.linspace(0.5, 0.8, 8), lambda *x: shown.append(x)
-    branch = sb.continuation(oscillator, "frequency", along, lambda w: 2 * np.pi / w, grazings=True, progress=keep)
-    orbits = [x for x in shown if x[2] == 160]  # of 20 for each value, at most
-    assert [x[0] for x in orbits[:1]] == ["continuation: frequency = 0.5"]
-    # Every orbit is shown before the search for the next one; with the last one, at the end of the values, none begins.
-    assert {x[1] for x in orbits} >= set(range(1, len(branch.values) - 1))
-    assert "grazing" in {x.kind for x in branch.bifurcations}
-    assert any(x[0].startswith("continuation: grazings from frequency = ") for x in shown)
-    with pytest.raises(sb.InputError, match="progress must be True, False or a function"):
-        sb.continuation(oscillator, "frequency", along, lambda w: 2 * np.pi / w, progress="yes")  # type: ignore[arg-type]
 
 
 def test_a_study_shows_its_points(capsys):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rigid_witness
+from rigid_solutions import known
 from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
@@ -244,12 +245,10 @@ def test_contacts_that_throw_each_other_off_at_one_time_come_to_rest_together():
     assert off[-1] < 1e-4
     for mine, other in zip(exact.contacts, runs[-1].contacts, strict=True):
         assert mine.impulse == pytest.approx(other.impulse, rel=1e-5)
-    with pytest.raises(sb.SolverFailure, match="throw each other off"):
-        sb.reference(system, 3.0, "multiprecision")
 
 
 @pytest.mark.slow
 def test_where_the_witness_fails_many_digits_agree():
-    system, times = rigid_witness.random_system(PASSED_THROUGH), np.linspace(0.0, 3.0, 61)
-    exact, precise = (sb.reference(system, 3.0, method, t_eval=times) for method in ("exact", "multiprecision"))
-    assert np.max(np.abs(exact.tip - precise.tip)) < 1e-12 * np.max(np.abs(exact.tip))
+    system, truth = rigid_witness.random_system(PASSED_THROUGH), known("passed through")
+    exact = sb.reference(system, 3.0, t_eval=np.linspace(0.0, 3.0, 61))
+    assert np.max(np.abs(exact.tip[:: truth.every] - truth.tip)) < 1e-12 * np.max(np.abs(exact.tip))

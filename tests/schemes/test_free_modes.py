@@ -88,17 +88,15 @@ def falling_bar(n: int, stiffness: float) -> tuple[np.ndarray, np.ndarray, list[
     return M, K, [(np.diag(M).copy(), sb.Constant(1.0))]
 
 
-@pytest.mark.parametrize(("n", "stiffness", "kappa"), [(50, 1.0, np.inf), (10, 1e6, 1e5), (10, 1e10, 1e5)])
+@pytest.mark.parametrize(("n", "stiffness", "kappa"), [(10, 1e6, 1e5), (10, 1e10, 1e5)])
 def test_a_free_bar_falls_from_a_uniform_displacement(n, stiffness, kappa):
     """q^T K q of a motion without strain is rounding, which may be negative: no energy is lost by it."""
     M, K, weight = falling_bar(n, stiffness)
     contact = sb.Contact(np.eye(n + 1)[-1], sb.Stops(upper=0.1, stiffness=kappa))
     system = sb.System.from_matrices(M, K, loads=weight, contacts=[contact], initial_displacement=np.full(n + 1, -0.3))
-    system = system.massless_contacts() if np.isinf(kappa) else system
     run = sb.reference(system, 1.2)
     assert run.horizon > 0.7
-    # A fall by 0.4; a massless end hangs a little ahead of the others, by its weight.
-    assert run.impacts.times[0] == pytest.approx(np.sqrt(0.8), rel=1e-3 if np.isinf(kappa) else 1e-9)
+    assert run.impacts.times[0] == pytest.approx(np.sqrt(0.8), rel=1e-9)  # a fall by 0.4
 
 
 def test_only_an_overflow_is_called_one():

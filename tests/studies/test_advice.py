@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from doubt_ranks import judged as judged_source
 from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
-from systems import bouncing_chain, one_mass, thrown_case
-from typer.testing import CliRunner
+from systems import bouncing_chain, one_mass
 from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.cli import app
 from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
 from stiffbeam.studies.runner import Journal
@@ -81,45 +77,6 @@ def test_systems_it_has_not_seen(systems):
     for good, words in found:
         print(good, words)
     assert sum(good for good, _ in found) >= 0.9 * systems
-
-
-@pytest.mark.parametrize(
-    "systems",
-    [
-        pytest.param((8,), marks=pytest.mark.slow),  # where the scheme comes first
-        pytest.param(range(20), marks=pytest.mark.campaign),
-    ],
-)
-def test_it_names_the_largest_source_of_uncertainty(systems):
-    """Scheme, mesh or data of random beams with tolerances, ranked by brute force with matrix exponentials."""
-    outcomes = sum((judged_source(1, k) for k in systems), Counter())
-    assert not [name for name in outcomes if name.startswith("wrong")]
-    assert sum(n for name, n in outcomes.items() if name.startswith(("right", "alike"))) >= len(systems)
-    assert not [name for name in outcomes if name.startswith("open")]
-
-
-@pytest.mark.slow
-def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypatch):
-    """The advice ranks the wanted quantities only; the command writes the same."""
-    (tmp_path / "thrown.toml").write_text(thrown_case(0.5))
-    case = sb.load_cases(tmp_path / "thrown.toml")["thrown"]
-    want = {"tip": 0.01, "peak_force": 0.01}
-    told = []
-    found = sb.advise(case, want, schemes=[sb.HHT(alpha=-0.1)], members=8, tell=told.append)
-    assert found.recommendation is not None
-    assert told[-1].startswith(str(replace(found, doubt=None)))  # who does not wait for the rest has the advice
-    assert "its sources of uncertainty take at least " in told[-1]
-    assert [x.quantity for x in found.budgets] == ["tip", "largest force"]
-    assert found.budgets[1].dominant == "mesh"
-    assert found.budgets[0].verdict in str(found)
-    alone = sb.doubt(case, found.recommendation.scheme, found.recommendation.dt, 8)
-    assert alone["tip"] == found.budgets[0]
-    monkeypatch.chdir(tmp_path)
-    options = ["--want", "tip=0.01,peak_force=0.01", "--schemes", "hht", "--members", "8", "--json", "-"]
-    written = CliRunner().invoke(app, ["advise", "thrown.toml", *options])
-    assert json.loads(written.stdout)["doubt"] == json.loads(json.dumps(found.to_dict()["doubt"]))
-    refused = CliRunner().invoke(app, ["advise", "thrown.toml", *options, "--form", "hermite"])
-    assert isinstance(refused.exception, InputError)
 
 
 def test_the_advised_run_meets_the_want_and_its_double_step_does_not():

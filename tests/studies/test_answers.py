@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import stiffbeam as sb
-from stiffbeam.files.cases import case_of, paper_case
+from stiffbeam.files.cases import paper_case
 from stiffbeam.schemes import registered
 from stiffbeam.studies import converge, impacts, precision, rigid, study
 from stiffbeam.studies.chaos import exponents, stated
@@ -144,16 +143,3 @@ def test_the_single_exact_motion_of_impacts_is_past_its_horizon_only_there(t_end
     ends = {row["horizon"] for row in found.rows if "horizon" in row}
     assert (ends == {t_end}) == (words == "inside its horizon")
     assert f"by float64 {words}, has" in found.answer.notes
-
-
-def test_the_amplitude_at_the_drive_is_that_of_each_members_drive():
-    """|1/(1 - w^2 + i w)| in the last periods of a damped mass, w uncertain: not at the frequency of the case."""
-    load = ([1.0], sb.Harmonic(amplitude=1.0, frequency=2.0))
-    far = sb.Contact(np.ones(1), sb.Stops(upper=9.0, stiffness=50.0))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[1.0]], loads=[load], contacts=[far])
-    case = replace(case_of(system, 1e-2, 400.0), uncertain={"loads[0].time.frequency": sb.Uncertain(tolerance=0.2)})
-    w = np.array([x.loads[0][1].frequency for x in sb.uncertain_members(system, case.uncertain, 3)])
-    rows = study("ensemble", case, members=3, schemes=["ExponentialFlow"]).rows
-    for method in ("exact", "ExponentialFlow"):
-        amplitudes = [row["drive_amplitude"] for row in rows if row["method"] == method and row["kind"] == "member"]
-        np.testing.assert_allclose(amplitudes, 1.0 / np.abs(1.0 - w**2 + 1j * w), rtol=0.03)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import one_mass
 from typer.testing import CliRunner
 
 import stiffbeam as sb
@@ -17,7 +18,7 @@ from stiffbeam.studies.sweep import sections
 STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
 LOAD = ([1.0], sb.Harmonic(1.0, 2.6))
 OSCILLATOR = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[LOAD], contacts=[STOP])
-OPTIONS = {"dt": 1e-2, "t_end": 20.0, "starts": 1}
+OPTIONS = {"dt": 1e-2, "t_end": 20.0}
 VALUES = np.linspace(2.5, 2.65, 5).tolist()
 
 
@@ -42,32 +43,42 @@ def test_its_answer_names_the_flip(records):
     assert records.answer.verdict.endswith("flip at 2.59107: stable below, unstable above.")
     assert records.answer.table[0]["bifurcation"] == "flip"
     assert records.answer.table[0]["frequency"].startswith("2.59106955")
-    lengths = {row["length"] for row in records.rows if row["kind"] == "orbit"}
-    assert lengths == {1, 2}
-    doubled = [row for row in records.rows if row["kind"] == "orbit" and row["length"] == 2]
-    assert {row["phase"] for row in doubled} == {0, 1}
-    assert {row["stability"] for row in doubled} == {"stable"}
-    _, plane, portraits = records.figure().axes
+    _, plane = records.figure().axes
     assert plane.get_aspect() == 1.0
-    assert len(portraits.get_lines()) == 3
 
 
-BOTH = ("stable", "unstable")
+def test_orbits_of_two_periods_are_followed_from_the_motion():
+    found = study("orbits", OSCILLATOR, values=[2.6, 2.68], length=2, periods=2, transient=1, **OPTIONS)
+    orbits = [row for row in found.rows if row["kind"] == "orbit"]
+    assert {row["phase"] for row in orbits} == {0, 1}
+    assert found.answer.verdict == (
+        "Orbits of 2 periods over frequency 2.6 to 2.68: flip at 2.66955: stable below, unstable above."
+    )
 
 
-def test_bifurcations_at_one_value_are_one_line(records):
-    """As on the mirrored branches of a symmetric system."""
-    twice = [*records.rows, *(row | {"branch": 9} for row in records.rows if row["kind"] == "bifurcation")]
-    answer = records.study.answer(twice, records.case)
-    assert answer.verdict.endswith("flip at 2.59107: stable below, unstable above, on 2 branches.")
-    assert len(answer.table) == len(records.answer.table)
+def softly_stopped(frequency):
+    return one_mass(1.0, sb.Stops(upper=0.5, stiffness=4.0), damping=0.1, load=sb.Harmonic(0.3, frequency))
 
 
-def test_a_fold_that_two_branches_pass_in_opposite_directions_is_one_line(records):
-    row = next(row for row in records.rows if row["kind"] == "bifurcation")
-    folds = [row | {"what": "fold", "below": a, "above": b} for a, b in (BOTH, BOTH[::-1])]
-    (line,) = records.study.answer([r for r in records.rows if r["kind"] != "bifurcation"] + folds, records.case).table
-    assert line["orbits"] == "stable and unstable orbits meet, on 2 branches"
+def test_a_branch_ends_at_a_fold_and_says_so():
+    """Its distance from the orbit that it meets there falls as a square root: the last multiplier is near 1."""
+    found = study("orbits", softly_stopped(1.2), values=[1.2, 1.35], periods=2, transient=1, **OPTIONS)
+    (end,) = [row["reason"] for row in found.rows if row["kind"] == "end"]
+    assert end == "at 1.3179: a fold, where two orbits meet and the branch turns back"
+    last = max((row for row in found.rows if row["kind"] == "orbit"), key=lambda row: row["frequency"])
+    assert 0.9 < last["real"] < 1.0
+    assert "stable all along. The branch ends at 1.3179: a fold" in " ".join(found.answer.text().split())
+
+
+@pytest.mark.slow
+def test_a_branching_is_one_of_the_beams_changes():
+    """49.5998487551 by branches in pseudo-arclength. Newton's method fails close to it: the digits are fewer."""
+    stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, 49.6)
+    beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
+    found = study("orbits", beam, values=[49.58, 49.63], periods=1, transient=1, dt=1e-3, t_end=1.0)
+    (change,) = [row for row in found.rows if row["kind"] == "change"]
+    assert change["what"] == "branching"
+    assert abs(change["frequency"] - 49.5998487551) < 1e-3
 
 
 def test_couplings_and_paths_reach_the_branch():
@@ -120,7 +131,7 @@ def test_laws_and_drives_without_an_exact_period_are_refused():
 
 @pytest.mark.slow
 def test_the_command_names_its_files(tmp_path):
-    options = ["--values", "2:2.2:4", "--periods", "2", "--transient", "1", "--starts", "1", "--orbits", "4"]
+    options = ["--values", "2:2.2:4", "--periods", "2", "--transient", "1", "--count", "4"]
     case = tmp_path / "case.toml"
     case.write_text(
         '[[case]]\nname = "strip"\ndt = 1e-3\nt_end = 1.0\ncells = 4\n[case.problem]\nstiffness = 300.0\n'

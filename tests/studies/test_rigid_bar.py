@@ -73,21 +73,6 @@ def test_the_closed_form_is_that_of_the_characteristics():
 
 
 @pytest.mark.slow
-def test_the_closed_form_is_where_many_elements_go():
-    """L1 distance of the foot, massless and exact in time: first order in the size of the elements."""
-    import stiffbeam as sb
-
-    t = np.linspace(0.0, 3.0, 3001)
-    found = []
-    for cells in (50, 200):
-        system = rigid_bar.bouncing_bar(cells, sb.Stops(lower=0.0, stiffness=np.inf)).massless_contacts()
-        height = np.maximum(sb.reference(system, 3.0, t_eval=t).tip, 0.0)
-        found.append(np.mean(np.abs(height - rigid_bar.foot(t))))
-    assert found[1] < 0.35 * found[0]
-    assert found[1] < 0.01
-
-
-@pytest.mark.slow
 def test_what_the_study_shows():
     records = study(
         "rigid-bar", schemes=["Trapezoidal", "MoreauJean", "ContactStabilisedNewmark"], cells=[50], starts=3
@@ -100,10 +85,6 @@ def test_what_the_study_shows():
     def middle(name, key):
         return np.median([row[key] for row in rows[name]])
 
-    best = ("Trapezoidal", "massless node", True, None)
-    assert abs(middle(best, "energy")) < 1e-11
-    assert middle(best, "pressure") < 0.01
-    assert middle(best, "penetration") == 0.0
     assert middle(("Trapezoidal", "rigid", False, None), "energy") > 10.0  # blows up
     assert abs(middle(("MoreauJean", "rigid", False, 1.0), "energy")) < 1e-11
     assert middle(("MoreauJean", "rigid", False, 1.0), "pressure") > 0.9  # zero, then twice the force

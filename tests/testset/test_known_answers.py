@@ -209,50 +209,6 @@ def test_power_law_stops(name, lam, start):
     assert np.allclose(entries, numbers(file, "impacts"), rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["hertz", "hunt-crossley"])
-def test_power_law_stops_to_28_digits_by_taylor_series(name):
-    """heyoka's series of 50 terms in MPFR; dt = w ds with the depth w^2 makes the force kappa w^3 a polynomial.
-
-    A rotation beside them, as fast as the contact, keeps the last terms from vanishing together, which set the steps.
-    """
-    hy = pytest.importorskip("heyoka")
-    bits, file, law = 150, FILES[name], CONTACT[name]
-    answers = {what: answer["value"] for what, answer in file["answers"].items()}
-    kappa, lam, speed = law["stiffness"], law.get("dissipation", 0.0), file["system"]["initial_velocity"][0]
-    v, w, t, a, b = hy.make_vars("v", "w", "t", "a", "b")
-    pace = 2.0 / float(answers["contact_time"]) / math.sqrt(float(answers["largest_depth"]))
-    number = lambda x: mp.mpf(str(x))  # noqa: E731
-    leaving = hy.t_event(-w - 1e-40, direction=hy.event_direction.positive, fp_type=hy.real)
-    series = hy.taylor_adaptive(
-        [(v, -kappa * (w * w * w * w) * (1.0 + lam * v)), (w, 0.5 * v), (t, w), (a, -pace * b), (b, pace * a)],
-        state=[hy.real(x, bits) for x in (speed, 0.0, 0.0, 1.0, 0.0)], tol=hy.real(1e-42, bits), fp_type=hy.real,
-        prec=bits, compact_mode=True, t_events=[leaving],
-    )  # fmt: skip
-    with mp.workdps(44):
-        entry = mp.mpf(answers["impacts"][0])
-        due = [k for k, time in enumerate(times_of(file)) if entry < time < mp.mpf(answers["releases"][0])]
-        seen, outcome = 0, 0
-        while not -10 <= outcome < 0:
-            first, outcome = number(series.time), int(series.step(write_tc=True)[0])
-            last, until = number(series.time), number(series.state[2])
-            begun = number(series.update_d_output(hy.real(mp.nstr(first, 44), bits))[2])
-            for k in due[::3]:
-                since, s = mp.mpf(float(times_of(file)[k])) - entry, (first + last) / 2
-                if not begun < since <= until:
-                    continue
-                for _ in range(12):  # Newton's method
-                    state = series.update_d_output(hy.real(mp.nstr(s, 44), bits))
-                    s -= (number(state[2]) - since) / number(state[1])
-                seen += 1
-                assert abs(number(state[1]) ** 2 - mp.mpf(answers["tip"][k])) < mp.mpf(10) ** -28
-                assert abs(number(state[0]) - mp.mpf(answers["tip_velocity"][k])) < mp.mpf(10) ** -28
-        assert seen == len(due[::3]) > 7
-        speed_after, _, duration, *_ = (number(x) for x in series.state)
-        assert abs(duration / mp.mpf(answers["contact_time"]) - 1) < mp.mpf(10) ** -28
-        assert abs(entry + duration - mp.mpf(answers["releases"][0])) < mp.mpf(10) ** -28
-        assert abs(speed_after / speed + mp.mpf(answers["restitution"])) < mp.mpf(10) ** -28
-
-
 def test_what_textbooks_say_in_28_digits():
     with mp.workdps(40):
         close = lambda a, b: abs(a - mp.mpf(b)) < mp.mpf(10) ** -28 * abs(a)  # noqa: E731

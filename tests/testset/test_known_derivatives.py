@@ -76,8 +76,7 @@ def test_power_laws_by_their_scaling():
 
 
 @pytest.mark.slow
-def test_both_ways_agree_again_and_give_the_files_section():
-    pytest.importorskip("heyoka")
+def test_the_differences_made_again_give_the_files_section():
     script = ROOT / "studies" / "test_set"
     code = (
         f"import sys; sys.path.insert(0, {str(script)!r})\n"

@@ -2,10 +2,10 @@
 
 Those that other tests ask:
     Kelvin-Voigt and Hunt-Crossley restitution, Hertz    test_contact_laws
-    a ball's and a preloaded oscillator's last bounce    test_rigid_exact, test_rigid_multiprecision (40 digits)
-    speed and phase of the impact oscillator             test_rigid_exact; the rational orbit test_rigid_multiprecision
+    a ball's and a preloaded oscillator's last bounce    test_rigid_exact
+    speed and phase of the impact oscillator             test_rigid_exact; the rational orbit test_rigid_solutions
     nonsmooth modes of a chain and of the beam           test_rigid_exact
-    the chain that sticks once a period                  test_rigid_multiprecision (20 digits)
+    the chain that sticks once a period                  test_known_answers
     bars on a wall, in rational numbers                  test_rigid_bar
     what formulas for restitution deliver                test_first_impact
     cos l cosh l = -1                                    test_closed_form

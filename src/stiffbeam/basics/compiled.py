@@ -89,20 +89,6 @@ def called_from_c(signature: Any) -> Callable[[Callable[..., Any]], CFunction]:
     return lambda function: CFunction(function, signature)
 
 
-def is_compiled(kernel: Any) -> bool:
-    """True where a kernel is compiled, in this process or on disk."""
-    if kernel not in _COMPILED:
-        function = kernel.py_func
-        file = Path(function.__code__.co_filename)
-        if not kernel.signatures and not any(directory(file).rglob(f"{file.stem}.{function.__name__}-*.nbi")):
-            return False
-        _COMPILED.add(kernel)
-    return True
-
-
-_COMPILED: set[Any] = set()  # kernels, so that the disk is looked at once
-
-
 @lru_cache
 def directory(file: Path) -> Path:
     """Folder of the compiled kernels of a source file. Each version of the file and of its imports has its own folder.

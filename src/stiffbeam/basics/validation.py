@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from decimal import Decimal
@@ -341,31 +340,3 @@ def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
     if pis not in (0, 1):
         raise ValueError(f"{value!r} is not a number or a number times pi")
     return ratio, bool(pis)
-
-
-def warn_of(old: str, new: str, stacklevel: int = 3) -> None:
-    """Warn that ``old`` is now called ``new``. The warning points to the caller."""
-    warnings.warn(f"{old} is called {new} now", DeprecationWarning, stacklevel=stacklevel)
-
-
-class Renamed:
-    """An attribute under its old name. Reading it warns and returns the attribute under the new name.
-
-    >>> class Ledger:
-    ...     supplied = 3.0
-    ...     given = Renamed("supplied")
-    """
-
-    def __init__(self, new: str) -> None:
-        self.new = new
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.old = name
-        self.__doc__ = f"Deprecated: use ``{self.new}``."
-
-    def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        if instance is None:
-            return self
-        kind = type(instance).__name__
-        warn_of(f"{kind}.{self.old}", f"{kind}.{self.new}")
-        return getattr(instance, self.new)

@@ -9,7 +9,7 @@ import sys
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -36,16 +36,14 @@ from .application import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rich.console import RenderableType
 
-    from ..basics.resources import Show
     from ..files.cases import Case as CaseFile
     from ..measures.rates import ContactRates
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
-    from ..studies.doubt import Doubt
     from ..testset.integrators import Integrator
     from ..trajectory.trajectory import Reference, Trajectory
 
@@ -74,12 +72,6 @@ def compare(
     json_file: Json = None,
     cache: Annotated[bool, option("store references and use stored ones, or compute all anew")] = True,
     budget: Annotated[float, option("seconds for each reference; one that needs more ends earlier")] = BUDGET,
-    doubt: Annotated[
-        bool,
-        typer.Option(
-            "--doubt", help="add the sources of uncertainty of every scheme; for a case with a table case.uncertain"
-        ),
-    ] = False,
     rates: Annotated[
         bool,
         typer.Option("--rates", help="add rates of impacts, impulse and work at every stop, and all impacts as CSV"),
@@ -89,12 +81,9 @@ def compare(
     from ..files.cases import compared_runs, find_case
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
-    from ..studies.doubt import require_uncertain
     from ..testset.integrators import parse_integrator
 
     chosen = find_case(case)
-    if doubt:
-        require_uncertain(chosen)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
         if value is not None:
             positive(name, value)
@@ -119,36 +108,21 @@ def compare(
     with progress() as show:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
         result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
-        budgets = _doubts(result, runs, contact, show) if doubt else []
         measured = _rates(result) if rates else []
     # The answer comes first: to load matplotlib and to draw takes as long again.
     if str(json_file) != "-":
-        _print_result(result, measured, budgets, case)
+        _print_result(result, measured, case)
     with progress() as show:
         show("drawing", 0, 0)
         written += _draw(result, folder)
         written += _rate_tables(measured, folder)
         records = result.to_dict() | {"files": [path.name for path in written]}
-        records |= {"doubts": [each.to_dict() for each in budgets]} if doubt else {}
         written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     if not write_json("compare", records, json_file):
         _print_files(written, earlier)
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     if failed_runs or not result.references:
         raise typer.Exit(1)
-
-
-def _doubts(
-    result: CaseComparison, runs: Sequence[tuple[Integrator | Scheme, str]], contact: str, show: Show
-) -> list[Doubt]:
-    """The budgets of uncertainty of all schemes that have run on the case's first form."""
-    from ..schemes import Scheme
-    from ..studies.doubt import doubts
-
-    form, failed = result.case.forms[0], {label for label, _ in result.failures}
-    schemes = [one if isinstance(one, Scheme) else one.source for one, of_run in runs if of_run == form]
-    schemes = [x for x in schemes if isinstance(x, Scheme) and f"{x}@{form}" not in failed]
-    return doubts(result.case, schemes, show=show, contact=contact) if schemes else []
 
 
 def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
@@ -258,10 +232,8 @@ def _tables(result: CaseComparison, verbose: bool) -> RenderableType:
     return comparison_tables(*parts, verbose=verbose)
 
 
-def _print_result(
-    result: CaseComparison, measured: Sequence[tuple[str, ContactRates]], budgets: Sequence[Doubt], case: str
-) -> None:
-    """Print the tables, and rates and budgets of uncertainty that were asked for."""
+def _print_result(result: CaseComparison, measured: Sequence[tuple[str, ContactRates]], case: str) -> None:
+    """Print the tables, and rates that were asked for."""
     from rich.text import Text
 
     from ..measures.report import WIDTH
@@ -274,8 +246,6 @@ def _print_result(
         say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")
     for label, each in measured:
         say(f"\n{label}, rates with 95 % intervals\n{each}")
-    for budget in budgets:
-        say(f"\n{budget}")
     sys.stdout.flush()
 
 
@@ -345,9 +315,6 @@ def advise(
 ) -> None:
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
-    If the case has a table case.uncertain, the command also ranks the sources of uncertainty of the recommended run.
-    The recommendation then appears on stderr first.
-
     After every refinement a line on stderr states the smallest errors so far. An interrupted search continues when the
     command runs again.
     """
@@ -357,13 +324,9 @@ def advise(
     from ..studies.runner import Journal
 
     chosen = find_case(case)
-    wanted = None if want is None else _numbers("--want", want, "quantity=error", "tip=1e-3")
+    wanted = None if want is None else _read("--want", want, float, "quantity=error", "tip=1e-3")
     parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
     check_json(json_file)
-    if form is not None and form != chosen.forms[0] and chosen.uncertain:
-        remedy = f"use {chosen.forms[0]}, or stiffbeam doubt"
-        raise InputError("--form", form, "be the case's first to rank its uncertainties", remedy)
-    system = chosen if chosen.uncertain else chosen.system(form)
     end = chosen.t_end if t_end is None else t_end
     folder = make_folder(out if out is not None else default_folder(chosen.name))
 
@@ -373,7 +336,7 @@ def advise(
 
     with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
         advice = find(
-            system, wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
+            chosen.system(form), wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
             journal=journal,
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
@@ -385,7 +348,7 @@ def advise(
 @app.command()
 def doubt(
     case: Case,
-    uncertain: Annotated[str | None, option("path=tolerance,..., relative; default: those of the case file")] = None,
+    uncertain: Annotated[str | None, option("path=low:high,...; default: the ranges of the case file")] = None,
     scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
     dt: Dt = None,
     t_end: TEnd = None,
@@ -396,18 +359,18 @@ def doubt(
 ) -> None:
     """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
 
-    The tolerances of the data are those of the case file, in its table case.uncertain. For matrices the table
+    The ranges of the data are those of the case file, in its table case.uncertain. For matrices the table
     case.finer holds a finer model. The result names the largest source of each quantity.
     """
     from ..files.cases import find_case
-    from ..model.uncertain import Uncertain
     from ..schemes.labels import parse_run
     from ..studies.doubt import doubt as find
 
     chosen = find_case(case)
     if uncertain is not None:
-        tolerances = _numbers("--uncertain", uncertain, "path=tolerance", "stiffness=0.01")
-        chosen = replace(chosen, uncertain={path: Uncertain(tolerance=x) for path, x in tolerances.items()})
+        chosen = replace(
+            chosen, uncertain=_read("--uncertain", uncertain, _range, "path=low:high", "stiffness=270:330")
+        )
     check_json(json_file)
     parsed = None if scheme is None else parse_run(scheme)[0]
     with progress() as show:
@@ -416,15 +379,21 @@ def doubt(
         say(str(result))
 
 
-def _numbers(flag: str, text: str, form: str, example: str) -> dict[str, float]:
-    """The numbers of "name=number,..." by name."""
-    read: dict[str, float] = {}
+def _range(text: str) -> tuple[float, float]:
+    """Two numbers of "low:high". Raises ValueError."""
+    low, high = map(float, text.split(":"))
+    return low, high
+
+
+def _read(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
+    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
+    read: dict[str, Any] = {}
     for item in filter(None, text.split(",")):
         name, _, value = (part.strip() for part in item.rpartition("="))
         if name in read:
-            raise InputError(flag, text, f"name {name} once", "leave one of its numbers out")
+            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
         try:
-            read[name] = float(value)
+            read[name] = value_of(value)
         except ValueError:
             raise InputError(flag, item, f"read {form}", f"for example {example}") from None
     return read

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
@@ -14,11 +14,10 @@ from typing import Any
 from ..basics.units import Units
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
+from ..model.members import varied_members
 from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
-from ..model.reduction import ReducedModel
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..model.uncertain import KINDS, Uncertain, uncertain_members
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from .paper import case_blocks, paper_text
@@ -44,8 +43,8 @@ class Case:
         Values that the source reports, by kind and run.
     notes : sequence of str
         What is inferred rather than stated in the source, each with its reason.
-    uncertain : mapping of path to Uncertain
-        Distributions of parameters, from which ensembles are drawn.
+    uncertain : mapping of path to (low, high)
+        Ranges of parameters, from which ``doubt`` draws.
 
     Examples
     --------
@@ -64,7 +63,7 @@ class Case:
     runs: tuple[tuple[Scheme, str], ...]
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    uncertain: Mapping[str, Uncertain] = field(default_factory=dict)
+    uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def beam(self) -> BeamProblem | None:
@@ -108,27 +107,22 @@ class Case:
 class SystemCase(Case):
     """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam.
 
-    finer: the same structure on a finer mesh, or a function that returns it, from which ``doubt`` estimates the error
-    of the mesh.
+    finer: the same structure on a finer mesh, from which ``doubt`` estimates the error of the mesh.
     """
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
     matrices: System = field(kw_only=True)
-    finer: System | Callable[[], System] | None = field(kw_only=True, default=None, repr=False, compare=False)
+    finer: System | None = field(kw_only=True, default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if isinstance(self.finer, System) and _excited(self.finer) != _excited(self.matrices):
+        finer, remedy = self.finer, "describe the same structure on a finer mesh"
+        if finer is not None and _excited(finer) != _excited(self.matrices):
             rule = "have as many loads as the system, and its contacts with the same stops"
-            raise InputError("finer", repr(self.finer), rule, "describe the same structure on a finer mesh")
-        if isinstance(self.finer, System):
-            self._require_finer(self.finer)
-
-    def _require_finer(self, finer: System) -> System:
-        if finer.size <= self.matrices.size:
+            raise InputError("finer", repr(finer), rule, remedy)
+        if finer is not None and finer.size <= self.matrices.size:
             rule = f"have more than the {self.matrices.size} unknowns of the system"
-            raise InputError("finer", f"{finer.size} unknowns", rule, "describe the same structure on a finer mesh")
-        return finer
+            raise InputError("finer", f"{finer.size} unknowns", rule, remedy)
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
@@ -168,8 +162,8 @@ class SystemCase(Case):
         return self.matrices
 
     def refined(self, form: str) -> System | None:
-        """The finer model, if there is one. Raises InputError where it has no more unknowns than the system."""
-        return None if self.finer is None else self._require_finer(self.finer() if callable(self.finer) else self.finer)
+        """The finer model, if there is one."""
+        return self.finer
 
 
 def _excited(system: System) -> tuple[int, list[Stops]]:
@@ -184,7 +178,7 @@ def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
 
 
 def case_of(
-    system: System | ReducedModel,
+    system: System,
     dt: float | None,
     t_end: float | None,
     name: str = "system",
@@ -192,12 +186,8 @@ def case_of(
 ) -> Case:
     """A case of a System, with its ``default_schemes``; one that is a beam on a grid as it stands keeps both.
 
-    finer: see ``SystemCase``; of a ReducedModel by default one of twice as many modes. Raises InputError without a step
-    and a time span, which a System does not have.
+    finer: see ``SystemCase``. Raises InputError without a step and a time span, which a System does not have.
     """
-    more: System | Callable[[], System] | None = finer
-    if isinstance(system, ReducedModel):
-        more, system = finer or system.refined, system.system
     instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
     if dt is None or t_end is None:
         raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
@@ -210,7 +200,7 @@ def case_of(
         same = case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form
         if same and finer is None:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=more)
+    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=finer)
 
 
 MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
@@ -425,10 +415,6 @@ class _Reader(Reader):
         system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).model()
         more = self.get("finer", dict, "be a table", None)
         finer: Any = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).model()
-        if isinstance(system, ReducedModel):
-            finer, system = finer or system.refined, system.system
-        if isinstance(finer, ReducedModel):
-            finer = finer.system
         beam = None if problem is None else problem.problem()
         all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
         # Runs, in the form that fits what is solved.
@@ -466,37 +452,27 @@ class _Reader(Reader):
             wrong = next((form for _, form in parsed if form != "matrices"), None)
             if wrong is not None:
                 raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
-            return self.drawn_from(self.build(SystemCase, matrices=system, finer=finer, **common))
+            return self.varied(self.build(SystemCase, matrices=system, finer=finer, **common))
         assert beam is not None
         if finer is not None:
             raise self.error("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
         cells = self.build(integer, "cells", self.get("cells", int, "be an integer >= 4"), 4)
-        return self.drawn_from(Case(problem=beam, cells=cells, **common))
+        return self.varied(Case(problem=beam, cells=cells, **common))
 
-    def uncertain(self) -> dict[str, Uncertain]:
-        """Distributions by path; a dotted key without quotes is a path too."""
+    def uncertain(self) -> dict[str, tuple[float, float]]:
+        """Ranges by path."""
+        ranges = self.get("uncertain", dict, "be a table of paths", {})
+        for path, ends in ranges.items():
+            numbers = isinstance(ends, list) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
+            if not numbers or not ends[0] < ends[1]:
+                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
+                raise self.error(f'uncertain."{path}"', ends, "be a range of two increasing numbers", remedy)
+        return {path: (float(ends[0]), float(ends[1])) for path, ends in ranges.items()}
 
-        # A dotted key makes nested tables: they end at a table that states a distribution.
-        def entries(table: dict[str, Any], path: str) -> Iterator[tuple[str, Any]]:
-            for key, value in table.items():
-                whole = f"{path}.{key}" if path else key
-                if isinstance(value, dict) and not set(value) & set(KINDS):
-                    yield from entries(value, whole)
-                else:
-                    yield whole, value
-
-        uncertain: dict[str, Uncertain] = {}
-        for path, value in entries(self.get("uncertain", dict, "be a table of paths", {}), ""):
-            options = value if isinstance(value, dict) else {"tolerance": value}
-            where = f'{self.where}.uncertain "{path}"'
-            type(self)(options, where).only(set(KINDS))
-            uncertain[path] = type(self)(options, where).build(Uncertain, **options)
-        return uncertain
-
-    def drawn_from(self, case: Case) -> Case:
-        """The case, after one draw of its uncertain parameters: a path that it does not have is refused here."""
+    def varied(self, case: Case) -> Case:
+        """The case; a path that it does not have, and an end of a range that no system can have, are refused here."""
         if case.uncertain:
-            self.build(uncertain_members, case.system(), case.uncertain, 1)
+            self.build(varied_members, case.system(), case.uncertain)
         return case
 
     def problem(self) -> BeamProblem:

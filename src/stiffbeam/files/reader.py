@@ -16,7 +16,7 @@ from ..model.contact import Contact, Stops
 from ..model.contact_law import LINEAR
 from ..model.modes import modal_damping
 from ..model.problem import PolynomialProfile
-from ..model.reduction import ReducedModel, reduce_model
+from ..model.reduction import reduce_model
 from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
@@ -279,7 +279,6 @@ class Reader:
 
 FIELDS = {"mass", "stiffness", "damping", "modal_damping", "loads", "contacts", "units"}
 LARGE = 2000  # unknowns, from which on it is worth a warning before their dense matrices are made
-LOST = 1e-3  # of initial data or of a static deflection: more is told
 VECTORS = {"observe", "initial_displacement", "initial_velocity"}
 ROW = "be a list of numbers, the name of a file, or a table { unknown = number }, unknowns counted from 0"
 
@@ -287,17 +286,13 @@ ROW = "be a list of numbers, the name of a file, or a table { unknown = number }
 class SystemReader(Reader):
     """Reads a system, its loads { row, time function } and its contacts { row, stops, offset }."""
 
-    def model(self) -> System | ReducedModel:
-        """The system, or where the table has ``modes`` its reduced model."""
+    def model(self) -> System:
+        """The system, reduced where the table has ``modes``."""
         if "modes" not in self.table:
             return self.system()
         modes = self.get("modes", int, "be an integer")
         make_it = partial(reduce_model, modes=modes, modal_damping=self._ratio())
-        model: ReducedModel = self._made(make_it, FIELDS | VECTORS | {"modes"})
-        if max(model.initial_data_error, model.static_error) > LOST:
-            lost = f"{model.initial_data_error:.2g} of the initial data, {model.static_error:.2g} of a deflection"
-            warnings.warn(f"{self.where}: {modes} modes lose {lost}: keep more", stacklevel=2)
-        return model
+        return self._made(make_it, FIELDS | VECTORS | {"modes"})[0]
 
     def system(self) -> System:
         """The system of the whole table; InputError names the field that is wrong."""

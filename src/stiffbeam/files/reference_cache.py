@@ -46,7 +46,7 @@ def cached_reference(
     compute the same reference leave one good file. Files that have not been used for longest are deleted when the cache
     exceeds a gigabyte.
 
-    A multiprecision reference that is confirmed to t_end can be evaluated at any time, except with rigid stops. The
+    A multiprecision reference that is confirmed to t_end can be evaluated at any time. The
     others are loaded without states: with outputs, impacts, energy, horizon, work and provenance, as
     ``provenance["kept"]`` states. "exact" is solved again, which takes no longer than reading a file.
 
@@ -134,7 +134,7 @@ def _file(
             positive(name, value)
     # A bare callable has no content to make a key of.
     require_closed_form(system.time_functions, "a cached reference", "sample it: Sampled(t, values, 'cubic')")
-    anytime = method == "multiprecision" and digits == "auto" and not system.rigid  # frozen, it answers at any time
+    anytime = method == "multiprecision" and digits == "auto"  # frozen, it answers at any time
     key = {
         "fingerprint": system.fingerprint,
         "t_end": float(t_end),

@@ -14,13 +14,13 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.storage import Arrays, read_netcdf, require_whole, write_netcdf
+from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
@@ -32,20 +32,21 @@ from ..references import solve
 from ..references.exact.piecewise import reference_of
 from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
-from ..trajectory.schema import BEFORE, FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
+from ..trajectory.schema import FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
 from .cases import parse_case
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 FROZEN_FORMAT = 1
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
 
 
 def can_freeze(reference: Reference) -> bool:
-    """Return True if the solution is multiprecision, confirmed to its end, and between compliant stops. Segments
-    between rigid stops cannot be integrated again in float64."""
-    system, t_end = reference.system, float(reference.provenance["t_end"])
-    confirmed = reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
-    return confirmed and system is not None and not system.rigid
+    """Return True if the solution is multiprecision and confirmed to its end."""
+    t_end = float(reference.provenance["t_end"])
+    return reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
 
 
 def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
@@ -60,8 +61,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     """
     t_end = float(reference.provenance["t_end"])
     if not can_freeze(reference):
-        rule = "be multiprecision and confirmed to t_end, with compliant stops"
-        raise InputError("reference", reference.label, rule, "give more digits; of rigid stops save the outputs")
+        raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
     assert reference.system is not None
     # The case has to make the system of the reference: a file is read back by its case alone.
     if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
@@ -78,9 +78,9 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     else:
         raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
     # Attributes of the trial, then the hash of the whole.
-    data.attributes["bound"] = BOUND
-    data.attributes["deviation"] = deviation
-    data.attributes["hash"] = _hash(data)
+    data.attrs["bound"] = BOUND
+    data.attrs["deviation"] = deviation
+    data.attrs["hash"] = _hash(data)
     path = write_netcdf(data, file, compression=9)
     return {
         "file": path.name,
@@ -91,7 +91,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         **contact_facts(reference),
         "bound": BOUND,
         "seconds": round(reference.work.seconds, 1),
-        "hash": data.attributes["hash"],
+        "hash": data.attrs["hash"],
     }
 
 
@@ -105,32 +105,32 @@ def contact_facts(run: Trajectory) -> dict[str, float]:
     }
 
 
-def load_frozen(data: Arrays, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
+def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
     """The Reference in an opened file. Its content is checked against the hash, and its events are computed again.
 
     system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
     begun = time.perf_counter()
     # What the file is, whether it is whole, and whether it is of this system.
-    if data.attributes["stiffbeam_frozen"] != FROZEN_FORMAT:
+    if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
         raise InputError(
             "file",
             str(path),
             f"be of format {FROZEN_FORMAT}",
-            f"it has {data.attributes['stiffbeam_frozen']}: remake it",
+            f"it has {data.attrs['stiffbeam_frozen']}: remake it",
         )
-    if data.attributes.get("hash") != _hash(data):
+    if data.attrs.get("hash") != _hash(data):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
     if system is None:
-        if not data.attributes["case"]:
+        if not data.attrs["case"]:
             raise InputError("file", str(path), "hold its case", "read it together with its system")
-        system = _system_of(data.attributes["case"], str(path), data.attributes["form"])
-    if system.fingerprint != data.attributes["fingerprint"]:
+        system = _system_of(data.attrs["case"], str(path), data.attrs["form"])
+    if system.fingerprint != data.attrs["fingerprint"]:
         raise InputError(
             "file", str(path), "describe the system that its case makes", "this version differs: remake it"
         )
-    t_end = float(data.attributes["t_end"])
-    notes = json.loads(data.attributes["provenance"])
+    t_end = float(data.attrs["t_end"])
+    notes = json.loads(data.attrs["provenance"])
     # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     reference = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
@@ -189,7 +189,7 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
             span *= 2
 
 
-def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> Arrays:
+def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
     """Event times, and states at the start of the segments ``stored``."""
     assert reference.system is not None
     sides = solution.sides.astype(np.int8)
@@ -225,15 +225,19 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
         "q": (("stored", "node"), q, "displacement v = u - phi (1 - (x/L)^2) at the nodes"),
         "q_rate": (("stored", "node"), v, "its rate"),
     }
-    return Arrays({name: (dims, x, {"long_name": text}) for name, (dims, x, text) in variables.items()}, attributes)
+    import xarray as xr
+
+    return xr.Dataset(
+        {name: (*entry[:2], {"long_name": entry[2]}) for name, entry in variables.items()}, attrs=attributes
+    )
 
 
-def _march(system: System, data: Arrays, source: str) -> Motion:
+def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     """Integrate again from stored state to stored state, and compare every event with the file."""
     tracer = tracer_of(system)
-    times, sides = data["switch_time"], data["side"].astype(np.int64)
+    times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
     sides = sides[:, None] if sides.ndim == 1 else sides
-    stored, t_end = data["stored_switch"], float(data.attributes["t_end"])
+    stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
     parts: list[Motion] = []
     for row, piece in enumerate(stored):
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
@@ -241,7 +245,7 @@ def _march(system: System, data: Arrays, source: str) -> Motion:
         until = (
             0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
         )
-        q, v = data["q"][row], data["q_rate"][row]
+        q, v = data["q"].values[row], data["q_rate"].values[row]
         part = tracer.trace(float(times[piece]), *_contact_state(sides, piece, q, v), float(until))
         # The events must be those of the file, in sides and in times.
         count = last - piece
@@ -261,7 +265,7 @@ def _contact_state(
     return tuple(sides[piece].tolist()), q, v, resting
 
 
-def _deviation(data: Arrays, a: Motion, reference: Reference) -> float:
+def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
     """Largest difference in position of a contact or the tip over max |u|, in the middle of every segment, between
     ``a`` and the motion from the file; infinite if the events differ."""
     assert reference.system is not None
@@ -283,9 +287,9 @@ def _positions(system: System, solution: Motion, t: Array) -> Array:
     return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
 
 
-def _hash(data: Arrays) -> str:
+def _hash(data: xr.Dataset) -> str:
     """Hash of the content of the file, without the hash itself and machine-dependent entries."""
-    return data.hash(data.attributes.keys() - {"hash", "deviation"})
+    return content_hash(data, map(str, data.attrs.keys() - {"hash", "deviation"}))
 
 
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
@@ -331,72 +335,66 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         require_system(system)
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
-        # The checksum comes first: HDF5 may hang or crash on a damaged file.
-        require_whole(path)
         data = read_netcdf(path)
-        if "stiffbeam_frozen" in data.attributes:
+        if "stiffbeam_frozen" in data.attrs:
             return load_frozen(data, path, system, t_eval)
         return _from_arrays(data, path, system)
     except InputError:
         raise
-    except Exception as error:  # whatever HDF5 raises for what another tool has written
-        remedy = f"it is damaged, make it again: {error}"
+    except Exception as error:  # a file that another tool has written may lack anything
+        remedy = f"make it again: {error}"
         raise InputError("file", str(path), "be a whole netCDF-4 file", remedy) from None
 
 
-def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
+def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
     # Kind of file, content and system, in this order.
-    if data.attributes.get("stiffbeam_format") not in (2, FORMAT):
-        rule = f"be a stiffbeam trajectory of format 2 or {FORMAT}"
-        remedy = f"it has format {data.attributes.get('stiffbeam_format')}: save the run again"
+    if data.attrs.get("stiffbeam_format") != FORMAT:
+        rule = f"be a stiffbeam trajectory of format {FORMAT}"
+        remedy = f"it has format {data.attrs.get('stiffbeam_format')}: save the run again"
         raise InputError("file", str(path), rule, remedy)
-    if data.attributes["kind"] == "ensemble":
+    if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
-    if data.attributes.get("hash") != data.hash(HASHED):
+    if data.attrs.get("hash") != content_hash(data, HASHED):
         raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
-    if system is not None and system.fingerprint != data.attributes["fingerprint"]:
+    if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         remedy = "it is of another one: read it with that, or alone"
         raise InputError("file", str(path), "be of the system it is read with", remedy)
-    # Files of older formats have other names.
-    data = data.renamed(BEFORE)
-    contacts, kinds = [], data.attributes["impact_kind"].split(",")  # one for all contacts, or one for each
-    for i, stops_data in enumerate(json.loads(data.attributes["stops"])):
-        mine = data["impact_contact"] == i
-        columns: Any = {field: data[name][mine] for field, name in IMPACT_FIELDS.items()}
-        impacts = Impacts(**columns, kind=kinds[i % len(kinds)])
-        if "impact_open_at_start" in data:  # older files have no such rows
-            impacts = impacts.started(data["impact_open_at_start"][mine] > 0)
+    contacts, kinds = [], data.attrs["impact_kind"].split(",")
+    for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
+        mine = data["impact_contact"].values == i
+        columns: Any = {field: data[name].values[mine] for field, name in IMPACT_FIELDS.items()}
+        impacts = Impacts(**columns, kind=kinds[i]).started(data["impact_open_at_start"].values[mine] > 0)
         contacts.append(
             ContactRecord(
                 stops=Stops.of(stops_data),
                 impacts=impacts,
-                position=data["contact_position"][i],
-                velocity=data["contact_velocity"][i],
-                force=data["contact_force"][i],
-                fraction=float(data["contact_fraction"][i]),
-                peak_force=float(data["contact_peak_force"][i]),
-                impulse=float(data["contact_impulse"][i]),
+                position=data["contact_position"].values[i],
+                velocity=data["contact_velocity"].values[i],
+                force=data["contact_force"].values[i],
+                fraction=float(data["contact_fraction"].values[i]),
+                peak_force=float(data["contact_peak_force"].values[i]),
+                impulse=float(data["contact_impulse"].values[i]),
             )
         )
-    work, notes = json.loads(data.attributes["work"]), json.loads(data.attributes["provenance"])
+    work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
     common: dict[str, Any] = {
-        "t": data["time"],
-        "tip": data["tip"],
-        "tip_velocity": data["tip_velocity"],
+        "t": data["time"].values,
+        "tip": data["tip"].values,
+        "tip_velocity": data["tip_velocity"].values,
         "contacts": tuple(contacts),
         "work": Work(**work),
         "provenance": notes | {"method": run_label(notes["method"])},
-        "stored_fingerprint": data.attributes["fingerprint"],
+        "stored_fingerprint": data.attrs["fingerprint"],
         "system": system,
     }
     # A system allows more than the file holds: its states and fields are computed on first use.
-    if data.attributes["kind"] == "reference":
+    if data.attrs["kind"] == "reference":
         again = None if system is None else _solved_again(system, common["provenance"])
         state_at = None if again is None else partial(_states_at, again)
         evaluate = partial(_values_at, common, again)
         run = Reference(
             **common,
-            horizon=float(data.attributes["horizon"]),
+            horizon=float(data.attrs["horizon"]),
             evaluate=evaluate,
             state_at=state_at,
             contact_by_events=None if again is None else partial(_contact_between, again),
@@ -404,7 +402,7 @@ def _from_arrays(data: Arrays, path: Path, system: System | None) -> Trajectory:
         )
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
-    energies = {field: data[name] for field, name in LEDGER_FIELDS.items() if name in data}
+    energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
     # The cached property is filled in: without states nothing could compute it.
     if energies:
         run.__dict__["energy"] = Ledger(run.t, **energies)

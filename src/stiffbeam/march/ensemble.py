@@ -33,7 +33,7 @@ def integrate_ensemble(
     since: float = 0.0,
     executor: Executor | None = None,
 ) -> Ensemble:
-    """Return the runs of all members of an ensemble, on all cores; each is equal to the bit to its single run.
+    """Return the runs of all members of an ensemble, on all cores; each equals its single run to rounding.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def integrate_ensemble(
     scheme : Scheme
     dt, t_end : float
     members : EnsembleMembers or sequence of System
-        From ``perturbed_members``, ``varied_members`` or ``uncertain_members``, or systems that differ from
+        From ``perturbed_members`` or ``varied_members``, or systems that differ from
         ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
         own are set up one by one.
     contact : {"implicit", "extrapolated", "conserving"}

@@ -84,7 +84,9 @@ def phase_lag(
     unshifted = float(np.sqrt(J(0.0) / scale))
     if best in (0, GRID - 1):
         return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
-    result: Any = minimize_scalar(J, bracket=(shifts[best - 1], shifts[best], shifts[best + 1]), method="brent")
+    # Bounded, since a bracket needs a minimum that rises above rounding on both sides.
+    bounds = float(shifts[best - 1]), float(shifts[best + 1])
+    result: Any = minimize_scalar(J, bounds=bounds, method="bounded", options={"xatol": 1e-10})
     return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)
 
 
@@ -186,7 +188,9 @@ class Comparison:
     pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
 
     def tip_error_to(self, time: float) -> float:
-        """The rms of ``error`` on [0, time], time within the window."""
+        """The rms of ``error`` on [0, time], 0 < time <= window. Raises InputError for any other time."""
+        if not 0.0 < time <= self.window * (1 + 1e-12):
+            raise InputError("time", time, f"lie in (0, {self.window:g}], the window", "use .window or .matched_until")
         inside = steps_to(self.times, time)
         return rms(self.error[:inside], self.times[:inside])
 

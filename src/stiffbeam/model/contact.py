@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, positive
+from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
 from ..kernels.contact import contact_forces
 from .contact_law import (
     G1,
@@ -58,8 +58,7 @@ class Stops(Parameters):
     dissipation : float
         lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
     restitution : float, optional
-        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None where no impact law is needed, see
-        ``System.massless_contacts``.
+        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for schemes without an impact law.
     position : float, optional
         Beams only: the place x along the beam; None is the tip. A contact of matrices has its row instead.
     motion : time function, optional
@@ -169,9 +168,6 @@ class Stops(Parameters):
     def sides(self) -> list[tuple[int, float]]:
         """(side, stop) of every side that has a stop, the upper one first."""
         return [(side, self.bound(side)) for side in (1, -1) if math.isfinite(self.bound(side))]
-
-    g1: ClassVar = Renamed("lower_bound")
-    g2: ClassVar = Renamed("upper_bound")
 
     @property
     def rigid(self) -> bool:

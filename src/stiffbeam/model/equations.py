@@ -8,13 +8,10 @@ batch axes in the middle, so that many unit states are stepped at once. A scheme
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 
 from ..basics.arrays import MOST, Array, Recent, content
 from ..basics.validation import InputError
@@ -83,35 +80,32 @@ class Equation:
 
 
 class Matrices(Equation):
-    """Matrices (n, n), by their entries and bands where these are few; factorisations are kept, so a fixed step pays
-    for one. ``entries``: how many numbers a product with all three takes."""
+    """Matrices (n, n); factorisations are kept, so a fixed step pays for one."""
 
     def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        products = [_product(x) for x in (mass, damping, stiffness)]
-        self._products, self.entries = [x for x, _ in products], sum(count for _, count in products)
         self._factors: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""
-        return self._products[0](x)
+        return x @ self._mass
 
     def damping(self, x: Array) -> Array:
         """C x for every row of x."""
-        return self._products[1](x)
+        return x @ self._damping.T
 
     def stiffness(self, x: Array) -> Array:
         """K x for every row of x."""
-        return self._products[2](x)
+        return x @ self._stiffness
 
     def solve(self, a: float, b: float, x: Array) -> Array:
         """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
         # A run of fixed steps uses one pair (a, b) or a few: each is factorised once.
         if (a, b) not in self._factors:
-            self._factors[a, b] = _inverse(self._mass + a * self._damping + b * self._stiffness)
+            self._factors[a, b] = scipy.linalg.cho_factor(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
         # An overflow goes on as infinity, which the march sees.
-        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
+        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
@@ -140,32 +134,6 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[floa
     B = np.vstack([np.zeros((n, n)), inverse / fastest])
     E, P, Q = (x.copy() for x in responses(A, B, t))  # without the matrix that they are parts of
     return fastest, E, P, Q
-
-
-LARGE, FEW = 128, 0.125  # unknowns, and the share of a matrix, from which on its zeros are left out
-
-
-def _product(matrix: Array) -> tuple[Callable[[Array], Array], int]:
-    """x -> x @ matrix of a symmetric matrix, and how many numbers it takes."""
-    n, entries = len(matrix), int(np.count_nonzero(matrix))
-    if n < LARGE or entries > FEW * n * n:
-        return lambda x: x @ matrix, n * n
-    rows = scipy.sparse.csr_array(matrix)
-    return lambda x: (rows @ x.reshape(-1, n).T).T.reshape(x.shape), entries
-
-
-def _inverse(matrix: Array) -> Callable[..., Array]:
-    """x -> matrix^-1 x of a positive definite matrix."""
-    n, (i, j) = len(matrix), np.nonzero(matrix)
-    # Cholesky's factor keeps the band: a narrow one costs n width^2 in place of n^3.
-    width = int(np.max(j - i))
-    if n < LARGE or width > FEW * n:
-        return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
-    bands = np.zeros((width + 1, n))
-    for k in range(width + 1):
-        # LAPACK's storage of the upper half: diagonal k is row width - k.
-        bands[width - k, k:] = np.diagonal(matrix, k)
-    return partial(scipy.linalg.cho_solve_banded, (scipy.linalg.cholesky_banded(bands), False))
 
 
 class Modal(Equation):

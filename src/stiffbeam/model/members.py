@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from numbers import Real
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,6 @@ from ..basics.arrays import Array, same
 from ..basics.resources import afford
 from ..basics.validation import (
     InputError,
-    Renamed,
     instance,
     integer,
     itself,
@@ -104,8 +103,6 @@ class EnsembleMembers(Sequence[System]):
             ):
                 remedy = "make the others with replace(contact, stops=...)"
                 raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
-
-    chosen: ClassVar = Renamed("subset")
 
     @property
     def separate(self) -> bool:

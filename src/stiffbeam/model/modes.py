@@ -296,7 +296,7 @@ def graded_eigenpairs(
             return squares, X
     seconds = 60.0 * (len(X) / MINUTE) ** 2 * (slow / MINUTE)
     if seconds > 60.0:
-        advice = "reduce_model(..., modes=40).system, or modes = 40 in [case.system], keeps those that matter"
+        advice = "reduce_model(..., modes=40), or modes = 40 in [case.system], keeps those that matter"
         warnings.warn(f"the modes of {len(X)} unknowns will take about {seconds:.0f} s: {advice}", stacklevel=2)
     few, Y = _refined(mass, stiffness, springs, X[:, :slow])
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])

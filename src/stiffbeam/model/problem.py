@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.units import NON_DIMENSIONAL, SI, Units
-from ..basics.validation import InputError, Renamed, itself, non_negative, number, numbers, one_of, positive, sequence
+from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
 
@@ -360,8 +360,6 @@ class BeamProblem:
             rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
             raise InputError(field, f"{len(self.all_stops)} stops", rule, remedy)
         return self.stops
-
-    one_stops: ClassVar = Renamed("single_stops")
 
     @property
     def for_elements(self) -> tuple[str, ...]:

@@ -1,21 +1,21 @@
-"""Thousands of unknowns in the modes that matter: a small System from sparse matrices, with its truncation error.
+"""Thousands of unknowns in the modes that matter: a small System from sparse matrices.
 
     q = T z,   T = [phi_1 .. phi_k, K^-1 p for every load, contact and observed row p],   T^T M T = I
 
 Galerkin's projection on the lowest k modes and on what the forces do statically. So the deflection under a constant
 force of any load or contact is exact whatever k is (static correction), and the dynamic error is that of the modes
 left out, at frequency w of the order (w/w_{k+1})^4. Unknowns without mass follow the others statically. No dense
-n x n matrix is made: one sparse factor of K, and one of K - w^2 M for each ``error_at``.
+n x n matrix is made, only one sparse factor of K.
 
 Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes).
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, instance, integer, non_negative, numbers, sequence
+from ..basics.validation import InputError, instance, integer, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
 from .system import System, unsymmetric
@@ -35,81 +35,8 @@ from .time_functions import LoadFunction
 DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
 MASSLESS = 1e-13  # of the largest eigenvalue of M: a smaller one is rounding of 0
 INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
-SOFT = 1e-6  # of its strain energy: a static deflection that has lost more is remarked on
+LOST = 1e-3  # of the norm of initial data, and of the strain energy of a deflection: more is worth a warning
 HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing holds
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ReducedModel:
-    """A reduced system of r unknowns z with q = T z.
-
-    Parameters
-    ----------
-    system : System
-        Of z, diagonal without damping.
-    basis : array (n, r)
-        T.
-    omega : array (k,)
-        Natural frequencies that were kept.
-    first_omitted : float
-        The next one.
-    initial_data_error : float
-        Share of the norms |q0|_M, |v0|_M of the initial data that T does not hold.
-    static_error : float
-        Share of the strain energy of a static deflection that T does not hold, the largest over loads, contacts and the
-        observed row. Larger than rounding where a deflection moves little mass, such as that of a load on unknowns
-        without mass.
-    mass, stiffness : array (n, n)
-    rows : array
-    reduce : function
-        Reduction of the same model to another number of modes.
-    """
-
-    system: System
-    basis: Array
-    omega: Array
-    first_omitted: float
-    initial_data_error: float
-    static_error: float
-    mass: Any = field(repr=False)
-    stiffness: Any = field(repr=False)
-    rows: Array = field(repr=False)
-    reduce: Callable[[int], ReducedModel] = field(repr=False)
-
-    left_out: ClassVar = Renamed("first_omitted")
-    start_lost: ClassVar = Renamed("initial_data_error")
-    static_lost: ClassVar = Renamed("static_error")
-
-    def __repr__(self) -> str:
-        kept = (
-            f"{len(self.omega)} modes to {self.omega[-1]:.4g} and {self.basis.shape[1] - len(self.omega)} deflections"
-        )
-        lost = f", {self.static_error:.2g} of a static deflection lost" if self.static_error > SOFT else ""
-        return f"<ReducedModel: {len(self.basis)} unknowns in {kept}, first left out {self.first_omitted:.4g}{lost}>"
-
-    def expand(self, z: ArrayLike) -> Array:
-        """q = T z; z (..., r) gives (..., n)."""
-        return np.asarray(z, float) @ self.basis.T
-
-    def refined(self) -> System:
-        """The system with twice as many modes, from which ``doubt`` estimates the truncation error. Raises InputError
-        where the model has no more."""
-        return self.reduce(2 * len(self.omega)).system
-
-    def error_at(self, frequency: float) -> float:
-        """The truncation error at an angular frequency, undamped: the largest over the loads, contacts and the
-        observed row of |R - R_r|/|R|, R = (K - w^2 M)^-1 p in the norm of M, R_r that of the reduced system; 1 for a
-        force that moves no mass."""
-        w2 = non_negative("frequency", frequency) ** 2
-        exact = scipy.sparse.linalg.splu((self.stiffness - w2 * self.mass).tocsc()).solve(self.rows)
-        deflections = self.basis @ np.linalg.solve(
-            self.system.stiffness - w2 * self.system.mass, self.basis.T @ self.rows
-        )
-        norm = lambda x: np.sqrt(np.sum(x * (self.mass @ x), axis=0))  # noqa: E731
-        size = norm(exact)
-        # A load of zeros moves nothing, and nothing of it is lost.
-        lost = np.any(self.rows, axis=0).astype(float)
-        return float(np.max(np.divide(norm(deflections - exact), size, out=lost, where=size > 0.0), initial=0.0))
 
 
 def reduce_model(
@@ -124,8 +51,11 @@ def reduce_model(
     modes: int = 40,
     units: Units = UNKNOWN,
     modal_damping: float | Sequence[float] = 0.0,
-) -> ReducedModel:
-    """Return a large system reduced to natural modes and static deflections, by Craig and Bampton's idea.
+) -> tuple[System, Array]:
+    """Return a large system reduced to natural modes and static deflections, and T (n, r) with q = T z.
+
+    Warns where T holds too little of the initial data or of a static deflection, such as that of a load on unknowns
+    without mass.
 
     Parameters
     ----------
@@ -142,7 +72,10 @@ def reduce_model(
 
     Returns
     -------
-    ReducedModel
+    system : System
+        Of the r unknowns z, diagonal without damping.
+    basis : array (n, r)
+        T. A row of the large model becomes ``row @ basis``.
 
     Raises
     ------
@@ -157,9 +90,9 @@ def reduce_model(
     >>> n = 200
     >>> stiffness = n**2 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     >>> contact = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.1, stiffness=1e4))
-    >>> small = sb.reduce_model(np.eye(n), stiffness, contacts=[contact], initial_velocity=np.ones(n), modes=10)
-    >>> small.system.size < 20
-    True
+    >>> system, basis = sb.reduce_model(np.eye(n), stiffness, contacts=[contact], modes=10)
+    >>> system.size, basis.shape
+    (11, (200, 11))
     """
     M, K = (_symmetric(name, x) for name, x in (("mass", mass), ("stiffness", stiffness)))
     n = int(M.shape[0])  # type: ignore[index]
@@ -176,7 +109,7 @@ def reduce_model(
     if factor is None or np.min(pivots) < HELD * np.max(pivots):
         raise strainless
     # Natural modes, and the static deflection of every force.
-    squares, shapes = _lowest(M, K, factor.solve, modes)
+    T = _lowest(M, K, factor.solve, modes)
     for load in sequence("loads", loads, "be pairs (vector, function of time)"):
         if not isinstance(load, (tuple, list)) or len(load) != 2:
             raise InputError(
@@ -192,7 +125,6 @@ def reduce_model(
             raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)", remedy)
     rows = np.array(forces).reshape(len(forces), n).T
     # Append what each deflection has beside the basis so far, in the metric of M.
-    T = shapes[:, :modes]
     statics = factor.solve(rows)
     for static in statics.T:
         left = static - T @ (T.T @ (M @ static))
@@ -218,13 +150,13 @@ def reduce_model(
         if x.shape != (n,):
             raise InputError(name, x.shape, f"have shape ({n},)", "give one number per unknown of the matrices")
     z = [T.T @ (M @ x) for x in states]
-    lost = [_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True)]
+    lost = max(_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True))
     system = System.from_matrices(
         np.eye(len(omega2)),
         np.diag(omega2),
         C,
         loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
-        contacts=[replace(contact, row=(T.T @ contact.row.T).T) for contact in contacts],
+        contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts],
         observe=None if observe is None else T.T @ np.asarray(observe, float),
         initial_displacement=z[0],
         initial_velocity=z[1],
@@ -232,16 +164,11 @@ def reduce_model(
     )
     # Strain energy of each static deflection, p^T K^-1 p, and the part of it in T.
     strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
-    static_lost = float(
-        np.max(1.0 - np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0), initial=0.0)
-    )
-    kept = np.sqrt(squares)
-    data = (mass, stiffness, damping, loads, contacts, observe, initial_displacement, initial_velocity)
-    lost_most, again = (
-        (max(lost), max(static_lost, 0.0)),
-        partial(reduce_model, *data, units=units, modal_damping=modal_damping),
-    )
-    return ReducedModel(system, T, kept[:modes], float(kept[modes]), *lost_most, M, K, rows, again)
+    shares = np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0)
+    soft = float(np.max(1.0 - shares, initial=0.0))
+    if max(lost, soft) > LOST:
+        warnings.warn(f"{modes} modes lose {lost:.2g} of the initial data, {soft:.2g} of a deflection", stacklevel=2)
+    return system, T
 
 
 def _symmetric(name: str, matrix: Any) -> Any:
@@ -258,16 +185,14 @@ def _symmetric(name: str, matrix: Any) -> Any:
     return sparse
 
 
-def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tuple[Array, Array]:
-    """The squares of the lowest ``modes`` + 1 natural frequencies and their shapes, x^T M x = 1; solve: b -> K^-1 b."""
+def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> Array:
+    """Shapes (n, modes) of the lowest natural frequencies, x^T M x = 1; solve: b -> K^-1 b."""
     n, moved = M.shape[0], np.unique(M.nonzero()[0])
     # Lanczos' method, where it has room for more vectors than it looks for.
     if len(moved) > DENSE and modes < len(moved) // 4:
         inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve)  # type: ignore[call-arg]
         start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
-        squares, shapes = scipy.sparse.linalg.eigsh(K, modes + 1, M, sigma=0.0, OPinv=inverse, v0=start)
-        order = np.argsort(squares)
-        return squares[order], shapes[:, order]
+        return scipy.sparse.linalg.eigsh(K, modes, M, sigma=0.0, OPinv=inverse, v0=start)[1]
     # All modes, of the unknowns that have mass.
     afford("modes", modes, "ask for fewer", floats=3.0 * n * len(moved))
     masses, R = np.linalg.eigh(M[moved][:, moved].toarray())
@@ -287,8 +212,7 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> tupl
     # The largest compliances are the lowest frequencies.
     flexibility = forces.T @ deflections
     compliances, y = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    compliances, y = compliances[::-1][: modes + 1], y[:, ::-1][:, : modes + 1]
-    return 1.0 / compliances, deflections @ (y / compliances)
+    return deflections @ (y[:, -modes:] / compliances[-modes:])
 
 
 def _projected(C: Any, T: Array) -> Array:

@@ -1,4 +1,4 @@
-"""A function of time known by samples: a polygon or a cubic spline, a polynomial between any two of them; noise."""
+"""A function of time known by samples: a polygon or a cubic spline, a polynomial between any two of them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.resources import afford
-from ..basics.validation import InputError, instance, integer, itself, non_negative, numbers, one_of, positive, sequence
+from ..basics.validation import InputError, itself, numbers, one_of
 
 KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
 BEYOND = 1e-9  # of its span, how far outside its samples a record is still asked for: t_end is rounded
@@ -240,110 +239,3 @@ def moved(c: Array, s: ArrayLike) -> Array:
         for k in range(last - 1, first - 1, -1):
             c[..., k] += s * c[..., k + 1]
     return c
-
-
-NUMBERS = 24.0  # kept for each sample at most, with the coefficients of its cubic
-PER_PERIOD = 16  # samples in the shortest period: the spline between them is off by 1e-4 of it
-
-
-def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> Sampled:
-    """Return f(t) = rms sqrt(2/n) sum_k cos(w_k t + phase_k) on [0, t_end], as a cubic record.
-
-    The w_k are the n multiples of 2 pi/t_end in the band. The spectrum is flat in the band and zero outside; the mean
-    square over t_end is rms^2.
-
-    Parameters
-    ----------
-    t_end : float
-    rms : float
-        Root mean square, in the unit of the load.
-    band : (float, float)
-        Lowest and highest angular frequency.
-    seed : int
-        Seed of the uniform phases.
-
-    Returns
-    -------
-    Sampled
-
-    Raises
-    ------
-    InputError
-        For a band without a multiple of 2 pi/t_end.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import stiffbeam as sb
-    >>> record = sb.noise(t_end=10.0, rms=2.0, band=(5.0, 50.0), seed=1)
-    >>> round(float(np.sqrt(np.mean(record.values[:-1] ** 2))), 6)
-    2.0
-    """
-    base = 2.0 * np.pi / positive("t_end", t_end)
-    ends = sequence("band", band, "be two frequencies", "for example (1.0, 10.0)")
-    if len(ends) != 2:
-        raise InputError("band", band, "be two frequencies", "for example (1.0, 10.0)")
-    low, high = non_negative("band", ends[0]), positive("band", ends[1])
-    # A band that ends at a multiple of the base holds it, however the quotient is rounded.
-    count = PER_PERIOD * np.floor(high / base * (1 + 1e-12))
-    # Before the conversion to an integer: a quotient may be infinite.
-    afford("band", tuple(band), "lower its upper end, or shorten t_end", floats=NUMBERS * count)
-    count = int(count)
-    # From 1: the mean stays zero.
-    k = np.arange(max(1, int(np.ceil(low / base))), count // PER_PERIOD + 1)
-    if not len(k):
-        raise InputError("band", tuple(band), f"hold a multiple of 2 pi/t_end = {base:.6g}", "widen it")
-    phases = np.random.default_rng(integer("seed", seed, 0)).uniform(0.0, 2.0 * np.pi, len(k))
-    spectrum = np.zeros(count // 2 + 1, complex)
-    spectrum[k] = 0.5 * count * np.exp(1j * phases)  # irfft gives sum_k cos(2 pi j k/count + phase_k) at sample j
-    # n cosines have the mean square n/2.
-    values = positive("rms", rms) * np.sqrt(2.0 / len(k)) * np.fft.irfft(spectrum, count)
-    # The last sample repeats the first: the sum of cosines has the period t_end.
-    return Sampled(np.linspace(0.0, t_end, count + 1), np.append(values, values[0]), "cubic")
-
-
-def random_phases(record: Sampled, seed: int) -> Sampled:
-    """Return a record with the amplitude spectrum of another one and random phases.
-
-    Mean and mean square of the values are those of the record. The last sample repeats the first.
-
-    Parameters
-    ----------
-    record : Sampled
-        Equidistant.
-    seed : int
-        Seed of the uniform phases.
-
-    Returns
-    -------
-    Sampled
-
-    Raises
-    ------
-    InputError
-        For times that are not equidistant.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import stiffbeam as sb
-    >>> t = np.linspace(0.0, 10.0, 501)
-    >>> measured = sb.Sampled(t, np.sin(3.0 * t) + 0.5 * np.cos(17.0 * t))
-    >>> other = sb.random_phases(measured, seed=1)
-    >>> bool(np.isclose(np.mean(other.values[:-1] ** 2), np.mean(measured.values[:-1] ** 2)))
-    True
-    """
-    instance("record", record, Sampled, "make one with stiffbeam.Sampled(t, values)")
-    step = np.diff(record.t)
-    # The FFT takes equal steps.
-    if len(step) < 3 or np.ptp(step) > 1e-6 * step[0]:
-        raise InputError("record", record, "have equidistant samples", "sample it: Sampled(t, record.value(t), kind)")
-    values = record.value(record.t)[:-1]
-    spectrum = np.fft.rfft(values)
-    phases = np.random.default_rng(integer("seed", seed, 0)).uniform(0.0, 2.0 * np.pi, len(spectrum))
-    # The mean keeps its value.
-    phases[0] = 0.0
-    if len(values) % 2 == 0:
-        phases[-1] = 0.0  # a real record has a real last line
-    new = np.fft.irfft(spectrum * np.exp(1j * phases), len(values))
-    return Sampled(record.t, np.append(new, new[0]), record.kind)

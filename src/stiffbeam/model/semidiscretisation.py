@@ -30,7 +30,8 @@ from .beam import BENDING, MASS, MEAN, POINTS, ROTARY, SLOPE, WEIGHTS, free_unkn
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, DistributedLoad, PointLoad, element_factors
-from .system import BANDED, Origin, System
+from .stencils import bending_stencil, velocity_curvature_matrices
+from .system import Origin, System
 from .time_functions import LoadFunction, combined, derivative
 
 Row = Callable[[float], Array]
@@ -192,20 +193,6 @@ def _with_origin(system: System, **facts: Any) -> System:
     return system
 
 
-def bending_stencil(M: int) -> Array:
-    """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
-    curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]
-    if M < BANDED:
-        stencil = curvature.T @ curvature
-    else:  # whole numbers, whose sums have no order
-        import scipy.sparse
-
-        sparse = scipy.sparse.csr_array(curvature)
-        stencil = (sparse.T @ sparse).toarray()
-    stencil[0, 0] += 2.0
-    return stencil
-
-
 def curvature_stencil(M: int) -> Array:
     """24 h^3 L^T Q L of (3.12), whole numbers, so that every machine makes the same matrix of it."""
     second = 2.0 * (np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2))
@@ -246,19 +233,6 @@ def _velocity_curvature(problem: BeamProblem, M: int) -> System:
         form="velocity-curvature",
         problem=problem,
     )
-
-
-def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Array, Array, Array]:
-    """P, Q, L, R of (3.12), each (M, M): w_0..w_{M-1} = L s-integrated, P R = L^T Q."""
-    h = length / M
-    interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
-    P = h * np.asarray(scipy.linalg.block_diag(interior, 1.0 / 3.0))
-    Q = h * np.asarray(scipy.linalg.block_diag(1.0 / 3.0, interior))
-    L = np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2)  # acts on s_1..s_M, s_0 = 0
-    L[0, :2] = (4.0, -0.5)  # (3.9)
-    R = np.eye(M) - 2.0 * np.eye(M, k=1) + np.eye(M, k=2)  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
-    R[-1, -2:] = (-0.5, 4.0)  # (3.10)
-    return P, Q, L / h**2, R / h**2
 
 
 def _tip(M: int) -> Array:

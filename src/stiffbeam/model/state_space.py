@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array
 from .contact import Contact
-from .semidiscretisation import bending_stencil, velocity_curvature_matrices
-from .system import System
+from .stencils import bending_stencil, velocity_curvature_matrices
 from .time_functions import LoadFunction, offset_rate, offset_values
+
+if TYPE_CHECKING:
+    from .system import System
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

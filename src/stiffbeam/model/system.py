@@ -24,6 +24,7 @@ from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
+from .stencils import BANDED
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from .ode import ODE
 
 
-BANDED = 64  # unknowns, above which a banded matrix is factorised as one
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
 
@@ -83,7 +83,7 @@ def definite_matrix(name: str, matrix: Array) -> Array:
     if name == "mass":
         if not _factorises(matrix):
             least = np.linalg.eigvalsh(matrix)[0]
-            remedy = "stiffbeam.reduce_model condenses unknowns without mass; in a case file: modes = 40"
+            remedy = "condense unknowns without mass out: stiffbeam.reduce_model, in a case file modes = 40"
             raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
     elif not _semidefinite(matrix) and (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"
@@ -353,22 +353,6 @@ class System:
             ("units", str(self.units)), *places,
         ]  # fmt: skip
         return html_facts(f"System, {self.form}", facts)
-
-    def massless_contacts(
-        self, redistribute: str = "neighbour", damping: str = "none", nodes: Sequence[int] | None = None
-    ) -> System:
-        """System with rigid stops on contact nodes without mass: an ordinary system with compliant stops, each of the
-        static stiffness of its node.
-
-        redistribute: "neighbour" or "renard", the new place of their mass. damping: "relaxed" for the damping of a
-        material, exact if the times between contacts are long compared with C_bb/K_bb of the node, or "condensed",
-        which leaves the node's damping out of the contact. nodes: the unknowns without mass; None for all unknowns that
-        contacts read and that stiffness couples to others. For conditions and sources see ``model.massless``; raises
-        InputError if they do not hold.
-        """
-        from .massless import massless_contacts
-
-        return massless_contacts(self, redistribute, damping, nodes)
 
     @property
     def size(self) -> int:

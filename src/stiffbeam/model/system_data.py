@@ -199,13 +199,13 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
 
 
 def slope_of(
-    make_system: Callable[[float], System], system: System, value: float, name: str, base: SystemData | None = None
+    make_system: Callable[[float], System], system: System, value: float, name: str, base: SystemData
 ) -> tuple[SystemData, float]:
     """Derivative of the data of ``make_system`` at a value, where they are those of ``system``, and its bound.
 
-    base: the data of ``system``. Raises InputError where they have none, or where the system there has other terms.
+    base: the data of ``system``. Raises InputError where the system there has other terms.
     """
-    structure, base = _structure(system), base or data_of(system)
+    structure = _structure(system)
     scale, centre, largest = abs(value) if value else 1.0, base.vector(), np.array([])
 
     def at(step: float) -> Array:
@@ -251,13 +251,6 @@ def slope_of(
             return base.of_vector(best), bound
     rule = f"be a parameter in which the system's data are smooth (two differences disagree by {max(bound, bend):.1g})"
     raise InputError("wrt", name, rule, "take a value beside it, or another parameter")
-
-
-def slope_of_period(period: Callable[[float], float], value: float) -> float:
-    """dT/da by differences of order 8 of a function in closed form."""
-    h = 2.0**-6 * (abs(value) or 1.0)
-    pairs = np.array([(period(value + k * h) - period(value - k * h)) / h for k in range(1, 5)])
-    return float(ORDER_8 @ pairs)
 
 
 def _one_sided(

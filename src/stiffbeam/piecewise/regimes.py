@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array, content, same
+from ..basics.arrays import Array, content
 from ..model.modes import Modes, undamped_modes
 from ..model.system import System
 from ..model.time_functions import Drive
@@ -126,14 +126,6 @@ def _real(phasors: Any) -> Array:
     made = np.empty((len(phasors), 2 * phasors.shape[1] - 1))
     made[:, 0], made[:, 1::2], made[:, 2::2] = phasors[:, 0].real, -phasors[:, 1:].imag, phasors[:, 1:].real
     return made
-
-
-def same_modes(one: System, other: System) -> bool:
-    """Return True where two systems may share what is known: they have equal matrices, contact rows and springs."""
-    pairs = [(one.mass, other.mass), (one.stiffness, other.stiffness)]
-    pairs += [(a.row, b.row) for a, b in zip(one.contacts, other.contacts, strict=True)]
-    springs = [[c.stops.stiffness for c in system.contacts] for system in (one, other)]
-    return springs[0] == springs[1] and all(same(a, b) for a, b in pairs)
 
 
 class Pressing(NamedTuple):

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.resources import Forecast
-from ..model.contact import Contact, Stops
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..trajectory.trajectory import SolverFailure
@@ -176,19 +175,6 @@ def tracer_of(
 ) -> Tracer:
     """Solver that follows motions of the system in float64; known, span: see ``Source``."""
     return Tracer(Source(system, known, span), perturbation)
-
-
-def rehearse() -> None:
-    """Compile the kernels that read a motion. That which follows one takes longest and is compiled apart."""
-    system = System.from_matrices([[1.0]], [[1.0]], contacts=[Contact(np.ones(1), Stops(upper=1.0, stiffness=1.0))])
-    tracer = tracer_of(system)
-    tracer.regimes.at((0,), 1.0)
-    rest, none = np.zeros((1, tracer.regimes.table.sigma.shape[1])), np.zeros(0)
-    motion = Motion(tracer.regimes, np.zeros(1), np.zeros((1, 1), np.int64), np.zeros(1, np.int64), rest, rest, 0)
-    motion.states(np.zeros(1))
-    motion.observed(np.zeros(1), np.ones(1))
-    motion.press(system, 0, none, none, np.zeros(0, np.int64))
-    motion.grow(system, np.zeros(2), np.ones((1, 1)), np.ones((1, 1)), 1.0)
 
 
 def refuse_accumulation(start: float, end: float, fastest: float, drive: Drive) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
-import warnings
 from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -64,11 +62,9 @@ def reference(
         End of the solution.
     method : str
         "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
-        exact solution in as many ``digits`` as error growth requires, confirmed with more digits; for rigid stops with
-        separate code); "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
-        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy; any solver of these two
-        libraries with error control by its name there, such as "diffrax:Tsit5" and "scipy:RK45"; "heyoka" (Taylor
-        series, an extra: pip install 'stiffbeam[heyoka]').
+        exact solution of compliant stops in as many ``digits`` as error growth requires, confirmed with more digits);
+        "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
+        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy.
     t_eval : (k,) array, optional
         Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
         time: an exact one from its closed form, an adaptive one by solving once more where other times are asked.
@@ -78,9 +74,8 @@ def reference(
         Number of digits of "multiprecision".
     breakpoints : (k,) array
         Times where a load or an offset is not smooth; an adaptive solver starts anew there, as at those that a function
-        of time states itself (its attribute ``breakpoints``). A function that is neither Harmonic nor Constant is also
-        sampled at 2^18 times or more (up to 2^22, 200 in the shortest natural period), to find where it or its slope
-        jumps and how fast it varies: a feature shorter than t_end/2^18 can be missed.
+        of time states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the
+        steps, of which there are at least 200. Give breakpoints where a shorter feature begins and ends.
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
     switches : {"restart", "through"}, optional
@@ -88,8 +83,7 @@ def reference(
         control finds the kink, the default of "cvode", "ida" and "radau".
     progress : bool or callable
         True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
-        measured with. A function is called as show(what, done, total), total 0 where it is not known. Without either,
-        a warning announces work of minutes, with an estimate from a pilot run.
+        measured with. A function is called as show(what, done, total), total 0 where it is not known.
 
     Returns
     -------
@@ -120,15 +114,11 @@ def reference(
     require_system(system)
     method_of(method)
     t_end = positive("t_end", t_end)
-    silent = not progress and not warn_of_minutes(system, t_end, method, rtol, atol, steps)
     with displayed(progress) as show:
         show(f"{method}: solving", 0, 0)
         solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
         if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
-        left = (COPIES - 1.0) * solution.work.march_seconds if REFERENCES[method].kind == EXACT else 0.0
-        if silent and left >= MINUTES:  # impacts that no pilot has seen
-            warnings.warn(f"the horizon of {method} will take about {left:.0f} s more: {ADVICE}", stacklevel=2)
         return with_horizon(solution, system, t_end, steps, solve, show)
 
 
@@ -164,8 +154,10 @@ def substitute(system: System, t_end: float) -> str:
 
 def takes(method: str, system: System, t_end: float) -> bool:
     """Return True if ``method`` supports the stops of a system and, for an exact method, its functions of time."""
+    if REFERENCES[method].kind != EXACT and system.rigid:
+        return False
     if REFERENCES[method].kind == ADAPTIVE:
-        return not system.rigid
+        return True
     return not substitute(system, t_end)
 
 
@@ -204,12 +196,10 @@ def solve(
         missing = (error.name or "").partition(".")[0]
         if missing not in entry.libraries:
             raise
-        package = f"'stiffbeam[{entry.extra}]'" if entry.extra else entry.libraries[missing]
-        rule, remedy = f"have its library {missing} installed", f"pip install {package}"
+        rule, remedy = f"have its library {missing} installed", f"pip install {entry.libraries[missing]}"
         raise InputError("method", method, rule, remedy) from None
 
 
-MINUTES = 60.0  # seconds from which on it is worth a warning
 PARTS = 64  # a pilot runs over one or two of so many parts of the span
 RISES = 1.5  # from one pilot to one of twice the span, at least: else the start of the motion decides both
 COPIES = 5.0  # exact solutions behind one with its horizon
@@ -279,18 +269,3 @@ def _judged(system: System, t_end: float) -> float:
     except InputError:
         return 2.0
     return 1.0
-
-
-ADVICE = "progress=True shows how far it is; a shorter t_end, fewer cells or a looser rtol cost less"
-
-
-def warn_of_minutes(system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps) -> bool:
-    """Warn where ``reference`` will take more than a minute, with the estimate and what to do; return True if so."""
-    begun = time.perf_counter()
-    seconds = expected_seconds(system, t_end, method, rtol, atol, steps, MINUTES)
-    if seconds >= MINUTES:
-        pilots = time.perf_counter() - begun
-        warnings.warn(
-            f"{method} will take about {seconds:.0f} s or more (by pilots of {pilots:.1f} s): {ADVICE}", stacklevel=3
-        )
-    return seconds >= MINUTES

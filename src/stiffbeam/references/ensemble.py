@@ -37,7 +37,7 @@ def reference_ensemble(
     since: float = 0.0,
     executor: Executor | None = None,
 ) -> Ensemble:
-    """Return the exact solutions of all members, on all cores; each is equal to the bit to its single solution.
+    """Return the exact solutions of all members, on all cores; each equals its single solution to rounding.
 
     Where the first member has no exact solution, the adaptive solver of ``best_reference`` solves all, one after the
     other, as ``provenance["method"]`` says.

@@ -282,8 +282,8 @@ def with_horizon(
             rtol *= 0.1 if reference.provenance.get("switches") == KEEP and rtol >= FINEST else 10.0
             against = f"itself at rtol {rtol:g} with shorter steps"
             other = solve(system, t_end, method, reference.t, rtol, None, steps=steps._replace(other=True))
-            spacing = reference.provenance.get("loads_scanned_every", 0.0)
-            against += f"; loads sampled every {spacing:.2g}" if spacing else ""
+            seen = reference.provenance.get("functions_seen_every", 0.0)
+            against += f"; functions in Python seen at steps of at most {seen:.2g}" if seen else ""
         horizon = agreement(reference, other, tolerance, PART)
     # The tolerance to state is the strictest: contacts that are hit often have a smaller one.
     tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])

@@ -1,13 +1,12 @@
 """The reference solvers, their properties, and what each is asked. A new solver is one file, and one line here.
 
-Everything that lists solvers reads this: ``reference`` and its commands, the cache, studies, pictures, tests. Beside
-those that have a line, any solver of ``LIBRARIES`` is a method by its name there: "diffrax:Tsit5", "scipy:RK45".
+Everything that lists solvers reads this: ``reference`` and its commands, the cache, studies, pictures, tests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -32,8 +31,7 @@ class Method:
     marker there, unique and permanent. seconds: time for Table 10 to t = 0.06 at rtol 1e-6, roughly, to run fast
     methods first or leave slow ones out. kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
     in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its impacts are events). libraries: import
-    name and distribution of its dependencies. solver: the name of its class in a library that has several. extra: of
-    stiffbeam, which installs its libraries; empty for a dependency.
+    name and distribution of its dependencies. solver: the name of its class in a library that has several.
     """
 
     name: str
@@ -44,7 +42,6 @@ class Method:
     kind: str = ADAPTIVE
     libraries: dict[str, str] = field(default_factory=dict)
     solver: str = ""
-    extra: str = ""
     rigid: str = ""
 
     def versions(self) -> dict[str, str]:
@@ -57,48 +54,12 @@ class Method:
                 versions[package] = "missing"
         return versions
 
-    @property
-    def installed(self) -> bool:
-        """True if its libraries are installed, as an extra's may not be."""
-        return "missing" not in self.versions().values()
-
 
 _SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}
 _DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}
-# The solvers of a library that estimate their errors and take any right-hand side.
-LIBRARIES: dict[str, tuple[str, dict[str, str], tuple[str, ...]]] = {
-    "diffrax": ("adaptive.diffrax", _DIFFRAX, ("Bosh3", "Dopri5", "Dopri8", "Heun", "ImplicitEuler", "Kvaerno3",
-                                               "Kvaerno4", "Kvaerno5", "Midpoint", "Ralston", "Tsit5")),
-    "scipy": ("adaptive.scipy", _SCIPY, ("BDF", "DOP853", "LSODA", "RK23", "RK45", "Radau")),
-}  # fmt: skip
-LOW_ORDER = ("Bosh3", "Heun", "ImplicitEuler", "Midpoint", "RK23", "Ralston")  # minutes at small tolerances
-NAMED = 100  # look of the first solver that has no line
-
-
-class _References(dict[str, Method]):
-    """Methods by name: those with a line, which are what it iterates over, and those of ``LIBRARIES``."""
-
-    # Solvers of a library are found by name but not listed: a loop over all methods would run each of them.
-    def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or (isinstance(name, str) and name in _BY_LIBRARY)
-
-    def __missing__(self, name: str) -> Method:
-        return _BY_LIBRARY[name]
-
-
-_BY_LIBRARY = {
-    method.name: method
-    for k, method in enumerate(
-        Method(f"{library}:{solver}", module, f"{library}:{solver}", 0, seconds, libraries=needs, solver=solver)
-        for library, (module, needs, solvers) in LIBRARIES.items()
-        for solver in solvers
-        for seconds in (1e3 if solver in LOW_ORDER else 1.0,)
-    )
-    for method in (replace(method, look=NAMED + k),)
-}
 # Name, module, label, look and seconds of each. A new one has the next look: pictures keep theirs.
-REFERENCES = _References(
-    (method.name, method)
+REFERENCES = {
+    method.name: method
     for method in (
         Method("exact", "exact.piecewise", "exact", 0, 0.004, EXACT, rigid="exact.rigid_reference"),
         Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, 0.13, MULTIPRECISION, _FLINT),
@@ -110,9 +71,8 @@ REFERENCES = _References(
         Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY, solver="DOP853"),
         Method("radau", "adaptive.scipy", "Radau", 8, 3.5, libraries=_SCIPY, solver="Radau"),
         Method("lsoda", "adaptive.scipy", "LSODA", 9, 0.6, libraries=_SCIPY, solver="LSODA"),
-        Method("heyoka", "adaptive.heyoka", "heyoka", 10, 0.05, libraries={"heyoka": "heyoka"}, extra="heyoka"),
     )
-)
+}
 METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
@@ -124,13 +84,8 @@ COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 def method_of(name: str, field: str = "method") -> Method:
     """Return the method of this name; for another raise InputError under the name ``field``, with those there are."""
     if not isinstance(name, str) or name not in REFERENCES:
-        library, colon, _ = str(name).partition(":")
-        if colon and library in LIBRARIES:
-            solvers = ", ".join(LIBRARIES[library][2])
-            raise InputError(field, name, f"name a solver of {library} with error control", f"choose from {solvers}")
         remedy = near(name, METHODS) if isinstance(name, str) else f"choose from {', '.join(METHODS)}"
-        libraries = " or ".join(f"{library}:{solvers[-1]}" for library, (_, _, solvers) in LIBRARIES.items())
-        raise InputError(field, name, "be a reference method", f"{remedy}, or one of a library such as {libraries}")
+        raise InputError(field, name, "be a reference method", remedy)
     return REFERENCES[name]
 
 

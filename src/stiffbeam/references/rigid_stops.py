@@ -28,7 +28,7 @@ def require_rigid(system: System, t_end: float) -> None:
         if not contact.stops.rigid:
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
         if contact.stops.restitution is None:
-            remedy = "give the stops a restitution, or take the mass of the contact nodes away (massless_contacts)"
+            remedy = "give one, or condense the contact node into a stop of its own stiffness K_bb"
             raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
     covered(system.time_functions, t_end)
     rows = np.array([contact.row for contact in system.contacts])

@@ -1,4 +1,4 @@
-"""The schemes. A new one is one file, and here one import and one name in a tuple. Every class here is public."""
+"""The schemes. A new one is one file, and one line here and in the list of public names."""
 
 from __future__ import annotations
 

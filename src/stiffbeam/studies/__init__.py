@@ -29,7 +29,7 @@ STUDIES = {
     "ensemble": "Statistics past the horizon: impacts, time in contact, forces and energy of perturbed runs.",
     "chaos": "Lyapunov exponents of the exact motion and of the schemes; delayed phase portrait.",
     "sweep": "Bifurcation diagram, impacts and forces over one or two parameters; continues after an interruption.",
-    "orbits": "Periodic orbits over a parameter, stable or not, with folds, flips and multipliers.",
+    "orbits": "Periodic orbits over a parameter, stable or not, with flips and multipliers.",
 }
 
 

@@ -17,27 +17,23 @@ Past the horizon a single motion has no meaning, so the means over perturbed mem
 and the 95 % interval of the difference lie within the admissible error; the tip has no such mean. The members differ by
 a thousandth of the motion, so they diverge as soon as a scheme diverges from the exact motion. Closer members would all
 follow one motion of that scheme first, and their mean would contain no information on the distribution.
-
-For a case with uncertain parameters, ``doubt`` then ranks scheme, mesh and data for every wanted quantity. It begins
-with a few systems drawn within the tolerances, and doubles them while no source is the largest, up to 48 where two are
-alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from html import escape
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, displayed, silent
 from ..basics.text import DRAW, html_table, table
-from ..basics.validation import InputError, Renamed, instance, integer, one_of, positive, sequence
+from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
@@ -46,20 +42,15 @@ from ..measures.errors import stays_within, tip_error
 from ..measures.rates import contact_rates
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
-from ..model.reduction import ReducedModel
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
-from ..model.uncertain import Uncertain
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, Scheme
 from ..schemes.labels import make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
-from .budget import Budget
 from .common import label_of, run_members
-from .doubt import FEW, Doubt, doubt_until_ranked, uncertain_case
-from .doubt import QUANTITIES as DOUBTED
 from .ensemble import difference, too_uncertain
 
 if TYPE_CHECKING:
@@ -238,8 +229,6 @@ class Advice:
         Standard deviation of an exact member over the mean, by quantity.
     remark : str
         States that nothing moves or that nothing touches a stop, else empty.
-    doubt : Doubt, optional
-        Budget of uncertainty of the recommended run, for a case with uncertain parameters.
     """
 
     want: dict[str, float]
@@ -253,11 +242,6 @@ class Advice:
     system: System = field(repr=False)
     scatter: dict[str, float] = field(default_factory=dict)
     remark: str = ""
-    doubt: Doubt | None = None
-    chosen: ClassVar = Renamed("recommendation")
-    cannot: ClassVar = Renamed("unattainable")
-    tried: ClassVar = Renamed("candidates")
-    want_met: ClassVar = Renamed("attainable")
 
     def run(self, every: int = 1) -> Trajectory:
         """The recommended run. Raises InputError if there is no recommendation."""
@@ -277,14 +261,8 @@ class Advice:
             "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
             "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
             "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
-            "units": str(self.system.units), "doubt": self.doubt and self.doubt.to_dict(),
+            "units": str(self.system.units),
         }  # fmt: skip
-
-    @property
-    def budgets(self) -> list[Budget]:
-        """Budgets of uncertainty of the wanted quantities, at every contact; none without uncertain parameters."""
-        names = _doubted(self.want)
-        return [] if self.doubt is None else [x for x in self.doubt.budgets if x.name in names]
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -325,9 +303,6 @@ class Advice:
             near = f"within {least:g} max|u| of the exact one"
             to = f"at every moment to t = {until} its tip is {near}"
             lines.append(to if self.trusted_until > 0.0 else f"already after one step its tip is not {near}")
-        if self.doubt is not None:
-            lines.append(f"sources of uncertainty, from {self.doubt.members} systems within the tolerances:")
-            lines += [*(budget.verdict for budget in self.budgets), *self.doubt.remarks]
         lines += [f"cannot be had: {name} to {self.want[name]:g}: {why}" for name, why in self.unattainable.items()]
         return "\n".join(lines)
 
@@ -342,15 +317,8 @@ class Advice:
         return f"<Advice to t = {self.t_end:g}: {advised}; cannot be had: {', '.join(self.unattainable) or 'none'}>"
 
 
-def _doubted(want: Mapping[str, float]) -> list[str]:
-    """Names of the wanted quantities in a budget of uncertainty."""
-    columns = {"tip": "tip"} | dict(COLUMNS)
-    names = [quantity for quantity, field in DOUBTED.items() if field in [columns.get(name) for name in want]]
-    return names + (["tip"] if "tip" in want else [])
-
-
 def advise(
-    system: System | Case | ReducedModel,
+    system: System | Case,
     want: Mapping[str, float] | None = None,
     t_end: float | None = None,
     schemes: Sequence[Scheme] | None = None,
@@ -360,8 +328,6 @@ def advise(
     progress: bool | Show = False,
     tell: Tell = lambda line: None,
     journal: Journal | None = None,
-    uncertain: Mapping[str, Uncertain | float] | None = None,
-    finer: System | None = None,
 ) -> Advice:
     """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
     reaches.
@@ -372,7 +338,7 @@ def advise(
     Parameters
     ----------
     system : System or Case
-        As for the exact reference. For a case with uncertain parameters the advice has a budget of uncertainty.
+        As for the exact reference.
     want : mapping of str to float, optional
         Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work, force_rms. By
         default 1e-3, 0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
@@ -385,14 +351,12 @@ def advise(
     most_steps : int, optional
         Where the search ends: by default 2^20 steps, 2^14 of a march with matrices, 2^11 for means.
     members : int
-        Perturbed runs behind each mean past the horizon; the most systems that are drawn to rank uncertainties.
+        Perturbed runs behind each mean past the horizon.
     progress : as for ``reference``
     tell : callable
         Called with one line of text after every refinement.
     journal : Journal, optional
         Keeps finished runs, so that a search that was interrupted goes on.
-    uncertain, finer
-        As in ``doubt``.
 
     Returns
     -------
@@ -414,15 +378,10 @@ def advise(
     """
     if progress is True:
         with displayed(progress) as show:
-            shared = (schemes, contacts, most_steps, members, show, tell, journal, uncertain, finer)
-            return advise(system, want, t_end, *shared)
+            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
     show = progress or silent
-    if uncertain is not None or finer is not None:
-        system = uncertain_case(system, t_end, t_end, uncertain, finer)
-    case = system if isinstance(system, Case) else None
-    if case is not None:
-        case = replace(case, t_end=case.t_end if t_end is None else t_end)
-        t_end, system = case.t_end, case.system()
+    if isinstance(system, Case):
+        t_end, system = system.t_end if t_end is None else t_end, system.system()
     system = instance("system", system, System, "make it with semidiscretise or from_matrices")
     if t_end is None:
         remedy = "for example t_end=1.0"
@@ -465,16 +424,10 @@ def advise(
     if chosen is not None:
         run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
         until = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
-    advice = Advice(
+    return Advice(
         wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(tried), system,
         dict(criterion.scatter), remark(system, exact),
     )  # fmt: skip
-    if case is None or not case.uncertain or chosen is None:
-        return advice
-    seconds = 2.0 * min(FEW, max(8, members)) * exact.work.march_seconds
-    tell(f"{advice}\nits sources of uncertainty take at least {seconds:.2g} s more of exact solutions")
-    advised = (chosen.scheme, chosen.dt, chosen.contact)
-    return replace(advice, doubt=doubt_until_ranked(case, *advised, _doubted(wanted), members, show))
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:

@@ -34,7 +34,7 @@ Of matrices the mesh is the distance to a finer model. The error is 1 of that fo
 of half the width at order 2; the bracket, 2/3 to 2, adds a margin of 3/2. The bracket of the span reaches from 1/2 to
 2: of 100 records of an oscillator under noise 87 hold the deviation of the rate over the records
 (``tests/studies/test_doubt.py``).
-``budget.py`` ranks the sources.
+``budget.py`` ranks the sources. The parameters of the members are a Latin hypercube sample of their distributions.
 """
 
 from __future__ import annotations
@@ -48,18 +48,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, cores, displayed, over_slices, silent
+from ..basics.resources import Show, cores, displayed, over_slices
 from ..basics.text import html_table, plain, several, table
 from ..basics.units import Units
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
 from ..measures.rates import stationary_mean, windows
 from ..measures.report import percent
-from ..model.members import perturbed_members
-from ..model.reduction import ReducedModel
+from ..model.members import EnsembleMembers, perturbed_members, varied_members
 from ..model.system import System
 from ..model.time_functions import Constant
-from ..model.uncertain import Uncertain, uncertain_members
 from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
 from ..schemes import Scheme
@@ -72,8 +70,6 @@ if TYPE_CHECKING:
     import pandas
 
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
-FEW = 12  # drawn systems to begin a ranking with
-ENOUGH = 48  # of them to name sources as alike: fewer show a largest one, but rarely that two are equal
 LEAST = 8  # elements of the finer mesh
 OUTPUTS = 400  # of the tip, at least where there are so many steps
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
@@ -193,7 +189,7 @@ def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.
 
 
 def doubt(
-    case: Case | System | ReducedModel,
+    case: Case | System,
     scheme: Scheme | None = None,
     dt: float | None = None,
     members: int = 48,
@@ -202,7 +198,7 @@ def doubt(
     progress: bool | Show = False,
     contact: str = "implicit",
     t_end: float | None = None,
-    uncertain: Mapping[str, Uncertain | float] | None = None,
+    uncertain: Mapping[str, Any] | None = None,
     finer: System | None = None,
 ) -> Doubt:
     """Budget of uncertainty of a run: rounding, scheme and step, mesh, data and time span, for every quantity at every
@@ -210,7 +206,7 @@ def doubt(
 
     Parameters
     ----------
-    case : Case, System or ReducedModel
+    case : Case or System
         With uncertain parameters, ``[case.uncertain]`` in its file or ``uncertain=``.
     scheme : Scheme, optional
         By default the case's first.
@@ -227,12 +223,13 @@ def doubt(
         Treatment of contact as in ``integrate``.
     t_end : float, optional
         By default the case's; a System needs it, and ``dt``.
-    uncertain : mapping of path to Uncertain or number, optional
-        In the place of the case's, as for ``uncertain_members``.
+    uncertain : mapping of path to (low, high) or distribution, optional
+        In the place of the case's: paths as in ``varied_members``, each with a range or a frozen distribution of
+        ``scipy.stats``, such as ``norm(mean, deviation)``.
     finer : System, optional
         For matrices, the same structure on a finer mesh: the same loads, contacts and paths. The column of the mesh is
-        the distance to it. In a file it is ``[case.finer]``. For a ReducedModel it is by default the model with twice
-        as many modes, so that the column has the truncation error only.
+        the distance to it. In a file it is ``[case.finer]``. For a reduced model pass one with twice as many modes: the
+        column then has the truncation error only.
 
     Returns
     -------
@@ -249,74 +246,62 @@ def doubt(
     --------
     >>> from dataclasses import replace
     >>> import stiffbeam as sb
-    >>> case = replace(sb.paper_case(10), t_end=0.1, uncertain={"stiffness": sb.Uncertain(tolerance=0.01)})
+    >>> case = replace(sb.paper_case(10), t_end=0.1, uncertain={"stiffness": (297.0, 303.0)})
     >>> print(sb.doubt(case, sb.HHT(-0.1), members=8)["impacts"].quantity)
     impacts
     """
-    case = uncertain_case(case, dt, t_end, uncertain, finer)
-    schemes = [case.runs[0][0] if scheme is None else scheme]
-    with displayed(progress) as show:
-        return doubts(case, schemes, dt, members, seed, tolerance, show, contact)[0]
-
-
-def uncertain_case(
-    case: Case | System | ReducedModel,
-    dt: float | None,
-    t_end: float | None,
-    uncertain: Mapping[str, Uncertain | float] | None,
-    finer: System | None,
-) -> Case:
-    """The case with what is stated besides; one of a System and of a ReducedModel."""
     if not isinstance(case, Case):
         case, finer = case_of(case, dt, t_end, finer=finer), None
     changes: dict[str, Any] = {"t_end": t_end, "uncertain": uncertain, "finer": finer}
     if finer is not None and case.beam is not None:
         raise InputError("finer", repr(finer), "belong to a system of matrices", "leave it out: a beam has its cells")
-    return replace(case, **{name: value for name, value in changes.items() if value is not None})
-
-
-def require_uncertain(case: Case) -> None:
-    """Raise InputError for a case without uncertain parameters."""
-    if not case.uncertain:
-        remedy = 'pass uncertain={"stops.stiffness": 0.01}, in a case file [case.uncertain] with stops.stiffness = 0.01'
-        raise InputError("case", case.name, "have uncertain parameters", remedy)
-
-
-def doubts(
-    case: Case,
-    schemes: Sequence[Scheme],
-    dt: float | None = None,
-    members: int = 48,
-    seed: int = 1,
-    tolerance: float = 0.05,
-    show: Show = silent,
-    contact: str = "implicit",
-) -> list[Doubt]:
-    """The budget of every scheme, see ``doubt``; they share the exact members."""
-    require_uncertain(case)
+    case = replace(case, **{name: value for name, value in changes.items() if value is not None})
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
-    form, t_end, dt = case.forms[0], case.t_end, (case.dt if dt is None else positive("dt", dt))
+    scheme = case.runs[0][0] if scheme is None else scheme
+    with displayed(progress) as show:
+        return _doubt(
+            case, scheme, case.dt if dt is None else positive("dt", dt), members, seed, tolerance, show, contact
+        )
+
+
+def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, seed: int = 1) -> EnsembleMembers:
+    """Members whose parameters are a Latin hypercube sample, see ``doubt``; the same seed draws the same parameters."""
+    from scipy.stats import qmc, uniform
+
+    if not uncertain:
+        remedy = 'pass uncertain={"stops.stiffness": (4.5e6, 5.5e6)}, or write [case.uncertain] in a case file'
+        raise InputError("case", uncertain, "have uncertain parameters", remedy)
+    columns = {}
+    sample = qmc.LatinHypercube(len(uncertain), rng=seed).random(members)
+    for (path, one), shares in zip(uncertain.items(), sample.T, strict=True):
+        if not hasattr(one, "ppf"):
+            low, high = (number(f"uncertain {path}", x) for x in one) if np.shape(one) == (2,) else (0.0, 0.0)
+            if not low < high:
+                rule = "be a range (low, high), or a distribution of scipy.stats"
+                raise InputError(f"uncertain {path}", one, rule, "for example (4.5e6, 5.5e6)")
+            one = uniform(low, high - low)
+        columns[path] = one.ppf(shares)
+    return varied_members(system, columns)
+
+
+def _doubt(
+    case: Case, scheme: Scheme, dt: float, members: int, seed: int, tolerance: float, show: Show, contact: str
+) -> Doubt:
+    """The budget of a scheme, see ``doubt``."""
+    form, t_end = case.forms[0], case.t_end
     system = case.system(form)
-    drawn = uncertain_members(system, case.uncertain, members, seed)
-    every = max(1, round(t_end / dt) // OUTPUTS)
-    runs = []
-    for scheme in schemes:
-        show(f"doubt: {scheme}, {members} members", 0, 0)
-        runs.append(run_members(scheme, drawn, dt, t_end, contact, every))
-    t = runs[0].t
-
-    def exact_on(mesh: System) -> Ensemble:
-        # The same seed draws the same parameters on every mesh.
-        return reference_ensemble(mesh, t_end, uncertain_members(mesh, case.uncertain, members, seed), t)
-
+    drawn = drawn_members(system, case.uncertain, members, seed)
+    show(f"doubt: {scheme}, {members} members", 0, 0)
+    many = run_members(scheme, drawn, dt, t_end, contact, max(1, round(t_end / dt) // OUTPUTS))
+    t = many.t
     show("doubt: the exact members", 0, 0)
-    exact = exact_on(system)
+    exact = reference_ensemble(system, t_end, drawn, t)
     mesh, of_mesh, remarks = finer_mesh(case, form)
     finer: Ensemble | None = None
     if mesh is not None:
         show("doubt: the exact members on a finer mesh", 0, 0)
-        finer = exact_on(mesh)
+        finer = reference_ensemble(mesh, t_end, drawn_members(mesh, case.uncertain, members, seed), t)
     show("doubt: rounding", 0, 0)
     # Rounding matters past its horizon only: there starts that hardly differ scatter.
     horizon = min(best_reference(system, t_end).horizon, t_end)
@@ -327,25 +312,8 @@ def doubts(
     known = agreement_horizon(exact.t, exact.tip, tolerance)
     quantities = _quantities(exact, past)
     errors = {} if finer is None else {x.name: of_mesh(x.error(finer)) for x in quantities}
-    numbers = (float(dt), float(t_end), members, horizon, known, tolerance)
-    return [
-        Doubt(str(scheme), *numbers, case.units, tuple(x.budget(many, errors.get(x.name)) for x in quantities), remarks)
-        for scheme, many in zip(schemes, runs, strict=True)
-    ]
-
-
-def doubt_until_ranked(
-    case: Case, scheme: Scheme, dt: float, contact: str, wanted: Sequence[str], members: int, show: Show
-) -> Doubt:
-    """The budget of a scheme from FEW members, and from twice as many as long as they leave a ``wanted`` quantity
-    without a rank."""
-    count = min(FEW, max(8, members))
-    while True:
-        (found,) = doubts(case, [scheme], dt, count, show=show, contact=contact)
-        most = [x for x in found.budgets if x.name in wanted and x.uncertain and x.rankable and not x.dominant]
-        if count >= members or all(x.alike and count >= ENOUGH for x in most):
-            return found
-        count = min(2 * count, members)
+    budgets = tuple(x.budget(many, errors.get(x.name)) for x in quantities)
+    return Doubt(str(scheme), float(dt), float(t_end), members, horizon, known, tolerance, case.units, budgets, remarks)
 
 
 def finer_mesh(case: Case, form: str) -> tuple[System | None, Callable[[Column], Column], tuple[str, ...]]:
@@ -354,14 +322,10 @@ def finer_mesh(case: Case, form: str) -> tuple[System | None, Callable[[Column],
     None for matrices without a finer model.
     """
     if case.beam is None:
-        why = "The case has matrices and no finer model"
-        try:
-            mesh = case.refined(form)
-        except InputError as error:  # a reduced model without as many modes
-            mesh, why = None, f"There is no finer model: {error}"
+        mesh = case.refined(form)
         remedy = "pass finer=, or write [case.finer] beside [case.system]"
-        remarks = () if mesh is not None else (f"{why}: for the error of the mesh {remedy}.",)
-        return mesh, lambda distance: distance.between(FINER), remarks
+        remark = f"The case has matrices and no finer model: for the error of the mesh {remedy}."
+        return mesh, lambda distance: distance.between(FINER), () if mesh is not None else (remark,)
     if form == "hermite" or case.system(form).rigid:
         return case.refined(form), lambda distance: distance.on_twice_the_cells(form), ()
     elements = replace(case, cells=max(case.cells, LEAST)).system("hermite")

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer
+from ..basics.validation import integer
 from ..figures.chart import (
     Axis,
     Band,
@@ -35,9 +35,7 @@ from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
 from ..measures.report import DASH, percent
-from ..model.members import SPREAD, EnsembleMembers, perturbed_members
-from ..model.system import System
-from ..model.uncertain import uncertain_members
+from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..schemes.labels import scheme_of as known_scheme
 from ..testset.integrators import RECORDED
@@ -60,25 +58,15 @@ def points(
     dt: common.Dt,
     t_end: common.End,
     members: common.Members = 200,
-    size: Annotated[
-        float | None, "of the perturbation, relative to the motion; default: 1e-3, none where parameters are uncertain"
-    ] = None,
+    size: Annotated[float, "of the perturbation, relative to the motion"] = SPREAD,
     seed: Annotated[int, "seed of the perturbations"] = 1,
     contact: common.Treatment = "implicit",
 ) -> list[Point]:
     """The exact solution and every scheme at ``dt`` (the case's), from the same ``members`` initial data, which differ
-    by ``size`` relative to the motion. If the case has uncertain parameters, these differ instead. A solver runs at
-    its default tolerance. Recorded runs of one name count as the members: perturb them by ``perturbed_members``."""
+    by ``size`` relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the
+    members: perturb them by ``perturbed_members``."""
     integer("members", members, 2)  # one has no spread
-    if case.uncertain and size is not None:
-        remedy = "its members differ by their parameters"
-        raise InputError("size", size, "be left out for a case with uncertain parameters", remedy)
-    size = SPREAD if size is None and not case.uncertain else size
-    drawn: Point = {}
-    if case.uncertain:
-        named = ", ".join(f"{path} {one.text}" for path, one in case.uncertain.items())
-        drawn = {"drawn": named, "distributions": [[path, repr(one)] for path, one in case.uncertain.items()]}
-    shared = drawn | {
+    shared: Point = {
         "form": form, "dt": dt, "t_end": t_end,
         "members": members, "size": size, "seed": seed, "contact": contact,
     }  # fmt: skip
@@ -97,7 +85,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     """Rows of members, quantiles of peak forces and the spectrum, of one method."""
     system = case.system(point["form"])
     dt, t_end = point["dt"], point["t_end"]
-    members = members_of(case, system, point)
+    members = perturbed_members(system, point["members"], point["size"], point["seed"], t_end=t_end)
     recorded, scheme = point.get("recorded"), None if point["method"] == "exact" else known_scheme(point["method"])
     many: Ensemble | Runs
     every = common.to_the_end(round(t_end / dt), SAMPLES)
@@ -116,12 +104,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
     whole = ~np.isfinite(many.diverged)
     drive = drive_frequency(system)
-    # Members may differ in their drives, by an uncertain frequency.
-    drives = [drive_frequency(member) for member in members] if "drawn" in point else [drive] * len(many)
-    response = np.zeros(len(many), complex)
-    for each in set(drives):
-        same = np.array(drives) == each
-        response[same] = drive_amplitude(t, many.tip[same], each)
+    response = drive_amplitude(t, many.tip, drive)
     losses = np.full((len(many), 2), np.nan)
     # The exact flow loses nothing; the runs of a function may hold no states.
     if isinstance(many, Ensemble) and point["method"] != "exact":
@@ -145,13 +128,6 @@ def evaluate(case: Case, point: Point) -> list[Row]:
         peak = {"kind": "peak", "contact_number": number}
         rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
     return rows + _spectrum(t, many.tip[whole], drive)
-
-
-def members_of(case: Case, system: System, point: Point) -> EnsembleMembers:
-    """The members of a point: systems with drawn parameters, or with perturbed starts."""
-    if case.uncertain:
-        return uncertain_members(system, case.uncertain, point["members"], point["seed"])
-    return perturbed_members(system, point["members"], point["size"], point["seed"], t_end=point["t_end"])
 
 
 def _sampled(run: Trajectory, t: Array) -> Trajectory:
@@ -239,18 +215,15 @@ def answer(rows: Rows, case: Case) -> Answer:
             "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
         })  # fmt: skip
     counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
-    drawn = first.get("drawn")
-    differ = f"Members drawn with {drawn}" if drawn else f"Members perturbed by {first['size']:g}"
-    budget = " stiffbeam doubt compares the scatter with rounding, scheme and mesh." if drawn else ""
     over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
     share = percent(_mean(distribution(rows, "exact", "fraction")))
     return Answer(
         f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
         f"t = {end} and is in contact {share} of the time{counted}.",
         table,
-        f"{differ}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
+        f"Members perturbed by {first['size']:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
         "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads"
-        f"{over}. The largest force grows with the span.{budget}",
+        f"{over}. The largest force grows with the span.",
     )
 
 

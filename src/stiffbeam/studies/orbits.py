@@ -1,17 +1,18 @@
-"""Periodic orbits over a parameter: stable and unstable ones, with their bifurcations, over the sweep's diagram.
+"""Periodic orbits over a parameter, stable or not, and where their stability changes, over the sweep's diagram.
 
-    orbit: q(t + m T) = q(t), m periods of the drive (references/exact/orbit.py); branch: continuation.py
+    orbit: q(t + m T) = q(t), m periods of the drive (references/exact/orbit.py)
 
-The orbit at which the branch starts is looked for from the motion after many periods, at several values of the
-parameter. At a flip the branch of twice the period is followed too. The section of the exact solution or of a scheme,
-once a period, lies below (sweep.py): it shows what is attracting, the branch also what is not.
+Natural continuation: the parameter is stepped through its range, and Newton's method starts from the line through the
+last two orbits. Where it fails or finds an orbit far from there, the step is halved. A branch that turns back, at a
+fold, ends so. The first orbit is looked for from the motion after many periods, at several values of the parameter.
+The section of the exact solution or of a scheme, once a period, lies below (sweep.py): it shows what is attracting.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, cast
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from ..basics.validation import InputError, integer, near, number
 from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
-from ..references.exact.continuation import Bifurcation, Branch, continuation
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
 from . import sweep
@@ -35,20 +35,23 @@ from .parameters import (
     couplings,
     drive_period,
     is_path,
-    method_of,
     named,
     quantity_of,
     setup_of,
 )
 
-SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
-VALUES = 3  # of the parameter at which it is looked for
-STEPS = (20, 50)  # least and most of a branch over the range, to start with
-DOUBLED = 2  # branches of twice the period that are followed
-PORTRAIT, PORTRAITS = 1200, 3  # samples of a portrait, and how many
-LINES, TOLD = 24, 4  # bifurcations in the table, in the verdict
+SETTLE, AGAIN, STARTS = 60, 7, 3  # periods before the first search, between searches; searches at a value
+STEPS = (20, 50)  # least and most values of a branch
+FAR = 0.5  # of the last step: an orbit further from its prediction belongs to another branch
+JUMP = 0.05  # of the motion: as far may an orbit be from the first one
+LEAST = 1e-5  # of the range: a shorter step ends a branch
+FOLD = 0.1  # distance of a multiplier from 1 at the end of a branch that turns back
+TOLD = 4  # changes of stability in the verdict
 COLOUR = {"stable": "#0072B2", "marginal": "#7F7F7F", "unstable": "#D55E00"}
-MARKER = {"fold": "s", "flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
+MARKER = {"flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
+
+Maker = Callable[[float], tuple[System, float]]  # system and period of the orbit at a value
+Branch = list[tuple[float, Orbit]]
 
 
 def points(
@@ -67,18 +70,15 @@ def points(
     periods: Annotated[int, "periods of the drive in the diagram"] = 16,
     transient: Annotated[int, "periods of the drive before those of the diagram"] = 32,
     count: Annotated[int, "number of drive frequencies if no values are given"] = 40,
-    orbits: Annotated[int, "largest number of orbits of a branch, in each direction from its start"] = 200,
-    starts: Annotated[int, "states of a long run from which the search for an orbit starts, at each of 3 values"] = 3,
-    grazings: Annotated[bool, "locate where a stop is touched for the first or last time"] = False,
 ) -> list[Point]:
     """The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
 
     The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
     0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic. By
-    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``.
+    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``. Limitation: a
+    branch ends where it turns back, at a fold.
     """
-    for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
-        integer(option, given, least)
+    integer("length", length, 1)
     if drive_period(case.system(form), parameter) is None:
         remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
         raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
@@ -95,12 +95,10 @@ def points(
         raise InputError("values", values, "span a range", "for example 8:14:60")
     branch = {
         "kind": "branch", "parameter": parameter, "couple": texts, "form": form, "length": length,
-        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)), "orbits": orbits,
-        "starts": starts, "grazings": grazings,
+        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
     }  # fmt: skip
-    make, period = _maker(case, branch)
     for end in (min(along), max(along)):
-        require_periodic(make(end), period(end))
+        require_periodic(*_maker(case, branch)(end))
     return [branch, *diagram]
 
 
@@ -114,90 +112,49 @@ def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
     return [couple] if isinstance(couple, str) else list(couple or ())
 
 
-def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callable[[float], float]]:
-    """The system and the period of the orbit as functions of the parameter."""
+def _maker(case: Case, point: Point) -> Maker:
     system, rules = case.system(point["form"]), couplings(point["couple"])
     shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
 
-    def setup(x: float) -> Any:
-        return setup_of(
-            system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], method_of(shared)
-        )
+    def make(x: float) -> tuple[System, float]:
+        setup = setup_of(system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], None)
+        return setup.system, point["length"] * setup.period
 
-    low, high = (setup(x).period for x in point["limits"])
-    m, (first, last) = point["length"], point["limits"]
-    # A constant period, or one that is 2 pi/x, is known without a setup at every value.
-    if low == high:
-        return lambda x: setup(x).system, lambda _: m * low
-    if abs(low * first - high * last) < 1e-12 * abs(low * first):  # T = 2 pi/x
-        return lambda x: setup(x).system, lambda x: m * low * first / x
-    return lambda x: setup(x).system, lambda x: m * setup(x).period
+    return make
 
 
 def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of the branches with their bifurcations and portraits, or the section at some values."""
+    """Rows of the branch with its changes of stability, or the section at some values."""
     if point.get("kind") != "branch":
         return [row for row in sweep.evaluate(case, point) if row.get("kind") == "section" or "refused" in row]
-    make, period = _maker(case, point)
-    name, (low, high) = point["parameter"], point["limits"]
-    rows: list[Row] = []
-    branches: list[tuple[int, Branch]] = []
-    grid = np.linspace(low, high, point["steps"])
-    # An orbit from which neither branch leaves is left for the next start.
-    for value, orbit in _starts(make, period, point):
-        if isinstance(orbit, str):
-            rows = rows or [_end(0, point["length"], 0, orbit)]
+    make, name, (low, high) = _maker(case, point), point["parameter"], point["limits"]
+    grid, reason = np.linspace(low, high, point["steps"]).tolist(), ""
+    for value, first in _starts(make, np.linspace(low, high, 3)[[1, 0, 2]].tolist()):
+        if isinstance(first, str):
+            reason = reason or first
             continue
-        rows = []
         # From the first orbit to both ends of the range.
-        for part, end in enumerate((high, low)):
-            if value != end:
-                along = [value, *(grid if end == high else grid[::-1])]
-                try:
-                    branch = continuation(
-                        make, name, along, period, orbit, grazings=point["grazings"], most=point["orbits"]
-                    )
-                except SolverFailure as failure:
-                    rows.append(_end(part, point["length"], 0, failure.reason))
-                    continue
-                branches.append((point["length"], branch))
-        if branches:
-            break
-    rows += [row for i, (length, branch) in enumerate(branches) for row in _branch(i, length, branch, period)]
-    # Branches of twice the period leave the first ones at flips, each flip once.
-    mains, followed = list(branches), list[float]()
-    for _, branch in mains:
-        for i, flip in enumerate(branch.flips):
-            if len(branches) - len(mains) == DOUBLED or any(abs(flip - x) < 1e-3 * (high - low) for x in followed):
-                continue  # a branch that left another flip has come back here
-            number, length = len(branches), 2 * point["length"]
-            try:
-                doubled = branch.doubled(i)
-            except SolverFailure as failure:
-                rows.append(_end(number, length, 0, f"at {flip:.10g} {failure.reason}"))
-                continue
-            followed += [float(flip), *doubled.values[-1:].tolist()]
-            branches.append((length, doubled))
-            rows += _branch(number, length, doubled, period)
-    return rows + _portraits(branches)
+        down, *ends = follow(make, [value, *(x for x in reversed(grid) if x < value)], first)
+        up, end = follow(make, [value, *(x for x in grid if x > value)], first)
+        branch = [*reversed(down[1:]), *up]
+        rows = [row for k, (x, orbit) in enumerate(branch) for row in _rows(name, k, x, orbit, point["length"])]
+        rows += [{"kind": "change", name: x, **rest} for x, rest in _changes(make, branch)]
+        return rows + [{"kind": "end", "reason": text} for text in (*ends, end) if text]
+    return [{"kind": "end", "reason": reason}]
 
 
-def _starts(
-    make: Callable[[float], System], period: Callable[[float], float], point: Point
-) -> Iterator[tuple[float, Orbit | str]]:
+def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit | str]]:
     """Values and orbits at which a branch may start, or the reason why there is none."""
-    low, high = point["limits"]
-    # The middle of the range first, then its ends.
-    for value in np.linspace(high, low, VALUES)[[1, 0, 2]].tolist():
-        system, T = make(value), period(value)
+    for value in values:
+        system, period = make(value)
         try:
             # The transient dies out first; then several states of the motion serve as starts.
-            mapping, n = PeriodMap(system, T), system.size
+            mapping, n = PeriodMap(system, period), system.size
             z = np.concatenate([system.q0, system.v0])
-            for i in range(point["starts"]):
+            for i in range(STARTS):
                 z = mapping.ahead(z, AGAIN if i else SETTLE)
                 try:
-                    found: Orbit | str = periodic_orbit(system, T, (z[:n], z[n:]))
+                    found: Orbit | str = periodic_orbit(system, period, (z[:n], z[n:]))
                 except SolverFailure as failure:
                     found = failure.reason
                 yield value, found
@@ -205,142 +162,131 @@ def _starts(
             yield value, getattr(failure, "reason", str(failure))
 
 
-def _end(branch: int, length: int, count: int, reason: str) -> Row:
-    return {"kind": "end", "branch": branch, "length": length, "count": count, "reason": reason}
+def follow(make: Maker, values: Sequence[float], orbit: Orbit) -> tuple[Branch, str]:
+    """Return the orbits along ``values`` from the one at the first, and the reason where they end before the last."""
+    branch, least = [(values[0], orbit)], LEAST * abs(values[-1] - values[0])
+    for target in values[1:]:
+        step = target - branch[-1][0]
+        while branch[-1][0] != target:
+            ahead = branch[-1][0] + step
+            value = target if abs(target - ahead) < least else ahead
+            try:
+                found = _next(make, branch, value)
+            except (SolverFailure, InputError, ArithmeticError, np.linalg.LinAlgError) as failure:
+                step *= 0.5
+                if abs(step) < least:
+                    return branch, _end(branch, getattr(failure, "reason", str(failure)))
+                continue
+            branch.append((value, found))
+            step = np.copysign(min(2.0 * abs(step), abs(target - value)), step)
+    return branch, ""
 
 
-def _stability(leading: complex) -> str:
-    size = abs(leading)
+def _next(make: Maker, branch: Branch, value: float) -> Orbit:
+    """Return the orbit at the next value; raise SolverFailure for one far from the line through the last two."""
+    states = [np.concatenate([orbit.q, orbit.v]) for _, orbit in branch[-2:]]
+    last, scale = branch[-1][0], np.maximum(branch[-1][1].path.units, 1e-300)
+    ahead = (value - last) / (last - branch[-2][0]) * (states[1] - states[0]) if len(states) > 1 else 0.0 * states[0]
+    predicted, n = states[-1] + ahead, len(states[0]) // 2
+    found = periodic_orbit(*make(value), (predicted[:n], predicted[n:]))
+    away = float(np.max(np.abs(np.concatenate([found.q, found.v]) - predicted) / scale))
+    if away > max(FAR * float(np.max(np.abs(ahead) / scale)), JUMP if len(states) == 1 else 1e-2 * JUMP):
+        raise SolverFailure(
+            "periodic_orbit",
+            value,
+            "no orbit is close to the last one, as past a fold or a grazing",
+            "take closer values",
+        )
+    return found
+
+
+def _end(branch: Branch, reason: str) -> str:
+    value, orbit = branch[-1]
+    if np.min(np.abs(orbit.multipliers - 1.0)) < FOLD:
+        return f"at {value:.6g}: a fold, where two orbits meet and the branch turns back"
+    return f"at {value:.6g}: {reason}"
+
+
+def _unstable(orbit: Orbit) -> int:
+    return int(np.sum(np.abs(orbit.multipliers) > 1.0 + ALONE))
+
+
+def _changes(make: Maker, branch: Branch) -> Iterator[tuple[float, Row]]:
+    """Values at which a multiplier crosses the unit circle, with the kind of the bifurcation and the tip."""
+    from scipy.optimize import brentq
+
+    for (low, one), (high, other) in pairwise(branch):
+        if _unstable(one) == _unstable(other):
+            continue
+        k, known = min(_unstable(one), _unstable(other)), {low: one, high: other}
+
+        def size(x: float, k: int = k, known: dict[float, Orbit] = known) -> float:
+            if x not in known:
+                known[x] = periodic_orbit(*make(x), known[min(known, key=lambda y: abs(y - x))])
+            return float(np.log(np.abs(known[x].multipliers[k])))
+
+        try:
+            value = cast(float, brentq(size, low, high, xtol=1e-10 * abs(high - low)))
+            located = abs(size(value)) < 1e-3  # else the multipliers jump
+        except SolverFailure:  # no orbit, or a multiplier of 1 but for rounding
+            value, located = min(known, key=lambda x: abs(size(x))), False
+        m = complex(known[value].multipliers[k])
+        kind = "torus" if abs(m.imag) > 1e-6 else "flip" if m.real < 0.0 else "branching"
+        kind = kind if abs(abs(m) - 1.0) < 0.05 else "grazing"
+        sides = {"below": _stability(one), "above": _stability(other)}
+        yield value, {"what": kind, "located": located, "tip": _tips(known[value], 1)[0]} | sides
+
+
+def _stability(orbit: Orbit) -> str:
+    size = abs(orbit.multipliers[0])
     return "marginal" if abs(size - 1.0) <= ALONE else "stable" if size < 1.0 else "unstable"
 
 
-def _tip(system: System, q: Array) -> float:
-    return float(system.positions(0.0, q)[system.tip_channel])
+def _tips(orbit: Orbit, length: int) -> list[float]:
+    """The tip once a period of the drive."""
+    return orbit.reference(1.0, np.linspace(0.0, orbit.period, length + 1)).tip[:-1].tolist()
 
 
-def _branch(i: int, length: int, branch: Branch, period: Callable[[float], float]) -> list[Row]:
-    """Rows of the orbits of a branch, one for each period of the drive, of its bifurcations and of its end."""
-    rows: list[Row] = []
-    name, make = branch.parameter, branch.follower.make_system
-    states = np.hstack([branch.q, branch.v])
-    for k, value in enumerate(branch.values.tolist()):
-        system, z, m = make(value), states[k], branch.multipliers[k]
-        tips = [_tip(system, z[: system.size])]
-        whole = branch.follower.period(value)
-        for _ in range(1, round(whole / period(value))):
-            z = PeriodMap(system, period(value)).flow(z)[0]
-            tips.append(_tip(system, z[: system.size]))
-        second = m[1] if len(m) > 1 else np.nan
-        rows += [
-            {"kind": "orbit", "branch": i, "length": length, "place": k, "phase": phase, name: value, "tip": tip,
-             "stability": _stability(m[0]), "events": int(branch.events[k]), "real": float(m[0].real),
-             "imag": float(m[0].imag), "second_real": float(second.real), "second_imag": float(second.imag)}
-            for phase, tip in enumerate(tips)
-        ]  # fmt: skip
-    rows += [_bifurcation(i, length, branch, x) for x in branch.bifurcations]
-    return [*rows, _end(i, length, len(branch.values), branch.end)]
-
-
-def _bifurcation(i: int, length: int, branch: Branch, at: Bifurcation) -> Row:
-    """Row of a bifurcation, with the stability of the orbits below and above it, or on both sides of a fold."""
-    k = min(max(at.place, 1), len(branch.values) - 1)
-    sides = [(branch.values[j], _stability(branch.multipliers[j, 0])) for j in (k - 1, k)]
-    if at.kind != "fold":
-        sides.sort()
-    system = branch.follower.make_system(at.value)
-    return {
-        "kind": "bifurcation", "branch": i, "length": length, branch.parameter: at.value, "what": at.kind,
-        "below": sides[0][1], "above": sides[1][1], "tip": _tip(system, at.z[: system.size]),
+def _rows(name: str, place: int, value: float, orbit: Orbit, length: int) -> list[Row]:
+    """Rows of an orbit, one for each period of the drive."""
+    m = np.append(orbit.multipliers, np.nan)
+    shared = {
+        "kind": "orbit", "length": length, "place": place, name: value, "stability": _stability(orbit),
+        "events": len(orbit.events), "real": float(m[0].real), "imag": float(m[0].imag),
+        "second_real": float(m[1].real), "second_imag": float(m[1].imag),
     }  # fmt: skip
-
-
-def _portraits(branches: list[tuple[int, Branch]]) -> list[Row]:
-    """Phase portraits of orbits in the middle of the stable and unstable parts of the branches, a few."""
-    rows: list[Row] = []
-    chosen: list[tuple[int, Branch, int]] = []
-    for length, branch in branches:
-        for what in (branch.stable, ~branch.stable):
-            here = np.flatnonzero(what)
-            if len(here):
-                chosen.append((length, branch, int(here[len(here) // 2])))
-    seen: set[tuple[int, str]] = set()
-    for length, branch, k in chosen:
-        key = length, _stability(branch.multipliers[k, 0])
-        if key in seen or len(seen) == PORTRAITS:
-            continue
-        try:
-            orbit = branch.orbit(k)
-            run = orbit.reference(1.0, np.linspace(0.0, orbit.period, PORTRAIT))
-        except (SolverFailure, InputError):
-            continue
-        seen.add(key)
-        rows += [
-            {"kind": "portrait", "length": length, branch.parameter: float(branch.values[k]), "stability": key[1],
-             "t": float(t), "u": float(u), "v": float(v)}
-            for t, u, v in zip(run.t, run.tip, run.tip_velocity, strict=True)
-        ]  # fmt: skip
-    return rows
-
-
-def _periods(length: float) -> str:
-    return f"{length:g} period{'s' if length != 1 else ''}"
+    return [shared | {"phase": phase, "tip": tip} for phase, tip in enumerate(_tips(orbit, length))]
 
 
 def _said(row: Row) -> str:
-    """The orbits on both sides of a bifurcation, in words."""
-    below, above, branches = row["below"], row["above"], row.get("branches", "")
-    if row["what"] == "fold":
-        both = "two unstable" if below == above == "unstable" else " and ".join(sorted((below, above)))
-        return f"{both} orbits meet{branches}"
-    return (f"{below} on both sides" if below == above else f"{below} below, {above} above") + branches
+    below, above = row["below"], row["above"]
+    return f"{below} on both sides" if below == above else f"{below} below, {above} above"
 
 
 def answer(rows: Rows, case: Case) -> Answer:
-    """The bifurcations at which the orbit gains or loses its stability, and a table of all."""
+    """The values at which the orbit gains or loses its stability, where the branch ends, and a table of the changes."""
     kinds = groups([row for row in rows if "kind" in row], "kind")
-    orbits, ends = kinds.get("orbit", []), kinds.get("end", [])
+    orbits, ends = kinds.get("orbit", []), [row["reason"] for row in kinds.get("end", [])]
     if not orbits:
-        reasons = dict.fromkeys(row["reason"] for row in ends)
-        return Answer(f"No orbit was found{''.join(f': {reason}' for reason in reasons)}.")
-    name = orbits[0]["parameter"]
-    units, quantity = case.units, quantity_of(case, name)
-    at: list[Row] = sorted(
-        kinds.get("bifurcation", []), key=lambda row: (row["length"], row["what"] == "grazing", row[name])
+        return Answer(f"No orbit was found: {'; '.join(ends)}.")
+    name, first = orbits[0]["parameter"], [row for row in orbits if row["phase"] == 0]
+    units, quantity, length = case.units, quantity_of(case, name), orbits[0]["length"]
+
+    def value(row: Row, digits: int) -> str:
+        return units.measure(f"{row[name]:.{digits if row['located'] else 4}g}", quantity)
+
+    changes = kinds.get("change", [])
+    table = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
+    said = "; ".join(
+        f"{row['what']} {'at' if row['located'] else 'near'} {value(row, 6)}: {_said(row)}" for row in changes[:TOLD]
     )
-    # Mirrored branches of a symmetric system have their bifurcations at the same values.
-    alike = groups([row | {"orbits": _said(row), "near": f"{row[name]:.9g}"} for row in at],
-                   "length", "what", "near", "orbits").values()  # fmt: skip
-    at = [same[0] | ({"branches": f", on {len(same)} branches"} if len(same) > 1 else {}) for same in alike]
-
-    def value(row: Row, form: str) -> str:
-        return units.measure(f"{row[name]:{form}}", quantity)
-
-    table = [
-        {"bifurcation": row["what"], name: value(row, ".10g"), "orbit of": _periods(row["length"]),
-         "orbits": _said(row)}
-        for row in at[:LINES]
-    ]  # fmt: skip
-    main = min(row["length"] for row in orbits)
-    first = [row for row in orbits if row["length"] == main and row["phase"] == 0]
-    shares = [sum(row["stability"] == kind for row in first) for kind in COLOUR]
+    said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
     low, high = (pick(row[name] for row in first) for pick in (min, max))
-    ranges = units.measure(f"{low:g} to {high:g}", quantity)
-    changes = [row for row in at if row["length"] == main and row["below"] != row["above"] and row["what"] != "grazing"]
-    changes.sort(key=lambda row: "stable" not in (row["below"], row["above"]))  # those of unstable orbits last
-    told = "; ".join(f"{row['what']} at {value(row, '.6g')}: {_said(row)}" for row in changes[:TOLD])
-    rest = len(changes) - TOLD
-    more = f"; {rest} more change{'s' if rest > 1 else ''}" if rest > 0 else ""
-    if not told:
-        kind = max(zip(shares, COLOUR, strict=True))[1]
-        told = f"{kind} all along" if max(shares) == len(first) else "no located bifurcation changes their stability"
-    notes = []
-    for length, group in groups(ends, "length").items():
-        stops = dict.fromkeys(row["reason"] for row in group)
-        notes.append(f"Orbits of {_periods(length)}: {sum(row['count'] for row in group):g}; ends: {', '.join(stops)}.")
-    if len(at) > LINES:
-        notes.append(f"The table has {LINES} of {len(at)} bifurcations; all are in the records.")
     return Answer(
-        f"Orbits of {_periods(main)} over {named_plainly(name)} {ranges}: {told}{more}.", table, " ".join(notes)
+        f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
+        f"{units.measure(f'{low:g} to {high:g}', quantity)}: {said or first[0]['stability'] + ' all along'}.",
+        table,
+        " ".join(f"The branch ends {reason}." for reason in ends),
     )
 
 
@@ -350,69 +296,42 @@ def named_plainly(name: str) -> str:
 
 
 def picture(records: Records) -> Picture:
-    """The branches over the section; the multipliers in the complex plane; portraits of a few orbits."""
+    """The branch over the section; the multipliers in the complex plane."""
     rows, case = records.numbers, records.case
     kinds = groups([row for row in rows if "kind" in row], "kind")
     orbits, section = kinds.get("orbit", []), kinds.get("section", [])
     name = (orbits or section or rows)[0]["parameter"]
-    across = Axis(named(case, name))
     dots = {"linestyle": "", "marker": ".", "ms": 3.4, "mew": 0.0, "color": "0.35", "alpha": 0.6, "rasterized": True}
-    method = section[0].get("method", EXACT) if section else EXACT
-    marks: list[Mark] = [Curve.over(section, name, "tip", f"section, {method}", dots)] if section else []
-    marks += _lines(orbits, name)
-    for kind, group in groups(kinds.get("bifurcation", []), "what").items():
-        what = str(kind)
-        style = {"linestyle": "", "marker": MARKER[what], "color": "black", "ms": 6, "zorder": 4, "mfc": "none"}
-        marks.append(Curve(column(group, name), column(group, "tip"), what, style))
-    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+    marks: list[Mark] = []
+    if section:
+        marks.append(Curve.over(section, name, "tip", f"section, {section[0].get('method', EXACT)}", dots))
+    for kind, group in groups(orbits, "stability").items():
+        style = {"linestyle": "", "marker": ".", "ms": 5, "color": COLOUR[str(kind)]}
+        marks.append(Curve.over(group, name, "tip", str(kind), style))
+    for kind, group in groups(kinds.get("change", []), "what").items():
+        style = {"linestyle": "", "marker": MARKER[str(kind)], "color": "black", "ms": 6, "zorder": 4, "mfc": "none"}
+        marks.append(Curve.over(group, name, "tip", str(kind), style))
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     plane: list[Mark] = [Curve(np.cos(angle), np.sin(angle), look={"color": "0.5", "lw": 0.9}),
                          Level(0.0, look={"color": "0.85"}), Level(0.0, of="x", look={"color": "0.85"})]  # fmt: skip
-    firsts = [row for row in orbits if row["phase"] == 0]
-    for stability, group in groups(firsts, "stability").items():
-        kind = str(stability)
-        style = {"linestyle": "", "marker": ".", "ms": 4, "color": COLOUR[kind], "alpha": 0.7}
-        both = [np.concatenate([column(group, f"{x}{part}") for x in ("", "second_")]) for part in ("real", "imag")]
+    for kind, group in groups([row for row in orbits if row["phase"] == 0], "stability").items():
+        style = {"linestyle": "", "marker": ".", "ms": 4, "color": COLOUR[str(kind)], "alpha": 0.7}
+        both: list[Array] = [
+            np.concatenate([column(group, f"{x}{part}") for x in ("", "second_")]) for part in ("real", "imag")
+        ]
         plane.append(Curve(both[0], both[1], look=style))
-    u = tip_symbol(case.beam)
-    paths: list[Mark] = []
-    for (length, value, kind), group in groups(kinds.get("portrait", []), "length", name, "stability").items():
-        label = f"{_periods(length)}, {case.units.measure(f'{value:.5g}', quantity_of(case, name))}, {kind}"
-        style = {"color": COLOUR[kind], "lw": 1.0, "linestyle": "--" if kind == "unstable" else "-"}
-        paths.append(Curve.over(group, "u", "v", label, style | ({} if length == 1 else {"alpha": 0.6})))
-    return Picture([
-        [Panel("orbits and the tip once a period $T$ of the drive", across, tip, marks, legend="below")],
-        [
-            Panel("two leading multipliers", Axis("real part", limits=(-1.8, 1.8)),
-                  Axis("imaginary part", limits=(-1.2, 1.2)), plane, empty="no orbit", equal=True),
-            Panel("portraits", Axis(u, "length"), Axis(u.replace("u(", "u_t("), "velocity"), paths, legend="below",
-                  empty="no orbit"),
-        ],
-    ], 8.8, heights=(1.35, 1.0))  # fmt: skip
-
-
-def _lines(orbits: list[Row], name: str) -> list[Mark]:
-    """A line for each part of a branch of one stability, which ends in the next part."""
-    marks: list[Mark] = []
-    labelled: set[str] = set()
-    main = min((row["length"] for row in orbits), default=1)
-    for (_, length, _), group in groups(orbits, "branch", "length", "phase").items():
-        group = sorted(group, key=lambda row: row["place"])
-        x, y = column(group, name), column(group, "tip")
-        kind = np.array([row["stability"] for row in group])
-        begins = [0, *(np.flatnonzero(kind[1:] != kind[:-1]) + 1).tolist(), len(group)]
-        for i, j in pairwise(begins):
-            label = f"{kind[i]}, {_periods(length)}"
-            style: dict[str, Any] = {"color": COLOUR[kind[i]], "lw": 1.6, "alpha": 1.0 if length == main else 0.65}
-            style |= {"linestyle": "--" if kind[i] == "unstable" else "-", "marker": "" if j - i > 1 else "."}
-            marks.append(Curve(x[i : j + 1], y[i : j + 1], "" if label in labelled else label, style))
-            labelled.add(label)
-    return marks
+    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+    title = "orbits and the tip once a period $T$ of the drive"
+    circle = Panel("two leading multipliers", Axis("real part", limits=(-1.8, 1.8)),
+                   Axis("imaginary part", limits=(-1.2, 1.2)), plane, empty="no orbit", equal=True)  # fmt: skip
+    return Picture(
+        [[Panel(title, Axis(named(case, name)), tip, marks, legend="below")], [circle]], 8.8, heights=(1.35, 1.0)
+    )
 
 
 STUDY = declared(
     __name__,
     "Which periodic orbits are there over a parameter, stable or not, and where do they change?",
     named_by=("parameter",),
-    smoke={"count": 4, "periods": 3, "transient": 1, "orbits": 10, "starts": 1},
+    smoke={"count": 4, "periods": 3, "transient": 1},
 )

@@ -75,8 +75,7 @@ def points(
         elif one.kind != SOLVER:
             counts = common.halved(end, dt, halvings)
             plan += [method | {"dt": end / steps} for steps in _affordable(one, system, end, horizon, counts)]
-    installed = [m for m in METHODS if REFERENCES[m].installed or not REFERENCES[m].extra]
-    fast = [m for m in installed if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
+    fast = [m for m in METHODS if REFERENCES[m].seconds < TOO_SLOW and takes(m, system, case.t_end)]
     if methods is None and not asked:
         asked, shared = fast, shared | {"budget": TOO_SLOW}
     for method in dict.fromkeys(asked):

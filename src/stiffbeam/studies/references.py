@@ -68,7 +68,7 @@ def _checked(file: Path, entry: dict[str, Any] | None) -> dict[str, Any]:
 
 def _contradicted(file: Path, solution: Trajectory, entry: dict[str, Any]) -> str:
     """Return the first difference between a file and its entry in the manifest, "" if there is none."""
-    written = read_netcdf(file).attributes
+    written = read_netcdf(file).attrs
     notes = solution.provenance
     facts: dict[str, Any] = contact_facts(solution) | {
         "t_end": notes["t_end"], "form": notes["form"], "digits": notes.get("digits"),

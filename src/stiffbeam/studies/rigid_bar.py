@@ -30,9 +30,9 @@ SPEED, LENGTH, MODULUS, GRAVITY, HEIGHT = 30, 10, 900, 10, 5
 PERIOD = Fraction(16, 3)
 ENERGY = 500.0  # M g h, all that there is
 SEGMENT = Fraction(1, 3)  # between changes of the contact or of the waves' slope
-# How the wall is made: a node with mass that an impact law turns round, one without mass, a spring.
-REACTION, MASSLESS, SPRING, CONSERVING = "rigid", "massless node", "spring", "conserving spring"
-WALLS = (REACTION, MASSLESS, SPRING, CONSERVING)
+# How the wall is made: a node with mass that an impact law turns round, or a spring.
+REACTION, SPRING, CONSERVING = "rigid", "spring", "conserving spring"
+WALLS = (REACTION, SPRING, CONSERVING)
 KAPPA = 10.0  # of the spring, in units of the stiffness of an element
 ENTRIES: tuple[tuple[str, str, float | None], ...] = (
     ("Trapezoidal", REACTION, None), ("HHT(alpha=-0.1)", REACTION, None), ("BDF2", REACTION, None),
@@ -44,7 +44,6 @@ ENTRIES: tuple[tuple[str, str, float | None], ...] = (
     ("NonsmoothGeneralisedAlpha(rho=0.8)", REACTION, 0.0), ("NonsmoothGeneralisedAlpha(rho=1.0)", REACTION, 0.0),
     ("NonsmoothGeneralisedAlpha(rho=1.0)", REACTION, 1.0),
     ("Trapezoidal", SPRING, None), ("Trapezoidal", CONSERVING, None),
-    ("Trapezoidal", MASSLESS, None), ("SDIRK", MASSLESS, None), ("Trapezoidal conserving", MASSLESS, None),
 )  # fmt: skip
 PERIODS = 3
 FLIGHT = 3.0  # the foot is compared until then: over the first contact and most of the flight after it
@@ -64,13 +63,13 @@ def points(
     """
     wanted = None if schemes is None else {label_of(scheme) for scheme in schemes}
     meshes = [25, 50, 100] if cells is None else cells
-    chosen = [entry for entry in ENTRIES if wanted is None or label_of(entry[0].removesuffix(" conserving")) in wanted]
+    chosen = [entry for entry in ENTRIES if wanted is None or label_of(entry[0]) in wanted]
     if not chosen:
         raise InputError("schemes", schemes, "be among those of the study", ", ".join(sorted({e[0] for e in ENTRIES})))
     return [
         {
-            "scheme": label_of(scheme.removesuffix(" conserving")), "wall": wall,
-            "conserving": scheme.endswith(" conserving") or wall == CONSERVING, "restitution": e, "cells": int(number),
+            "scheme": label_of(scheme), "wall": wall,
+            "conserving": wall == CONSERVING, "restitution": e, "cells": int(number),
             "courant": float(courant), "starts": starts,
         }
         for scheme, wall, e in chosen
@@ -84,19 +83,17 @@ def evaluate(case: Case, point: Point) -> list[Row]:
     dt = point["courant"] * LENGTH / (cells * SPEED)
     steps = int(np.ceil(float(PERIODS * PERIOD) / dt - 1e-9))
     scheme = scheme_of(point["scheme"])
-    stiffness = np.inf if wall in (REACTION, MASSLESS) else KAPPA * MODULUS * cells / LENGTH
+    stiffness = np.inf if wall == REACTION else KAPPA * MODULUS * cells / LENGTH
     stops = Stops(lower=0.0, stiffness=stiffness, restitution=point["restitution"])
     rows = []
     for start in range(point["starts"]):
         # The starts differ by less than a step, so that the impact lies at another place of its step in each.
         fallen = dt * start / point["starts"]
         system = bouncing_bar(cells, stops, fallen)
-        whole = system.massless_contacts() if wall == MASSLESS else system
-        run = integrate(whole, scheme, dt, steps * dt, contact="conserving" if point["conserving"] else "implicit")
+        run = integrate(system, scheme, dt, steps * dt, contact="conserving" if point["conserving"] else "implicit")
         # A reaction is the mean over the step before.
         centre = 0.5 * dt if run.provenance["march"] == BY_REACTIONS else 0.0
-        t, force, height = run.t + fallen, run.contact_force, run.contacts[0].position
-        node = np.maximum(height, 0.0) if wall == MASSLESS else height
+        t, force, node = run.t + fallen, run.contact_force, run.contacts[0].position
         within = (t - centre > 1.0 + EDGE) & (t - centre < 5.0 / 3.0 - EDGE)
         early = t <= FLIGHT
         energy = run.energy
@@ -177,7 +174,7 @@ def name_of(row: Row) -> str:
     """An entry in words."""
     e = row.get("restitution")
     impact = "" if e is None or np.isnan(e) else f", e = {e:g}"
-    scheme = short(row["scheme"]) + (" conserving" if row["conserving"] and row["wall"] == MASSLESS else "")
+    scheme = short(row["scheme"])
     return f"{scheme}{impact}" + ("" if row["wall"] == REACTION else f", {row['wall']}")
 
 

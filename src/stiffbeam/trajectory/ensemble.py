@@ -17,7 +17,7 @@ from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from .records import Impacts, Ledger
-from .schema import arrays_of, frame_of, named, save, values_of
+from .schema import dataset_of, frame_of, named, save, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ class Ensemble(Runs):
 
     def to_xarray(self) -> xarray.Dataset:
         """Dimensions member, contact, impact, time; every variable with its unit; provenance as attributes."""
-        return arrays_of(self).to_xarray()
+        return dataset_of(self)
 
     def save(self, file: str | Path) -> Path:
         """Write it in the format that the suffix names: .nc, .json or .mat (all of ``to_xarray``) or .csv

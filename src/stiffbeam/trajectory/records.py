@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.text import DRAW, html_table, several
-from ..basics.validation import Renamed, bound
+from ..basics.validation import bound
 from ..model.contact import Stops, channel_motion
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
@@ -262,10 +262,6 @@ class Ledger:
     loss_without_contact: Array
     stop_dissipation: Array = None  # type: ignore[assignment]  # zero unless given
     spread: Array = None  # type: ignore[assignment]  # likewise
-    contact: ClassVar = Renamed("loss_in_contact")
-    free: ClassVar = Renamed("loss_without_contact")
-    given: ClassVar = Renamed("supplied")
-    sure: ClassVar = Renamed("is_resolved")
 
     def __post_init__(self) -> None:
         for name in ("stop_dissipation", "spread"):

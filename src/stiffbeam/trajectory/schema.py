@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.storage import Arrays, write_netcdf, write_whole
+from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import plain, table
 from ..basics.units import NON_DIMENSIONAL, ONE, Units
 from ..basics.validation import InputError, file_path, near
@@ -25,6 +25,7 @@ from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
     from .ensemble import Ensemble
     from .trajectory import Trajectory
@@ -121,20 +122,6 @@ COORDINATES = tuple(
 BY_NAME = {variable.name: variable for variable in (*SCHEMA, *COORDINATES)}
 IMPACT_FIELDS = {v.field: v.name for v in SCHEMA if v.owner == IMPACTS and v.field != "at_start"}
 LEDGER_FIELDS = {v.field: v.name for v in SCHEMA if v.owner == ENERGY}
-BEFORE = {  # names in files of formats 1 and 2
-    "impact_times": "impact_time",
-    "impact_ends": "impact_end",
-    "impact_stops": "impact_stop",
-    "impact_peaks": "impact_peak_force",
-    "impact_impulses": "impact_impulse",
-    "ledger_contact": "energy_loss_in_contact",
-    "ledger_free": "energy_loss_without_contact",
-} | {
-    f"ledger_{field}": name
-    for field, name in LEDGER_FIELDS.items()
-    if field not in ("loss_in_contact", "loss_without_contact")
-}
-
 Values = dict[str, tuple[tuple[str, ...], Any]]
 
 
@@ -206,14 +193,9 @@ def _coordinates(result: Any, impacts: Iterable[Any], x: Any, many: bool) -> Val
         if contacts:
             each = [np.repeat(members, contact.impact_count) for contact in contacts]
             values["impact_member"] = (IM, np.concatenate(each))
-        # A varied number is a coordinate by its path; parameters that were drawn are one each.
+        # A varied number is a coordinate by its path.
         if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
             values[parameter_name(result.members.parameter)] = (("member",), result.values)
-        elif (
-            drawn := np.asarray(result.members.values)
-        ).ndim == 2 and drawn.dtype.kind == "f":  # by ``uncertain_members``
-            for path, column in zip(result.members.parameter.split(", "), drawn.T, strict=True):
-                values[parameter_name(path)] = (("member",), column)
     return values
 
 
@@ -224,21 +206,11 @@ def parameter_name(parameter: str) -> str:
 
 
 def notes_of(values: Values, units: Units) -> dict[str, dict[str, str]]:
-    """Attributes of every variable: long_name, units, and the coordinates that its dimensions do not name."""
-    # CF: a coordinate that has not the name of its dimension is listed in "coordinates".
-    further: dict[str, list[str]] = {}
-    for name, (dims, _) in values.items():
-        parameter = name not in BY_NAME
-        if parameter or (name in {v.name for v in COORDINATES} and dims != (name,)):
-            further.setdefault(dims[0], []).append(name)
-    notes: dict[str, dict[str, str]] = {}
-    for name, (dims, _) in values.items():
-        known = BY_NAME.get(name)
-        notes[name] = {"long_name": f"value of {name} in the member"} if known is None else known.notes(units)
-        beside = [each for dim in dims for each in further.get(dim, ()) if (dim,) != (name,)]
-        if beside and name not in beside:
-            notes[name]["coordinates"] = " ".join(beside)
-    return notes
+    """Attributes of every variable: long_name and units."""
+    return {
+        name: BY_NAME[name].notes(units) if name in BY_NAME else {"long_name": f"value of {name} in the member"}
+        for name in values
+    }
 
 
 def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:
@@ -258,15 +230,14 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 
-SUFFIXES = (".nc", ".nc4", ".h5", ".csv", ".mat", ".json")
 HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stops", "impact_kind", "horizon")
+SUFFIXES = (".nc", ".nc4", ".h5", ".csv", ".mat", ".json")
 
 
-def arrays_of(result: Trajectory | Ensemble, x: Any = None) -> Arrays:
-    """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole.
+def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
+    """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
+    import xarray
 
-    Without xarray, which takes a second to import and a tenth of one to write.
-    """
     values = values_of(result, x)
     notes = notes_of(values, result.units)
     data = {name: (dims, array, notes[name]) for name, (dims, array) in values.items()}
@@ -282,8 +253,10 @@ def arrays_of(result: Trajectory | Ensemble, x: Any = None) -> Arrays:
         "stops": json.dumps([stops.data for stops in result.stops]),
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
     } | result.further_attributes()
-    attributes["hash"] = Arrays(data, attributes).hash(HASHED)
-    return Arrays(data, attributes)
+    coordinates = [name for name in data if name not in BY_NAME or name in {v.name for v in COORDINATES}]
+    dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
+    dataset.attrs["hash"] = content_hash(dataset, HASHED)
+    return dataset
 
 
 def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
@@ -300,30 +273,29 @@ def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
         raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
     if suffix == ".csv":
         return write_whole(file, result.to_dataframe().to_csv())
-    arrays = arrays_of(result)
+    data = dataset_of(result)
     if suffix == ".json":
-        return write_whole(file, json.dumps(plain(arrays.to_dict()), allow_nan=False) + "\n")
+        return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
     if suffix == ".mat":
-        return _write_mat(arrays, file)
-    return write_netcdf(arrays, file, compression=4 if result.kind == "ensemble" else 0)
+        return _write_mat(data, file)
+    return write_netcdf(data, file, compression=4 if result.kind == "ensemble" else 0)
 
 
-def _write_mat(arrays: Arrays, file: str | Path) -> Path:
+def _write_mat(data: xarray.Dataset, file: str | Path) -> Path:
     """A MATLAB 5 file: every variable by name, one along time, impacts or members as a column; structs ``units`` and
     ``long_name``; ``provenance`` as JSON. A parameter's path becomes a name: ``stops_0_stiffness``."""
     from scipy.io import savemat
 
     content: dict[str, Any] = {}
     notes: dict[str, dict[str, str]] = {"units": {}, "long_name": {}}
-    for written, (_, values, attributes) in arrays.variables.items():
-        name = re.sub(r"\W+", "_", written).strip("_")
-        column = np.asarray(values)
+    for written, variable in data.variables.items():
+        name, column, attributes = re.sub(r"\W+", "_", str(written)).strip("_"), variable.values, variable.attrs
         content[name] = column[:, None] if column.ndim == 1 else column
         for key, texts in notes.items():
             if key in attributes:
                 texts[name] = attributes[key]
     buffer = BytesIO()
-    content |= notes | {"provenance": arrays.attributes["provenance"]}
+    content |= notes | {"provenance": data.attrs["provenance"]}
     savemat(buffer, content, appendmat=False, long_field_names=True)
     return write_whole(file, buffer.getvalue())
 

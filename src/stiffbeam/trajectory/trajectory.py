@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache, cached_property, reduce
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +18,10 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts, sentence, several
 from ..basics.units import UNKNOWN, Units
-from ..basics.validation import InputError, Renamed, integer, numbers, positive, sequence
+from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import arrays_of, frame_of, named, output_index, save, values_of
+from .schema import dataset_of, frame_of, named, output_index, save, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -139,7 +139,6 @@ class Trajectory:
     ledger: Callable[[], Ledger] | None = field(default=None, repr=False)  # at the output times
     diverged: float = field(default=float("nan"), repr=False)  # when it overflowed; ``integrate`` raises then
     stored_fingerprint: str = field(default="", repr=False)  # the fingerprint of a system that is not at hand
-    read_for: ClassVar = Renamed("stored_fingerprint")
 
     @classmethod
     def from_arrays(
@@ -261,73 +260,6 @@ class Trajectory:
         return np.concatenate(q), np.concatenate(v)
 
     @property
-    def y(self) -> Array:
-        """(q, q') at the output times as SciPy has them, (2n, k)."""
-        return np.vstack([x.T for x in self.states])
-
-    @property
-    def nfev(self) -> int | None:
-        """Number of right-hand sides; 0 for schemes and exact solutions, None if the solver counts none."""
-        return self._count("rhs", "stages")
-
-    @property
-    def njev(self) -> int | None:
-        """Number of Jacobians, see ``nfev``."""
-        return self._count("jacobians")
-
-    @property
-    def nlu(self) -> int | None:
-        """Number of factorisations, see ``nfev``: SciPy's solvers count them."""
-        return self._count("factorisations")
-
-    def _count(self, *names: str) -> int | None:
-        counters = self.work.counters
-        known = [counters[name] for name in names if name in counters]
-        solver = {"rhs", "stages", "jacobians"} & set(counters)
-        return known[0] if known else None if solver or self.provenance.get("source") == "arrays" else 0
-
-    @property
-    def status(self) -> int:
-        """0 where the run reached its end, -1 where it overflowed, as SciPy's."""
-        return -1 if np.isfinite(self.diverged) else 0
-
-    @property
-    def success(self) -> bool:
-        """True where the run reached its end."""
-        return self.status == 0
-
-    @property
-    def message(self) -> str:
-        """Sentence that explains ``status``."""
-        if self.success:
-            return f"Reached t = {self.units.measure(f'{self.t[-1]:g}', 'time')}."
-        return f"Overflowed at t = {self.units.measure(f'{self.diverged:g}', 'time')}."
-
-    @property
-    def t_events(self) -> list[Array]:
-        """Times of the impacts at each contact."""
-        return [contact.impacts.times for contact in self.contacts]
-
-    @property
-    def y_events(self) -> list[Array] | None:
-        """(q, q') at ``t_events``, (impacts, 2n) for each contact; None where states are not known between outputs.
-
-        Those of a scheme are of the cubic Hermite interpolant that its sampled impacts are read from, at the run's own
-        steps.
-        """
-        at = self._states_between()
-        return None if at is None else [np.hstack(at(times)) for times in self.t_events]
-
-    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
-        """Function of times that gives (q, q')."""
-        if self.pieces is None or self.provenance.get("every", 1) != 1:
-            return None
-        from scipy.interpolate import CubicHermiteSpline
-
-        q = CubicHermiteSpline(self.t, *self.states, axis=0)
-        return lambda times: (q(times), q(times, 1))
-
-    @property
     def has_energy(self) -> bool:
         """True if the run has an energy balance, or can compute one."""
         return self.ledger is not None or "energy" in vars(self)
@@ -422,7 +354,7 @@ class Trajectory:
     def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
         """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
         x along the beam also displacement(time, x) and velocity(time, x)."""
-        return arrays_of(self, None if x is None else numbers("x", np.atleast_1d(x))).to_xarray()
+        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
 
 
 def _travels(value: Any) -> bool:
@@ -561,12 +493,6 @@ class Reference(Trajectory):
         if times[-1] > end * (1 + 1e-12):
             raise InputError("t", float(times[-1]), f"lie in [0, {end:g}]", "solve for a longer t_end")
         return self.derive(self, paths, np.minimum(times, end))
-
-    def _states_between(self) -> Callable[[Array], tuple[Array, Array]] | None:
-        state_at, size = self.state_at, 0 if self.system is None else self.system.size
-        if state_at is None:
-            return None
-        return lambda times: state_at(times) if len(times) else (np.zeros((0, size)), np.zeros((0, size)))
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """Contact in [start, end]. Only exact solutions on compliant stops have it."""

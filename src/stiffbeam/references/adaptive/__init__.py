@@ -1,7 +1,7 @@
 """The adaptive solvers, whose error control chooses their steps. In reading order:
 
-sundials, diffrax, scipy, heyoka         one library each: ``solve(request)``
-adaptive                                 common parts: tolerances, the Reference from a solution
-restarts                                 integration from event to event, by the roots of every gap
-pieces                                   intervals in which the functions of time are smooth, and their longest steps
+sundials, diffrax, scipy         one library each: ``solve(request)``
+adaptive                         common parts: tolerances, the Reference from a solution
+restarts                         integration from event to event, by the roots of every gap
+pieces                           intervals in which the functions of time are smooth, and their longest steps
 """

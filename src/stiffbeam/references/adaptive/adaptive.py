@@ -14,6 +14,7 @@ from ...basics.validation import InputError, one_of, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace, state_space
 from ...model.system import System
+from ...model.time_functions import in_closed_form
 from ...trajectory.recorder import contact_spans
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
@@ -81,7 +82,7 @@ def reference_from(
     def solve(t: Array) -> Path:
         begun = clock()
         run = solver(rhs, share * rtol, tolerances)
-        path = follow(method, rhs, pieces.pieces, t, switches, scales, run, steps.events)
+        path = follow(method, rhs, pieces, t, switches, scales, run, steps.events)
         # A later solve of the same equations uses the compiled program and must not count this time again.
         compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
         return path._replace(seconds=clock() - begun, compile_seconds=compiling)
@@ -100,15 +101,15 @@ def reference_from(
         return _ledger(system, t, states[0], states[1], given, taken, of_stops)
 
     # Record of how the solution was computed.
-    bounds = [piece.max_step for piece in pieces.pieces if np.isfinite(piece.max_step)]
+    bounds = [piece.max_step for piece in pieces if np.isfinite(piece.max_step)]
     notes: dict[str, Any] = {
         "rtol": rtol,
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "switches": switches if system.contacts else "none",
-        "pieces": len(pieces.pieces),
+        "pieces": len(pieces),
         "callbacks": rhs.callbacks,
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
-        **({"loads_scanned_every": pieces.spacing} if pieces.spacing else {}),
+        **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
     }
     return Reference(

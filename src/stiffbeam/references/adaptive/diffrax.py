@@ -1,4 +1,4 @@
-"""Runge-Kutta solvers of diffrax on JAX: Kvaerno's ESDIRK methods, and any other that estimates its error."""
+"""Kvaerno's ESDIRK methods of diffrax, on JAX."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _PROGRAMS: dict[tuple[Any, ...], Any] = {}
 
 
 def solve(request: Request) -> Reference:
-    """Kvaerno's L-stable, stiffly accurate methods of order 3 and 5, or "diffrax:NAME", in float64.
+    """Kvaerno's L-stable, stiffly accurate methods of order 3 and 5 in float64.
 
     diffrax makes the steps and chooses their lengths. A root is looked for at the ends of every step; where one ends
     a phase, a step of the full order leads to it, and another to every output time, since dense output is of third
@@ -101,12 +101,10 @@ class Programs:
 
         self.rhs, self.name = rhs, name
         self._kind = numbers_of(rhs)[0]
-        # If the first stage of a step is the last one of the step before (FSAL), a step has one stage less.
-        tableau = getattr(diffrax, name).tableau
-        self.stages = len(tableau.b_sol) - int(tableau.fsal)
-        # Modal needs y' linear in y. diffrax solves for f in the stages of FSAL solvers alone, else for h f.
-        implicit = issubclass(getattr(diffrax, name), diffrax.AbstractImplicitSolver) and tableau.fsal
-        self._linear = implicit and linear(rhs.first_order.system.contacts)
+        # The first stage of a step is the last one of the step before (FSAL).
+        self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
+        # Modal needs y' linear in y.
+        self._linear = linear(rhs.first_order.system.contacts)
         self._numbers: Any = None
         self._modal: dict[bytes, Modal | None] = {}
         self._iterations = 0
@@ -302,13 +300,9 @@ def _method(name: str, kind: Kind, arguments: Arguments, rtol: Any, atol: Any) -
     import optimistix
 
     term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x.numbers))
-    solver = getattr(diffrax, name)
-    finder: dict[str, Any] = {}
-    if issubclass(solver, diffrax.AbstractImplicitSolver):
-        # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
-        maker: Any = diffrax.VeryChord if arguments.modal is None else _modal_root_finder()
-        finder["root_finder"] = maker(rtol=rtol, atol=atol, norm=optimistix.rms_norm)
-    return solver(**finder), term
+    # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
+    finder: Any = diffrax.VeryChord if arguments.modal is None else _modal_root_finder()
+    return getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm)), term
 
 
 def _march(

@@ -19,7 +19,7 @@ from .restarts import Outcome, Phase, Root, refuse_endless
 
 STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
 MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
-IMPLICIT = ("BDF", "LSODA", "Radau")  # take the Jacobian
+IMPLICIT = ("LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
 BETWEEN = 32  # steps between two looks at the clock
 FEW = 4  # steps made ahead that are sooner taken one by one
@@ -27,7 +27,7 @@ POLISH = 4  # of Newton's method for the time of a root, each with a step of the
 
 
 def solve(request: Request) -> Reference:
-    """Solve by DOP853 (explicit Runge-Kutta, order 8), Radau (Radau IIA, order 5), LSODA or another of SciPy's.
+    """Solve by DOP853 (explicit Runge-Kutta, order 8), Radau (Radau IIA, order 5) or LSODA.
 
     Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output.
     A root is found by dense output; where it ends a phase, a step of the full order leads to it. All start anew at

@@ -3,6 +3,5 @@
 piecewise                          compliant stops: checks, the Reference, perturbed copies for the horizon
 rigid_reference, rigid_motion      rigid stops with restitution: the Reference; a motion and its Taylor series
 impacting                          solver for rigid stops, from event to event
-derivative, orbit                  derivatives in parameters; periodic orbits and their distance from a graze
-continuation                       branches of periodic orbits over a parameter
+derivative, orbit                  derivatives in parameters; periodic orbits
 """

@@ -1,5 +1,4 @@
-"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers; and
-how far an orbit is from the graze of a stop.
+"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers.
 
     shooting        P(z) = z, z <- z - (D - I)^-1 (P(z) - z), D the derivative of the exact flow over a period
     event times     (I - E_k ... E_1) z = c for given times t_1 .. t_k,   h_i(z(t_i), t_i) = 0
@@ -12,11 +11,9 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +23,10 @@ from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
-from ...model.system_data import SystemData
 from ...model.time_functions import Harmonic, parts_of
 from ...piecewise.follow import switched_by_force
 from ...piecewise.generator import Generators
 from ...piecewise.measures import within_float64
-from ...piecewise.regimes import Known
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
 from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
@@ -40,9 +35,6 @@ from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
 from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
-
-if TYPE_CHECKING:
-    from ..orbit_proof import OrbitProof
 
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
@@ -122,45 +114,6 @@ class Orbit:
         """Largest |sigma| of each contact over a period of the exact motion, (contacts,); NaN for rigid stops."""
         return np.array([contact.peak_force for contact in self.reference().contacts])
 
-    def prove(self, bits: int | None = None) -> OrbitProof:
-        """Proof by ball arithmetic that this orbit exists and is locally unique, with enclosures.
-
-        Proved are the orbit's existence, its event times and start, the signs of all gaps between its events, that no
-        other motion of its period is near, and its multipliers. It is proved of the exact numbers of the system, as
-        ``method="multiprecision"`` takes them, and of 2 pi turns/w of its drive as period.
-
-        Parameters
-        ----------
-        bits : int, optional
-            Precision of the balls, 64 and more. By default from the growth of radii along the orbit, and doubled up to
-            4096 where that is not enough.
-
-        Returns
-        -------
-        OrbitProof
-            ``.proved .event_times .q .v .period .multipliers .stable``; where the proof fails, ``.reason .remedy``.
-
-        Raises
-        ------
-        InputError
-            For frequencies without an exact common period, and for ``bits`` out of range.
-
-        Examples
-        --------
-        >>> import numpy as np, stiffbeam as sb
-        >>> stop = sb.Contact([1.0], sb.Stops(upper=0.5, stiffness=4.0))
-        >>> load = ([1.0], sb.Harmonic(0.3, 1.2))
-        >>> oscillator = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[load], contacts=[stop])
-        >>> proof = sb.periodic_orbit(oscillator, 2 * np.pi / 1.2).prove()
-        >>> proof.proved, proof.stable, proof.radius < 1e-30
-        (True, True, True)
-        >>> print(proof.event_times[0].str(20))
-        [1.1916868494821465711 +/- 2.48e-20]
-        """
-        from ..orbit_proof import prove
-
-        return prove(self, bits)
-
     def reference(self, periods: float = 1.0, t_eval: Any = None) -> Reference:
         """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""
         t_end = positive("periods", periods) * self.period
@@ -174,15 +127,11 @@ class Orbit:
 class PeriodMap:
     """The exact flow of a system over a period, with its derivative."""
 
-    def __init__(
-        self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
-    ) -> None:
+    def __init__(self, system: System, period: float) -> None:
         self.system, self.period = system, period
         self.rigid = system.rigid
-        self.generators = Generators(system, columns)
-        # The span as a power of two: orbits along a branch share their eigenvectors.
-        span = 2.0 ** np.ceil(np.log2(period))
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=span)
+        self.generators = Generators(system)
+        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, span=period)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
@@ -507,93 +456,3 @@ def _guessed(mapping: PeriodMap, guess: Any) -> Array:
         rule = f"be an Orbit, a Trajectory, or a pair (q, v) of {n} finite numbers each"
         raise InputError("guess", guess, rule, "leave it out for the state after 60 periods")
     return z
-
-
-# ---------------------------------------------------------------- grazings: touches that are born or die along a branch
-
-FAR = 0.1  # of the distance between two points: how far from the second one goes on
-SAMPLES = 401  # of a period, among which gaps turn
-TURNS = 12  # iterations of the time at which a gap turns
-
-
-def events(tangent: Tangent) -> list[tuple[float, int, int, int]]:
-    """(time, contact, side before, side after) of every gap that closes or opens in a period.
-
-    A damped stop that lets go is still closed.
-    """
-    times, sides = tangent.path.times, np.sign(tangent.path.sides)
-    steps = np.argwhere(sides[1:] != sides[:-1]).tolist()
-    return [(float(times[i + 1]), c, int(sides[i, c]), int(sides[i + 1, c])) for i, c in steps]
-
-
-def abrupt(system: System) -> bool:
-    """Return True if a stop is rigid or damped: where it is grazed, the flow has no derivative."""
-    return any(contact.stops.rigid or contact.stops.damping for contact in system.contacts)
-
-
-def shallowest(tangent: Tangent, contact: int) -> list[tuple[float, int]]:
-    """The middles and stops of the short touches and gaps of a contact, the shallowest first."""
-    touches = [event for event in events(tangent) if event[1] == contact]
-    touched = []
-    for (t, _, before, during), (later, _, _, after) in pairwise(touches):
-        # A touch between open segments, or an opening between closed ones.
-        if before == after and 0 in (before, during):
-            side = during or before
-            touched.append((abs(_gap(tangent, contact, side, 0.5 * (t + later))[0]), 0.5 * (t + later), side))
-    return [(t, side) for _, t, side in sorted(touched)]
-
-
-def _gap(tangent: Tangent, contact: int, side: int, t: float) -> tuple[float, float, float]:
-    """A gap with its first and second derivatives at a time."""
-    form = tangent.generators.gap(contact, int(np.sign(side)), 0)[0]
-    i = int(tangent.segment_at(np.array([t]))[0])
-    Z = tangent.regimes[i].ahead(tangent.Z[i][:, None], t - float(tangent.path.times[i]))[:, 0]
-    rate = tangent.regimes[i].A @ Z
-    return float(form @ Z), float(form @ rate), float(form @ (tangent.regimes[i].A @ rate))
-
-
-def turn(tangent: Tangent, contact: int, side: int, t: float) -> float:
-    """The gap where it turns near a time."""
-    gap, rate, bend = _gap(tangent, contact, side, t)
-    for _ in range(TURNS):
-        if not bend:
-            break
-        t = float(np.clip(t - rate / bend, 0.0, tangent.path.t_end))
-        gap, rate, bend = _gap(tangent, contact, side, t)
-        # Newton's method would change the gap by rate^2/(2 bend), here less than rounding.
-        if rate * rate <= 1e-24 * abs(bend * gap):
-            break
-    return gap
-
-
-def rigid_grazing(values: Sequence[float], seen: Sequence[tuple[float, float]], near: float) -> float | None:
-    """The parameter, ``near`` the last point, at which the weakest impact or the smallest distance from a stop vanishes
-    if it goes on along the points. seen: both at each, see ``distances``. Close points have only rounding."""
-    for which in (0, 1):
-        b = seen[-1][which]
-        for value, a in ((x, y[which]) for x, y in zip(values[-2::-1], seen[-2::-1], strict=True)):
-            if not (np.isfinite(a) and b < a):
-                continue
-            # Linear extrapolation, from points far enough apart: between close ones the difference is rounding.
-            ahead = b * (values[-1] - value) / (a - b)
-            if abs(ahead) < FAR * abs(values[-1] - value):
-                if abs(ahead) < near:
-                    return values[-1] + ahead
-                break
-    return None
-
-
-def distances(tangent: Tangent) -> tuple[float, float]:
-    """The impulse of the weakest impact, and the smallest distance from a stop where a gap turns."""
-    generators, t = tangent.generators, np.linspace(0.0, tangent.path.t_end, SAMPLES)
-    impulses = [abs(x[0]) for of_segment in tangent.impulses.values() for x in of_segment.values()]
-    turns = []
-    for c, contact in enumerate(generators.system.contacts):
-        for side, _ in contact.stops.sides:
-            form = generators.gap(c, side, 0)[0]
-            distance = -side * tangent.values(lambda _, form=form: (form[None], []), t, tangent.segment_at(t))[:, 0]
-            inner = distance[1:-1]
-            # Samples show where a gap turns; Newton's method gives its value there.
-            lowest = np.flatnonzero((inner < distance[:-2]) & (inner < distance[2:])) + 1
-            turns += [abs(turn(tangent, c, side, float(t[i]))) for i in lowest]
-    return min(impulses, default=np.inf), min(turns, default=np.inf)

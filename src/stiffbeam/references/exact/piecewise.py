@@ -11,7 +11,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ...basics import compiling
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
@@ -21,9 +20,8 @@ from ...model.system import System
 from ...model.time_functions import Drive, covered, parts_of, require_closed_form
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
-from ...piecewise.motion import observe as observe_motion
 from ...piecewise.regimes import Known
-from ...piecewise.tracer import rehearse, tracer_of
+from ...piecewise.tracer import tracer_of
 from ...trajectory.records import ContactRecord, as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -58,8 +56,7 @@ def solve_exact(
     with within_float64("exact", t_end):
         tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
-        with compiling.beside(observe_motion, rehearse):
-            solution = tracer.solve(t_end)
+        solution = tracer.solve(t_end)
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
         frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"

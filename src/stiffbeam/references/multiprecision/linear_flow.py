@@ -1,19 +1,9 @@
-"""A system with some contacts held, and all that drives it, as one linear system in many digits: z' = G z.
+"""A system with some contacts closed, and all that drives it, as one linear system in many digits: z' = G z.
 
     z = (q, q', 1, sin w_1 t, cos w_1 t, ..., p, p', p'', p''' of every record)
-    u = l z of a contact with its offset,   u' = l G z,   u'' = l G^2 z
-    R = -(row M^-1 row^T)^-1 l G^2 z        reactions of the contacts held, G_held = G + M^-1 row^T R
+    u = l z of a contact with its offset,   u' = l G z
 
-Everything is a power series in time: z(t + L x) = sum_k x^k (L G)^k z/k!, with no case apart for resonance, critical
-damping or rigid motions. A coefficient of an observed quantity is a ball, its radius ``bits`` below the terms it sums.
-The first zero of a series is one for certain, by Bernstein coefficients of balls:
-
-    p(a + w y) = sum_i b_i (K over i) y^i (1 - y)^(K - i),   b_i = sum_{k <= i} (i over k)/(K over k) p_k
-
-No change of sign among the b_i: no zero in the interval. One: exactly one zero (Descartes). More: look at less of it.
-
-For motions between compliant stops the flow is split into blocks: those that float64 knows, refined to the digits
-carried.
+The flow is split into blocks: those that float64 knows, refined to the digits carried.
 
     z = V y,   y' = T y,   T = L G V block by block,   L = V^-1
     V <- V (I + E),   E_ij T_jj - T_ii E_ij = T_ij
@@ -28,94 +18,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
-from itertools import pairwise
-from math import comb
 from typing import Any, NamedTuple
 
-import numpy as np
-from flint import acb, arb, arb_mat, arb_poly, ctx, fmpq
+from flint import acb, arb, arb_mat, ctx
 
-from ...basics.arrays import Array
 from ...model.system import System
 from ...model.time_functions import Drive
-from ...trajectory.trajectory import SolverFailure
 from .rational import channels, exact_problem, number, taylor
 
-RADIANS = 4.0  # of the fastest motion, in one series: its terms are at most 11 times the motion
-LEAST = 8  # terms: a body that a cubic pushes moves by s^5
 DERIVATIVES = 4  # of a record: it is a cubic between its samples
-NARROWER, WIDER = 0.37, 1.7  # no fractions at which motions of simple numbers have their zeros
-
-
-@dataclass(frozen=True, eq=False)
-class Regime:
-    """G (N, N), what the contacts ``held`` react with, h forms (1, N), and the rate of the fastest motion."""
-
-    held: tuple[int, ...]
-    G: Any
-    reactions: list[Any]
-    fastest: float
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Coefficients (K + 1, N) of z in x = s/length, 0 <= x <= 1, and their rounded sizes."""
-
-    coefficients: Any
-    length: Any
-    bits: int
-
-    @cached_property
-    def _sizes(self) -> Array:
-        return np.abs(np.array([[float(x) for x in line] for line in self.coefficients.tolist()]))
-
-    def of(self, form: Any) -> list[Any]:
-        """The series (K + 1,) of a form (1, N), as balls: what may be rounding in a coefficient is ``bits`` below the
-        largest term there or further on, for a zero of the one before is found no closer."""
-        values, noise = (self.coefficients * form.transpose()).entries(), arb(2) ** -self.bits
-        return [arb(value.mid(), noise * arb(size)) for value, size in zip(values, self.sizes(form), strict=True)]
-
-    def sizes(self, form: Any) -> list[float]:
-        """The largest term of a coefficient (K + 1,) or of one further on."""
-        sizes = self._sizes @ np.abs([float(x) for x in form.entries()])
-        return np.maximum.accumulate(sizes[::-1])[::-1].tolist()
-
-    def at(self, x: Any) -> Any:
-        """z (N, 1)."""
-        return (arb_mat([self.powers(x)]) * self.coefficients).transpose().mid()
-
-    def powers(self, x: Any) -> list[Any]:
-        """1, x, ..., x^K."""
-        powers = [arb(1)]
-        for _ in range(self.coefficients.nrows() - 1):
-            powers.append(powers[-1] * x)
-        return powers
 
 
 class LinearFlow:
-    """Data that every regime of ``system`` shares, at the current precision, with ``bits`` correct bits.
+    """Data that every regime of ``system`` shares, at the current precision.
 
-    forms: the positions of all channels, (1, N) each, the contacts first. back: M^-1 row^T (N, m), what a unit of
-    impulse on each contact does to z. compliance: row M^-1 row^T (m, m). frame: (N, N), columns of other coordinates
-    than z, a matrix that is one in the time functions; all balls then keep their radii.
+    forms: the positions of all channels, (1, N) each, the contacts first; rates: of these. back: M^-1 row^T (N, m),
+    a unit of impulse on each contact as a change of z.
     """
 
-    def __init__(self, system: System, bits: int, frame: Any = None) -> None:
-        self.system, self.bits, self.drive = system, bits, Drive.of(system)
-        # Series sets radii anew from ``bits``, so that they are dropped here. A proof, which has a frame, needs them.
-        self._kept = kept = arb_mat.mid if frame is None else (lambda x: x)
+    def __init__(self, system: System) -> None:
+        self.drive = Drive.of(system)
         self.problem = problem = exact_problem(system, self.drive)
         n, d, records = system.size, self.drive.size, len(self.drive.records)
         self.n, self.N = n, 2 * n + d + DERIVATIVES * records
         m = len(problem.contacts)
-        # Contacts: what an impulse on each does to z, and to the others.
         rows = arb_mat(m, n, [x for contact in problem.contacts for x in contact.row])
         inverse = problem.mass.inv()
         back = inverse * rows.transpose()
-        self.compliance = kept(rows * back)
-        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + kept(back).tolist() + [[arb(0)] * m] * (self.N - 2 * n))
+        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + back.mid().tolist() + [[arb(0)] * m] * (self.N - 2 * n))
         self.forms = [
             self._form(row, offset, recorded) for row, offset, recorded in channels(system, problem, self.drive)
         ]
@@ -138,17 +68,12 @@ class LinearFlow:
             # The rate of a derivative is the next one; the last is constant up to the next sample.
             if (at - 2 * n - d) % DERIVATIVES < DERIVATIVES - 1:
                 G[at][at + 1] = arb(1)
-        self.G = kept(arb_mat(G))
-        if frame is not None:
-            inverse = frame.inv()
-            self.G, self.back = inverse * self.G * frame, inverse * self.back
-            self.forms = [form * frame for form in self.forms]
-        self.rates = [kept(form * self.G) for form in self.forms]
-        self._regimes: dict[tuple[int, ...], Regime] = {}
+        self.G = arb_mat(G).mid()
+        self.rates = [(form * self.G).mid() for form in self.forms]
 
     def _form(self, row: list[Any], offset: list[Any], recorded: list[Any]) -> Any:
         tail = [x for weight in recorded for x in (weight, *[0] * (DERIVATIVES - 1))]
-        return self._kept(arb_mat([[arb(x) for x in (*row, *[0] * self.n, *offset, *tail)]]))
+        return arb_mat([[arb(x) for x in (*row, *[0] * self.n, *offset, *tail)]]).mid()
 
     def start(self) -> Any:
         """z (N, 1) at t = 0."""
@@ -169,176 +94,21 @@ class LinearFlow:
                 values[at + DERIVATIVES * r + k] = c[k] * math.factorial(k) if k < len(c) else arb(0)
         return arb_mat([[x] for x in values]).mid()
 
-    def regime(self, held: tuple[int, ...]) -> Regime:
-        """Regime with these contacts held, in order."""
-        if held not in self._regimes:
-            G, reactions = self.G, arb_mat(0, self.N)
-            if held:
-                # Reactions that keep u'' = 0 for every held contact.
-                bent = arb_mat([(rate * G).entries() for rate in (self.rates[c] for c in held)])
-                reactions = (self.among(held).inv() * bent * -1).mid()
-                G = (G + arb_mat([[line[c] for c in held] for line in self.back.tolist()]) * reactions).mid()
-            matrix = np.array([[float(x) for x in line] for line in G.tolist()])
-            if not np.all(np.isfinite(matrix)):
-                reason = "rates that float64 cannot hold"
-                raise SolverFailure("multiprecision", 0.0, reason, "count time and length in other units")
-            self._regimes[held] = Regime(
-                held,
-                G,
-                [arb_mat([line]) for line in reactions.tolist()],
-                float(np.max(np.abs(np.linalg.eigvals(matrix)))),
-            )
-        return self._regimes[held]
-
     def closed(self, sides: Sequence[int]) -> Any:
         """G with compliant contacts on the given sides, 0 free: sigma = kappa (g - u) - c u'."""
         G = self.G
         for c, (contact, side) in enumerate(zip(self.problem.contacts, sides, strict=True)):
             if side:
                 force = self.gap(c, side) * -contact.kappa - self.rates[c] * contact.damping
-                G = self._kept(G + self.push(c) * force)
+                G = (G + arb_mat([[line[c]] for line in self.back.tolist()]) * force).mid()
         return G
 
     def gap(self, contact: int, side: int, lagging: bool = False) -> Any:
         """u - g of a contact, or u - g + (c/kappa) u', a form."""
         entries = self.forms[contact].entries()
         entries[2 * self.n] -= self.problem.contacts[contact].stop(side)
-        form = self._kept(arb_mat([entries]))
+        form = arb_mat([entries]).mid()
         return form + self.rates[contact] * self.problem.contacts[contact].lag if lagging else form
-
-    def push(self, contact: int) -> Any:
-        """M^-1 row^T of a contact as a change of z, (N, 1)."""
-        return arb_mat([[line[contact]] for line in self.back.tolist()])
-
-    def among(self, held: tuple[int, ...]) -> Any:
-        """The compliance of these contacts (h, h)."""
-        entries = self.compliance.tolist()
-        return arb_mat([[entries[a][b] for b in held] for a in held])
-
-    def series(self, regime: Regime, z: Any, length: Any) -> Series:
-        """z over ``length``, at most RADIANS of the regime, with so many terms that what is left out is below ``bits``:
-        (fastest length)^K/K! is, and for polynomials there are LEAST."""
-        # bits: log2 of the last term relative to the motion. Terms are added until it is 20 bits below ``self.bits``.
-        count, turn = LEAST, max(regime.fastest * float(length), 1e-300)
-        bits = LEAST * math.log2(turn) - math.lgamma(LEAST + 1) / math.log(2.0)
-        while bits > -self.bits - 20:
-            count += 1
-            bits += math.log2(turn / count)
-        scaled, lines = (regime.G * length).mid(), [z.entries()]
-        for k in range(1, count + 1):
-            z = (scaled * z / k).mid()
-            lines.append(z.entries())
-        return Series(arb_mat(lines), length, self.bits)
-
-    def terms(self, z: Any, length: Any) -> Array:
-        """(N,): how large the terms of z are over ``length``, were no contact held: a load that rises from zero as a
-        cubic does moves q by its fifth integral. What holds a contact takes them away but for their rounding."""
-        G, rate = self._sizes * float(length), np.abs(np.array(z.entries(), float))
-        total = rate
-        for k in range(1, 2 + DERIVATIVES):
-            rate = G @ rate / k
-            total = total + rate
-        return total
-
-    @cached_property
-    def _sizes(self) -> Array:
-        return np.abs(np.array(self.G.tolist(), float))
-
-    def next_edge(self, t: Any, t_end: float) -> Any:
-        """The first sample after t, or t_end where that comes before."""
-        edges = self.drive.edges
-        near = np.searchsorted(edges, float(t))  # t may round to the sample after it, or to the one before
-        later = (arb(float(edge)) for edge in edges[near : near + 2] if t < arb(float(edge)))
-        edge = next(later, arb(t_end))
-        return edge if edge < t_end else arb(t_end)
-
-    def longest(self, regime: Regime, most: float) -> float:
-        """The length of a series, at most ``most``."""
-        return min(most, RADIANS / regime.fastest) if regime.fastest > 0.0 else most
-
-
-class Undecided(Exception):
-    """The digits carried do not decide whether a gap closes."""
-
-
-def leading(p: list[Any]) -> tuple[int, int]:
-    """(k, sign): the first coefficient that is not zero within its radius; (len(p), 0) where there is none."""
-    for k, x in enumerate(p):
-        if not x.contains(0):
-            return k, 1 if x > 0 else -1
-    return len(p), 0
-
-
-def first_zero(p: list[Any], bits: int) -> Any | None:
-    """The first x in [0, 1] at which a series p, balls (K + 1,), turns negative; None where it does not before 1.
-
-    Leading coefficients that are zero within their radius are zeros at x = 0, not crossings. A zero at x = 1 is left
-    to the series that follows. Raises Undecided for a double zero, or one too close to another.
-    """
-    zeros, sign = leading(p)
-    if sign <= 0:
-        return arb(0) if sign else None
-    # Zeros at x = 0 are divided out.
-    p = p[zeros:]
-    # Cheap test: the constant outweighs all negative coefficients, so there is no zero.
-    if p[0].lower() > sum(((-x).abs_upper() for x in p[1:] if not x > 0), arb(0)):
-        return None
-    # From the left, window by window: no zero, one zero, or a narrower window.
-    a, w = arb(0), arb(1)
-    while a < 1:
-        last = not a + w < 1
-        w = 1 - a if last else w
-        b = bernstein(p, a, w)
-        if all(x > 0 for x in b[:-1]) and (b[-1] > 0 or (last and b[-1].contains(0))):
-            a, w = (arb(1) if last else (a + w).mid()), WIDER * w
-        elif b[0] > 0 and b[-1] < 0 and (_one_change(b) or w < arb(2) ** (-bits // 4)):
-            return _root(p, a, (a + w).mid())
-        elif w < arb(2) ** -bits:
-            raise Undecided
-        else:
-            w = (NARROWER * w).mid()
-    return None
-
-
-def bernstein(p: list[Any], a: Any, w: Any) -> list[Any]:
-    """The coefficients of p on [a, a + w]."""
-    if a != 0 or w != 1:
-        moved = arb_poly(p)(arb_poly([a, w])).coeffs()
-        p = moved + [arb(0)] * (len(p) - len(moved))
-    return (_weights(len(p), ctx.prec) * arb_mat([[x] for x in p])).entries()
-
-
-@cache
-def _weights(count: int, precision: int) -> Any:  # the precision they are kept for
-    lines = [[fmpq(comb(i, k), comb(count - 1, k)) for k in range(count)] for i in range(count)]
-    return arb_mat([[arb(x) for x in line] for line in lines])
-
-
-def _one_change(b: list[Any]) -> bool:
-    """Return True if the signs change from + to - once, whatever the undecided ones are."""
-    known = [i for i, x in enumerate(b) if not x.contains(0)]
-    # One coefficient of unknown sign is harmless between the two of different sign: it adds no change.
-    changes = [(i, j) for i, j in pairwise(known) if (b[i] > 0) != (b[j] > 0)]
-    unknown = len(b) - len(known)
-    return len(changes) == 1 and unknown <= 1 and changes[0][1] - changes[0][0] == 1 + unknown
-
-
-def _root(p: list[Any], low: Any, high: Any) -> Any:
-    """The zero between ``low``, where p > 0, and ``high`` by Newton's method, by halves where that leads outside."""
-    value = arb_poly([x.mid() for x in p])
-    slope, x = value.derivative(), ((low + high) / 2).mid()
-    for _ in range(4 * ctx.prec):
-        here = value(x).mid()
-        low, high = (x, high) if here > 0 else (low, x)
-        steep = slope(x).mid()
-        step = (here / steep).mid() if steep != 0 else high - low
-        following = (x - step).mid()
-        if not low <= following <= high:
-            following = ((low + high) / 2).mid()
-        if abs(following - x) <= abs(x) * arb(2) ** (8 - ctx.prec):
-            return following
-        x = following
-    return x
 
 
 START_BITS = 120  # of the first turn, which begins with the 53 of float64

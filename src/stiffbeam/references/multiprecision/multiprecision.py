@@ -2,8 +2,7 @@
 
 Between two events the system is one linear flow, z' = G z, in blocks (linear_flow.py). Float64 finds the next event
 from the state, Newton's method doubles its digits, and one evaluation of the exponentials uses all of them. Digits that
-the motion has lost are dropped. Two runs with different digits have to agree. Rigid stops: rigid.py finds its own
-events.
+the motion has lost are dropped. Two runs with different digits have to agree.
 
 Contacts that float64 cannot see: where a gap is almost zero as it turns, many digits say whether it is closed.
 
@@ -78,24 +77,22 @@ def solve(request: Request) -> Reference:
     once. Any other time, the peaks and the energy ledger are evaluated in float64 from the rounded states at the
     switches, or where that is off by more than ``CANCELLED`` in many digits too: provenance["between"] is how far
     what is used is off at the output times, relative to max |u|. Takes what the exact solution takes: any damping,
-    any number of contacts, time functions made of Harmonic, Constant and Sampled, rigid stops too (rigid.py); raises
-    InputError otherwise, SolverFailure where even ``MAX_DIGITS`` do not suffice.
+    any number of contacts, time functions made of Harmonic, Constant and Sampled; raises InputError otherwise and for
+    rigid stops, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
     Numbers: those of a case file, and in Python those given as texts, Fractions or Decimals, have their exact
     values. All others are doubles; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
     times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined. Events
-    that float64 passes over are searched where gaps turn, see above. On compliant stops a contact shallower than
-    1e-18 of the motion counts as none, see provenance["grazes"]. Between rigid stops power series in balls decide.
+    that float64 passes over are searched where gaps turn, see above. A contact shallower than 1e-18 of the motion
+    counts as none, see provenance["grazes"].
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
-    if system.rigid:
-        from .rigid import solve_rigid
-
-        return solve_rigid(request)
+    for contact in system.contacts:
+        contact.stops.require_compliant("multiprecision")
     refuse(system, t_end)
     begun = clock()
     # Solve with more and more digits until two runs agree.
@@ -308,7 +305,7 @@ def follow(
     """
     room, drive = ctx.prec, Drive.of(system)
     # The flow in many digits, beside it the regimes of float64 that find the events.
-    flow, gaps = LinearFlow(system, full), Gaps(system, drive)
+    flow, gaps = LinearFlow(system), Gaps(system, drive)
     float64 = Regimes(Source(system, span=t_end))
     float64.source.damped = True  # exponentials in every regime
     regimes: dict[tuple[int, ...], PreciseRegime] = {}

@@ -27,8 +27,8 @@ from ...model.time_functions import Constant, Drive, Harmonic, parts
 
 @dataclass(frozen=True, eq=False)
 class ExactContact:
-    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa (None for a rigid stop), c, g1, g2
-    (None where free)."""
+    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, c, g1, g2 (None where
+    free)."""
 
     row: list[Any]
     offset: list[Any]
@@ -126,8 +126,7 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
         g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
         row = [arb(x) for x in weights]
-        kappa = None if contact.stops.rigid else arb(number(contact.stops.stiffness))
-        c = arb(number(contact.stops.damping))
+        kappa, c = arb(number(contact.stops.stiffness)), arb(number(contact.stops.damping))
         contacts.append(ExactContact(row, offset, recorded, kappa, c, g1, g2))
     return Exact(
         mass=arb_mat([[arb(x) for x in line] for line in mass]),
