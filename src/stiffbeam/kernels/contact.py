@@ -61,11 +61,11 @@ def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: in
     return F
 
 
-def contact_forces(u: Array, v: Array, law: Array) -> tuple[Array, Array]:
-    """F(u, u') on the beam and the energy U(u), of the shape of u and v; law (.., 6), one for each or one for all."""
-    shape, count = np.shape(u), np.size(u)
-    u, v, law = (np.asarray(x, float, order="C") for x in (u, v, np.broadcast_to(law, (*shape, LAW))))
-    F, energy = np.empty(shape), np.empty(shape)
-    at = address(u, shape), address(v, shape), address(law, (*shape, LAW)), address(F, shape), address(energy, shape)
-    _functions().contact_forces(count, *at)
-    return F, energy
+def contact_forces(u: Array, v: Array, law: Array, energy: Array | None = None) -> Array:
+    """F(u, u') on the beam, of the shape of u and v; law (.., 6), of each or of all. ``energy`` takes U(u)."""
+    shape = np.shape(u)
+    law = law if law.shape == (*shape, LAW) else np.broadcast_to(law, (*shape, LAW))
+    u, v, law, F = *(np.asarray(x, float, order="C") for x in (u, v, law)), np.empty(shape)
+    at = address(u, shape), address(v, shape), address(law, (*shape, LAW)), address(F, shape)
+    _functions().contact_forces(F.size, *at, address(energy, shape, wanted=energy is not None))
+    return F

@@ -13,6 +13,7 @@ import numpy as np
 from . import compile as compilation
 
 Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
 @cache
@@ -35,19 +36,19 @@ def structure(name: str, ints: str, reals: str, arrays: str) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
-def address(x: Any, shape: tuple[int, ...], dtype: Any = np.float64, wanted: Any = True) -> int | None:
+def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT, wanted: Any = True) -> int | None:
     """Address of an array of this type and shape, row by row; None, C's NULL, where it is not wanted.
 
     Raises TypeError for any other array. The caller keeps the array as long as the address is used.
     """
     if not wanted:
         return None
-    if not isinstance(x, np.ndarray) or x.dtype != dtype or x.shape != shape or not x.flags.c_contiguous:
+    if not isinstance(x, np.ndarray) or x.dtype != dtype or x.shape != shape or not (flags := x.flags).c_contiguous:
         given = f"{getattr(x, 'dtype', type(x).__name__)} {getattr(x, 'shape', '')}"
-        raise TypeError(f"a kernel takes a {np.dtype(dtype)} array of shape {shape}, row by row, not {given}")
-    # A third of the time of ``x.ctypes.data``, which read-only and empty arrays need.
-    if not (x.size and x.flags.writeable):
+        raise TypeError(f"a kernel takes a {dtype} array of shape {shape}, row by row, not {given}")
+    if not (flags.writeable and x.size):
         return x.ctypes.data
+    # In a third of the time.
     return ctypes.addressof(ctypes.c_char.from_buffer(x))  # type: ignore[arg-type]
 
 

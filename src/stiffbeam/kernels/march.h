@@ -151,7 +151,7 @@ API Int solve_node(Int m, const double *r, const double *S, const Law *law, doub
 API Int solve_stage(Int m, Int rule, const double *r, const double *w, const double *S, const double *S_rate,
                     const double *u0, const Law *law, double *F);
 
-/* Forces and energies at positions u and velocities v, each (count,) as the laws are. */
+/* Forces, and energies unless NULL, at positions u and velocities v, each (count,) as the laws are. */
 API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy);
 
 #endif

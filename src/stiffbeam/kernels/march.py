@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from .library import Int, Real, address, filled, library, structure
+from .library import INTEGER, Int, Real, address, filled, library, structure
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
 LAW, TALLY, EVENT, SUMS = 6, 8, 7, 10  # numbers of a law, a tally, an impact and the energy balance
@@ -98,8 +98,8 @@ class Block:
             R, D, N, a, D // a, C, K, self.nodes, self.rule, rated,
             address(self.reading, (D, R)), address(self.transition, (a, D)), address(self.push, (N, R + D)),
             address(self.velocity, (K, C, D)), address(self.velocity_push, (K, C, N)),
-            address(self.end_first, (C,), np.int64), address(self.end_stride, (C,), np.int64),
-            address(self.rates, (N,), np.int64, rated),
+            address(self.end_first, (C,), INTEGER), address(self.end_stride, (C,), INTEGER),
+            address(self.rates, (N,), INTEGER, rated),
         )  # fmt: skip
 
 
@@ -181,13 +181,13 @@ def run(
         M, m, first, steps, every, outputs, len(events), B, dt,
         address(law, (M, m, LAW)), address(inflow.rows, (B, c.R + c.D), wanted=B),
         address(inflow.velocity, (B, c.K, c.C), wanted=B), address(z, (M, width)), address(position, (M, c.C)),
-        address(velocity, (M, c.C)), address(tally, (M, m, TALLY)), address(diverged, (M,), np.int64),
+        address(velocity, (M, c.C)), address(tally, (M, m, TALLY)), address(diverged, (M,), INTEGER),
         address(times, (outputs,), wanted=outputs and len(times)),
         address(positions, (M, outputs, c.C), wanted=outputs), address(velocities, (M, outputs, c.C), wanted=outputs),
         address(node_forces, (M, outputs, m), wanted=outputs and node_forces.shape[1]),
         address(contact_forces, (M, outputs, m), wanted=outputs and contact_forces.shape[1]),
         address(starts, (blocks, width), wanted=len(starts)), address(forces, (blocks, c.N), wanted=len(starts)),
-        address(events, (len(events), EVENT)), address(cursor, (3,), np.int64),
+        address(events, (len(events), EVENT)), address(cursor, (3,), INTEGER),
     )  # fmt: skip
     return bool(filled(_functions().march(c, drive, x)))
 
@@ -246,7 +246,7 @@ def _steps_of(step: Step, n: int, starts: Array, place: IntArray) -> dict[str, A
         "every": 1, "transition": address(step.transition, (a, D)), "push": address(step.push, (F, D)),
         "driven": address(step.driven, (d, D)), "forces": address(step.forces, (steps, F)),
         "g": address(step.g, (steps + 1, d)), "starts": address(starts, starts.shape),
-        "place": address(place, (len(place),), np.int64),
+        "place": address(place, (len(place),), INTEGER),
     }  # fmt: skip
 
 
@@ -296,7 +296,7 @@ def account(
         offsets=address(offsets, (steps + 1, moving), wanted=moving),
         offset_rates=address(offset_rates, (steps + 1, moving), wanted=moving), law=address(law, (m, LAW)),
         node_forces=address(node_forces, (steps + 1, m)), paths=address(free.paths, (2 * n * terms, K), wanted=K),
-        which=address(free.acting, (acting,), np.int64), y=address(y, (2 * n,)), contacts=address(met, (2, m)),
+        which=address(free.acting, (acting,), INTEGER), y=address(y, (2 * n,)), contacts=address(met, (2, m)),
         balance=address(balance, (SUMS,)), kept=address(kept, (SUMS, outputs)),
     )  # fmt: skip
     filled(_functions().account(x))
@@ -327,7 +327,7 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
     x = _Rigid(
         a, n, D, S, m, K, address(linear.blocks, (a, a, n)), address(linear.matrix, (D, D), wanted=not a),
         address(linear.reading, (S, m, D)), address(linear.predicting, (m, D)), address(linear.responses, (S, m, D)),
-        address(linear.compliance, (S, S, m, m)), address(linear.kinds, (S,), np.int64),
+        address(linear.compliance, (S, S, m, m)), address(linear.kinds, (S,), INTEGER),
         address(linear.bounds, (S, m, 2)), address(linear.stops, (m, 2)), address(driven, (K, D)),
         address(shifts, (K, S, m)), address(predicted, (K, m)), address(z, (D,)), address(path, (K, D)),
         address(reactions, (K, S, m)),

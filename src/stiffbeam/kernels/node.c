@@ -217,6 +217,6 @@ API Int solve_stage(Int m, Int rule, const double *r, const double *w, const dou
 
 API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy)
 {
-    for (Int i = 0; i < count; i++)
-        F[i] = law_force(u[i], v[i], law + i), energy[i] = stored(depth(u[i], law + i), law + i);
+    for (Int i = 0; i < count; i++) F[i] = law_force(u[i], v[i], law + i);
+    for (Int i = 0; energy && i < count; i++) energy[i] = stored(depth(u[i], law + i), law + i);
 }

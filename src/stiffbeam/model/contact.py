@@ -496,7 +496,7 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     side = upper * 1.0 - lower * 1.0
     damped = damps(all_laws(law))
     if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = -np.sign(contact_forces(u0, v0, law)[0])
+        pressed = -np.sign(contact_forces(u0, v0, law))
         on = (u0 == g2) | (u0 == g1)
         side = np.where(damped & ~on, pressed, side)
     return side

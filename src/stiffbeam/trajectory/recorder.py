@@ -53,7 +53,7 @@ def impacts_of(events: Array) -> Impacts:
 def forces_at(u: Array, v: Array, law: Array) -> Array:
     """F (M, m) on the bodies at positions and velocities (M, C), the contacts first, under laws (M, m, 6)."""
     m = law.shape[1]
-    return contact_forces(u[:, :m], v[:, :m], law)[0]
+    return contact_forces(u[:, :m], v[:, :m], law)
 
 
 def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
