@@ -13,9 +13,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 import typer
+from stiffbeam.cli.application import app
 
 import stiffbeam as sb
-from stiffbeam.cli.application import app
 from stiffbeam.files.cases import paper_cases
 
 MINE = """

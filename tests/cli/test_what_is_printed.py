@@ -9,11 +9,11 @@ from io import StringIO
 import numpy as np
 import pytest
 from rich.console import Console
+from stiffbeam.cli.tables import tables_of
 from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import stopped_clock
-from stiffbeam.cli.tables import tables_of
 from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, find_study, study

@@ -15,18 +15,17 @@ from pathlib import Path
 
 import pytest
 from break_it import LOSSES, kills
+from commands import invoke
 from fuzz_texts import STEEL
 from processes import nobody_left, session
-from typer.testing import CliRunner
+from stiffbeam.cli.application import file_name
+from stiffbeam.studies.runner import Journal, run_study
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled, storage
 from stiffbeam.basics.storage import write_whole
-from stiffbeam.cli import app
-from stiffbeam.cli.application import file_name
 from stiffbeam.files.cases import paper_case
 from stiffbeam.studies import find_study
-from stiffbeam.studies.runner import Journal, run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 AMPLIFICATION = {"schemes": ["bdf2", "HHT(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
@@ -117,7 +116,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
     (tmp_path / "file").write_text("no folder")
     place = str(tmp_path / "file" / "out")
     last = words[-1] in ("--remake", "--out")
-    done = CliRunner().invoke(app, [*words, *([] if last else ["--out"]), place], standalone_mode=False)
+    done = invoke([*words, *([] if last else ["--out"]), place])
     assert isinstance(done.exception, sb.InputError), done.exception
 
 
@@ -235,7 +234,7 @@ def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers
         file.write_text("mine")
     (out / "comparison.json").write_text(content)
     words = ["compare", "table10", "--t-end", "0.004", "--schemes", "hht", "--references", "exact", "--out", str(out)]
-    done = CliRunner().invoke(app, words, standalone_mode=False)
+    done = invoke(words)
     assert done.exception is None, done.exception
     assert all(file.exists() for file in strangers)
     assert json.loads((out / "comparison.json").read_text())["files"]
@@ -257,7 +256,7 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     text = STEEL.replace('name = "steel"', 'name = ".."').replace("a steel strip", "[/] [red]$x_ $ :smile:")
     (tmp_path / "odd.toml").write_text(text.replace('kind = "cubic" }] }', 'kind = "cubic" }] }'))
-    done = CliRunner().invoke(app, ["compare", "odd.toml", "--references", "cvode"], standalone_mode=False)
+    done = invoke(["compare", "odd.toml", "--references", "cvode"])
     assert done.exception is None, done.exception
     assert "[/] [red]$x_ $ :smile:" in done.stdout
     assert {x.name for x in tmp_path.iterdir()} == {"odd.toml", "stiffbeam-output"}

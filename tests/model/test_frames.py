@@ -127,8 +127,9 @@ def test_totals_end_where_the_reference_does(table10):
 
 
 def test_a_second_writer_and_a_damaged_line_cost_no_finished_point(tmp_path):
-    from stiffbeam.files.cases import paper_case
     from stiffbeam.studies.runner import Journal
+
+    from stiffbeam.files.cases import paper_case
 
     first, second = (Journal(tmp_path, "energy", paper_case(10)) for _ in range(2))
     first.keep({"k": 1}, [{"x": 1.0}])

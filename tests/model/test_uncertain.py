@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import invoke
 from systems import one_mass
-from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.files.cases import find_case, parse_case
 from stiffbeam.studies import study
 
@@ -244,7 +243,7 @@ def test_a_case_file_states_what_is_uncertain_and_the_ensemble_draws_it(tmp_path
     relative = {"stiffness": sb.Uncertain(0.01), "loads[0].time.scale": sb.Uncertain(0.05)}
     assert dict(case.uncertain) == PATHS | relative
     arguments = ["ensemble", str(tmp_path / "tube.toml"), "--members", "4", "--schemes", "HHT(alpha=-0.1)"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path), "--json", "-"])
+    result = invoke([*arguments, "--out", str(tmp_path), "--json", "-"])
     assert result.exit_code == 0, result.output
     said = json.loads(result.stdout)
     drawn = sb.uncertain_members(tube(), PATHS, 4)

@@ -8,19 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import invoke
 from doubt_ranks import judged as judged_source
 from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
 from systems import bouncing_chain, one_mass, thrown_case
-from typer.testing import CliRunner
 from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.cli import app
 from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
-from stiffbeam.studies.runner import Journal
+from stiffbeam.studies.base import Store
 
 
 def errors_by_another_solver(case, run) -> dict[str, float]:
@@ -116,9 +115,9 @@ def test_a_case_with_tolerances_has_its_budget_in_the_advice(tmp_path, monkeypat
     assert alone["tip"] == found.budgets[0]
     monkeypatch.chdir(tmp_path)
     options = ["--want", "tip=0.01,peak_force=0.01", "--schemes", "hht", "--members", "8", "--json", "-"]
-    written = CliRunner().invoke(app, ["advise", "thrown.toml", *options])
+    written = invoke(["advise", "thrown.toml", *options])
     assert json.loads(written.stdout)["doubt"] == json.loads(json.dumps(found.to_dict()["doubt"]))
-    refused = CliRunner().invoke(app, ["advise", "thrown.toml", *options, "--form", "hermite"])
+    refused = invoke(["advise", "thrown.toml", *options, "--form", "hermite"])
     assert isinstance(refused.exception, InputError)
 
 
@@ -193,7 +192,7 @@ def test_means_that_scatter_too_much_are_refused_before_any_run(table10):
 
 def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, monkeypatch):
     """What was probed is read and not run again; the answer is that of a search in one go, line by line."""
-    case, system = sb.paper_case(10), bouncing_chain()
+    system = bouncing_chain()
     given = {"schemes": [sb.HHT(alpha=-0.1), sb.BDF2()], "most_steps": 8192}
     whole, probe, runs = [], advice.Motion.errors, []
 
@@ -206,11 +205,11 @@ def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, mon
     alone = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=whole.append)
     monkeypatch.setattr(advice.Motion, "errors", counted)
     told: list[str] = []
-    with pytest.raises(KeyboardInterrupt), Journal(tmp_path, "advise", case) as journal:
+    journal = Store(tmp_path, "advise")
+    with pytest.raises(KeyboardInterrupt):
         sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
     assert told == whole[:2]  # two refinements of two schemes
-    with Journal(tmp_path, "advise", case) as journal:
-        again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
+    again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
     assert told[2:] == whole
     assert "cheapest so far" in "".join(whole)
     assert len(set(runs)) == len(runs) - 1 == len(again.candidates)  # of all runs only the interrupted one twice

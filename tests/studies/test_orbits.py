@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.studies import find_study, study
 from stiffbeam.studies.orbits import named_plainly
 from stiffbeam.studies.sweep import sections
@@ -126,7 +125,7 @@ def test_the_command_names_its_files(tmp_path):
         '[[case]]\nname = "strip"\ndt = 1e-3\nt_end = 1.0\ncells = 4\n[case.problem]\nstiffness = 300.0\n'
         "viscosity = 3.0\nbase = { amplitude = 0.2, frequency = 2.0 }\n"
     )
-    result = CliRunner().invoke(app, ["orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
+    result = invoke(["orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
     assert result.exit_code == 0, result.output
     assert "stable all along" in " ".join(result.output.split())
     assert (tmp_path / "out" / "orbits-frequency.png").is_file()

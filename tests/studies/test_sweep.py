@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import invoke
 from systems import one_mass
-from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.files.cases import Case
 from stiffbeam.studies import find_study, study
 from stiffbeam.studies.sweep import repeats_after, sections
@@ -245,7 +244,7 @@ def test_several_drives_have_no_period_unless_one_is_named():
 
 
 def run_cli(*arguments: str):
-    return CliRunner().invoke(app, ["sweep", *arguments], catch_exceptions=True)
+    return invoke(["sweep", *arguments])
 
 
 @pytest.mark.slow

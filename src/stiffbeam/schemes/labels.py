@@ -147,7 +147,7 @@ def user_class(name: str) -> type[Scheme]:
         of_module = (x for x, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__)
         candidates = [x for x in of_module if callable(getattr(module, x))]
         function = callable(named) and not isinstance(named, type)
-        takers = "score, compare, converge, precision and ensemble take these"
+        takers = "score, compare, converge and ensemble take these"
         remedy = f"it is a function: {takers}" if function else near(wanted, candidates)
         raise InputError("scheme", name, f"name a Scheme class or a function of {place}", remedy)
     return named

@@ -10,36 +10,39 @@ once a period, lies below (sweep.py): it shows what is attracting, the branch al
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, near, number
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
+from ..basics.validation import InputError, near, number
+from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.continuation import Bifurcation, Branch, continuation
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
-from . import sweep
-from .common import Form, Treatment
-from .interface import Answer, Point, Records, Row, Rows, declared
+from . import common
+from .base import Answer, Row, Study, option
 from .parameters import (
     EXACT,
     PARAMETERS,
-    Couple,
     Coupling,
-    Values,
     couplings,
     drive_period,
     is_path,
-    method_of,
     named,
     quantity_of,
     setup_of,
 )
+from .sweep import Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SETTLE, AGAIN = 60, 7  # periods before an orbit is looked for, and between the starts
 VALUES = 3  # of the parameter at which it is looked for
@@ -51,57 +54,170 @@ COLOUR = {"stable": "#0072B2", "marginal": "#7F7F7F", "unstable": "#D55E00"}
 MARKER = {"fold": "s", "flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
 
 
-def points(
-    case: Case,
-    *,
-    parameter: Annotated[
-        str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping"
-    ] = "frequency",
-    values: Values = None,
-    couple: Couple = None,
-    length: Annotated[int, "periods of the drive after which the orbit repeats itself"] = 1,
-    method: Annotated[str, "method of the diagram below the branch: exact, or a scheme"] = EXACT,
-    form: Form,
-    contact: Treatment = "implicit",
-    dt: Annotated[float, "time step of a scheme, rounded to one that divides the period; default: the case's"],
-    periods: Annotated[int, "periods of the drive in the diagram"] = 16,
-    transient: Annotated[int, "periods of the drive before those of the diagram"] = 32,
-    count: Annotated[int, "number of drive frequencies if no values are given"] = 40,
-    orbits: Annotated[int, "largest number of orbits of a branch, in each direction from its start"] = 200,
-    starts: Annotated[int, "states of a long run from which the search for an orbit starts, at each of 3 values"] = 3,
-    grazings: Annotated[bool, "locate where a stop is touched for the first or last time"] = False,
-) -> list[Point]:
-    """The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
+@dataclass(frozen=True, kw_only=True)
+class Orbits(Study):
+    """Which periodic orbits are there over a parameter, stable or not, and where do they change?
 
+    The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
     The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
     0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic. By
     ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``.
     """
-    for option, given, least in (("length", length, 1), ("orbits", orbits, 2), ("starts", starts, 1)):
-        integer(option, given, least)
-    if drive_period(case.system(form), parameter) is None:
-        remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
-        raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-    if parameter not in PARAMETERS and not is_path(parameter):
-        rule = "be one of the system, a branch is one of the exact solution"
-        raise InputError("parameter", parameter, rule, near(parameter, PARAMETERS))
-    texts = _texts(couple)
-    diagram = sweep.points(
-        case, parameter=parameter, values=values, couple=texts or None, method=method, form=form, contact=contact,
-        dt=dt, count=count, periods=periods, transient=transient,
-    )  # fmt: skip
-    along = [float(each[0]) for part in diagram for each in part["values"]]
-    if min(along) == max(along):
-        raise InputError("values", values, "span a range", "for example 8:14:60")
-    branch = {
-        "kind": "branch", "parameter": parameter, "couple": texts, "form": form, "length": length,
-        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)), "orbits": orbits,
-        "starts": starts, "grazings": grazings,
-    }  # fmt: skip
-    make, period = _maker(case, branch)
-    for end in (min(along), max(along)):
-        require_periodic(make(end), period(end))
-    return [branch, *diagram]
+
+    parameter: str = option(
+        "frequency",
+        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping",
+    )
+    values: common.Values = option(None, common.VALUES)
+    couple: common.Couple = option(None, common.COUPLE)
+    length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
+    method: str = option(EXACT, "method of the diagram below the branch: exact, or a scheme")
+    form: str | None = common.form()
+    contact: str = common.treatment()
+    periods: int = option(16, "periods of the drive in the diagram", least=1)
+    transient: int = option(32, "periods of the drive before those of the diagram", least=0)
+    count: int = option(40, "number of drive frequencies if no values are given", least=1)
+    orbits: int = option(200, "largest number of orbits of a branch, in each direction from its start", least=2)
+    starts: int = option(
+        3, "states of a long run from which the search for an orbit starts, at each of 3 values", least=1
+    )
+    grazings: bool = option(False, "locate where a stop is touched for the first or last time")
+
+    smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1, "orbits": 10, "starts": 1}
+    named_by: ClassVar = ("parameter",)
+    height: ClassVar = 8.8
+
+    def points(self, case: Case) -> list[Row]:
+        """The branch, and the points of the diagram."""
+        if drive_period(case.system(self.form), self.parameter) is None:
+            remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
+            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
+        if self.parameter not in PARAMETERS and not is_path(self.parameter):
+            rule = "be one of the system, a branch is one of the exact solution"
+            raise InputError("parameter", self.parameter, rule, near(self.parameter, PARAMETERS))
+        texts = _texts(self.couple)
+        diagram = self._diagram().points(case)
+        along = [float(each[0]) for part in diagram for each in part["values"]]
+        if min(along) == max(along):
+            raise InputError("values", along, "span a range", "for example 8:14:60")
+        branch: Row = {
+            "kind": "branch", "parameter": self.parameter, "couple": texts, "form": self.form or case.forms[0],
+            "length": self.length, "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
+            "orbits": self.orbits, "starts": self.starts, "grazings": self.grazings,
+        }  # fmt: skip
+        make, period = _maker(case, branch)
+        for end in (min(along), max(along)):
+            require_periodic(make(end), period(end))
+        return [branch, *diagram]
+
+    def _diagram(self) -> Sweep:
+        return Sweep(
+            parameter=self.parameter, values=self.values, couple=_texts(self.couple) or None, method=self.method,
+            form=self.form, contact=self.contact, count=self.count, periods=self.periods, transient=self.transient,
+        )  # fmt: skip
+
+    def run(self, case: Case, **point: Any) -> list[Row]:
+        """Rows of the branches with their bifurcations and portraits, or the section at some values."""
+        if point.get("kind") != "branch":
+            rows = self._diagram().run(case, **point)
+            return [row for row in rows if row.get("kind") == "section" or "lost" in row]
+        return _branches(case, point)
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """The bifurcations at which the orbit gains or loses its stability, and a table of all."""
+        orbits, ends, bifurcations = (_rows(table, kind) for kind in ("orbit", "end", "bifurcation"))
+        if not orbits:
+            reasons = dict.fromkeys(row["reason"] for row in ends)
+            return Answer(f"No orbit was found{''.join(f': {reason}' for reason in reasons)}.")
+        name = self.parameter
+        units, quantity = case.units, quantity_of(case, name)
+        at: list[Row] = sorted(bifurcations, key=lambda row: (row["length"], row["what"] == "grazing", row[name]))
+        # Mirrored branches of a symmetric system have their bifurcations at the same values.
+        alike: dict[Any, list[Row]] = {}
+        for row in at:
+            alike.setdefault((row["length"], row["what"], f"{row[name]:.9g}", _said(row)), []).append(row)
+        at = [
+            same[0] | ({"branches": f", on {len(same)} branches"} if len(same) > 1 else {}) for same in alike.values()
+        ]
+
+        def value(row: Row, form: str) -> str:
+            return units.measure(f"{row[name]:{form}}", quantity)
+
+        small = [
+            {"bifurcation": row["what"], name: value(row, ".10g"), "orbit of": _periods(row["length"]),
+             "orbits": _said(row)}
+            for row in at[:LINES]
+        ]  # fmt: skip
+        main = min(row["length"] for row in orbits)
+        first = [row for row in orbits if row["length"] == main and row["phase"] == 0]
+        shares = [sum(row["stability"] == kind for row in first) for kind in COLOUR]
+        low, high = (pick(row[name] for row in first) for pick in (min, max))
+        ranges = units.measure(f"{low:g} to {high:g}", quantity)
+        changes = [
+            row for row in at if row["length"] == main and row["below"] != row["above"] and row["what"] != "grazing"
+        ]
+        changes.sort(key=lambda row: "stable" not in (row["below"], row["above"]))  # those of unstable orbits last
+        told = "; ".join(f"{row['what']} at {value(row, '.6g')}: {_said(row)}" for row in changes[:TOLD])
+        rest = len(changes) - TOLD
+        more = f"; {rest} more change{'s' if rest > 1 else ''}" if rest > 0 else ""
+        if not told:
+            kind = max(zip(shares, COLOUR, strict=True))[1]
+            told = (
+                f"{kind} all along" if max(shares) == len(first) else "no located bifurcation changes their stability"
+            )
+        notes = []
+        for length in dict.fromkeys(row["length"] for row in ends):
+            group = [row for row in ends if row["length"] == length]
+            stops = dict.fromkeys(row["reason"] for row in group)
+            notes.append(
+                f"Orbits of {_periods(length)}: {sum(row['count'] for row in group):g}; ends: {', '.join(stops)}."
+            )
+        if len(at) > LINES:
+            notes.append(f"The table has {LINES} of {len(at)} bifurcations; all are in the records.")
+        return Answer(
+            f"Orbits of {_periods(main)} over {named_plainly(name)} {ranges}: {told}{more}.",
+            pd.DataFrame(small),
+            " ".join(notes),
+        )
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """The branches over the section; the multipliers in the complex plane; portraits of a few orbits."""
+        name, orbits, section = self.parameter, table[table.kind == "orbit"], table[table.kind == "section"]
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
+        axis = figure.add_subplot(grid[0, :])
+        if len(section):
+            label = f"section, {section.method.iloc[0]}"
+            axis.plot(section[name], section.tip, ".", ms=3.4, mew=0.0, color="0.35", alpha=0.6, label=label)
+        _lines(axis, orbits, name)
+        for what, rows in table[table.kind == "bifurcation"].groupby("what", sort=False) if "what" in table else ():
+            axis.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
+        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        title = "orbits and the tip once a period $T$ of the drive"
+        axis.set(title=title, xlabel=named(case, name), ylabel=tip)
+        panel_legend(axis, below=True)
+        plane, portraits = (figure.add_subplot(grid[1, i]) for i in range(2))
+        plane.set(title="two leading multipliers", xlabel="real part", ylabel="imaginary part")
+        if len(orbits):
+            angle = np.linspace(0.0, 2.0 * np.pi, 181)
+            plane.plot(np.cos(angle), np.sin(angle), color="0.5", lw=0.9)
+            for kind, rows in orbits[orbits.phase == 0].groupby("stability"):
+                for part in ("", "second_"):
+                    plane.plot(rows[f"{part}real"], rows[f"{part}imag"], ".", ms=4, color=COLOUR[str(kind)], alpha=0.7)
+            plane.set(xlim=(-1.8, 1.8), ylim=(-1.2, 1.2), aspect="equal")
+        paths = table[table.kind == "portrait"]
+        for (length, value, kind), rows in paths.groupby(["length", name, "stability"]) if len(paths) else ():
+            text = case.units.measure(f"{value:.5g}", quantity_of(case, name))
+            portraits.plot(rows.u, rows.v, color=COLOUR[kind], lw=1.0, ls="--" if kind == "unstable" else "-",
+                           alpha=1.0 if length == 1 else 0.6, label=f"{_periods(length)}, {text}, {kind}")  # fmt: skip
+        u = tip_symbol(case.beam)
+        speed = case.units.label(u.replace("u(", "u_t("), "velocity")
+        portraits.set(title="portraits", xlabel=case.units.label(u, "length"), ylabel=speed)
+        panel_legend(portraits, below=True)
+
+
+def _rows(table: pd.DataFrame, kind: str) -> list[Row]:
+    rows = table[table.kind == kind]
+    return rows.dropna(axis="columns", how="all").to_dict("records")
 
 
 def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
@@ -114,15 +230,13 @@ def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
     return [couple] if isinstance(couple, str) else list(couple or ())
 
 
-def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callable[[float], float]]:
+def _maker(case: Case, point: Row) -> tuple[Callable[[float], System], Callable[[float], float]]:
     """The system and the period of the orbit as functions of the parameter."""
     system, rules = case.system(point["form"]), couplings(point["couple"])
     shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
 
     def setup(x: float) -> Any:
-        return setup_of(
-            system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], method_of(shared)
-        )
+        return setup_of(system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], None)
 
     low, high = (setup(x).period for x in point["limits"])
     m, (first, last) = point["length"], point["limits"]
@@ -134,10 +248,8 @@ def _maker(case: Case, point: Point) -> tuple[Callable[[float], System], Callabl
     return lambda x: setup(x).system, lambda x: m * setup(x).period
 
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of the branches with their bifurcations and portraits, or the section at some values."""
-    if point.get("kind") != "branch":
-        return [row for row in sweep.evaluate(case, point) if row.get("kind") == "section" or "refused" in row]
+def _branches(case: Case, point: Row) -> list[Row]:
+    """Rows of the branches with their bifurcations and portraits."""
     make, period = _maker(case, point)
     name, (low, high) = point["parameter"], point["limits"]
     rows: list[Row] = []
@@ -183,7 +295,7 @@ def evaluate(case: Case, point: Point) -> list[Row]:
 
 
 def _starts(
-    make: Callable[[float], System], period: Callable[[float], float], point: Point
+    make: Callable[[float], System], period: Callable[[float], float], point: Row
 ) -> Iterator[tuple[float, Orbit | str]]:
     """Values and orbits at which a branch may start, or the reason why there is none."""
     low, high = point["limits"]
@@ -295,124 +407,22 @@ def _said(row: Row) -> str:
     return (f"{below} on both sides" if below == above else f"{below} below, {above} above") + branches
 
 
-def answer(rows: Rows, case: Case) -> Answer:
-    """The bifurcations at which the orbit gains or loses its stability, and a table of all."""
-    kinds = groups([row for row in rows if "kind" in row], "kind")
-    orbits, ends = kinds.get("orbit", []), kinds.get("end", [])
-    if not orbits:
-        reasons = dict.fromkeys(row["reason"] for row in ends)
-        return Answer(f"No orbit was found{''.join(f': {reason}' for reason in reasons)}.")
-    name = orbits[0]["parameter"]
-    units, quantity = case.units, quantity_of(case, name)
-    at: list[Row] = sorted(
-        kinds.get("bifurcation", []), key=lambda row: (row["length"], row["what"] == "grazing", row[name])
-    )
-    # Mirrored branches of a symmetric system have their bifurcations at the same values.
-    alike = groups([row | {"orbits": _said(row), "near": f"{row[name]:.9g}"} for row in at],
-                   "length", "what", "near", "orbits").values()  # fmt: skip
-    at = [same[0] | ({"branches": f", on {len(same)} branches"} if len(same) > 1 else {}) for same in alike]
-
-    def value(row: Row, form: str) -> str:
-        return units.measure(f"{row[name]:{form}}", quantity)
-
-    table = [
-        {"bifurcation": row["what"], name: value(row, ".10g"), "orbit of": _periods(row["length"]),
-         "orbits": _said(row)}
-        for row in at[:LINES]
-    ]  # fmt: skip
-    main = min(row["length"] for row in orbits)
-    first = [row for row in orbits if row["length"] == main and row["phase"] == 0]
-    shares = [sum(row["stability"] == kind for row in first) for kind in COLOUR]
-    low, high = (pick(row[name] for row in first) for pick in (min, max))
-    ranges = units.measure(f"{low:g} to {high:g}", quantity)
-    changes = [row for row in at if row["length"] == main and row["below"] != row["above"] and row["what"] != "grazing"]
-    changes.sort(key=lambda row: "stable" not in (row["below"], row["above"]))  # those of unstable orbits last
-    told = "; ".join(f"{row['what']} at {value(row, '.6g')}: {_said(row)}" for row in changes[:TOLD])
-    rest = len(changes) - TOLD
-    more = f"; {rest} more change{'s' if rest > 1 else ''}" if rest > 0 else ""
-    if not told:
-        kind = max(zip(shares, COLOUR, strict=True))[1]
-        told = f"{kind} all along" if max(shares) == len(first) else "no located bifurcation changes their stability"
-    notes = []
-    for length, group in groups(ends, "length").items():
-        stops = dict.fromkeys(row["reason"] for row in group)
-        notes.append(f"Orbits of {_periods(length)}: {sum(row['count'] for row in group):g}; ends: {', '.join(stops)}.")
-    if len(at) > LINES:
-        notes.append(f"The table has {LINES} of {len(at)} bifurcations; all are in the records.")
-    return Answer(
-        f"Orbits of {_periods(main)} over {named_plainly(name)} {ranges}: {told}{more}.", table, " ".join(notes)
-    )
-
-
 def named_plainly(name: str) -> str:
     """A parameter in a sentence."""
     return name if is_path(name) else name.replace("-", " ")
 
 
-def picture(records: Records) -> Picture:
-    """The branches over the section; the multipliers in the complex plane; portraits of a few orbits."""
-    rows, case = records.numbers, records.case
-    kinds = groups([row for row in rows if "kind" in row], "kind")
-    orbits, section = kinds.get("orbit", []), kinds.get("section", [])
-    name = (orbits or section or rows)[0]["parameter"]
-    across = Axis(named(case, name))
-    dots = {"linestyle": "", "marker": ".", "ms": 3.4, "mew": 0.0, "color": "0.35", "alpha": 0.6, "rasterized": True}
-    method = section[0].get("method", EXACT) if section else EXACT
-    marks: list[Mark] = [Curve.over(section, name, "tip", f"section, {method}", dots)] if section else []
-    marks += _lines(orbits, name)
-    for kind, group in groups(kinds.get("bifurcation", []), "what").items():
-        what = str(kind)
-        style = {"linestyle": "", "marker": MARKER[what], "color": "black", "ms": 6, "zorder": 4, "mfc": "none"}
-        marks.append(Curve(column(group, name), column(group, "tip"), what, style))
-    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    plane: list[Mark] = [Curve(np.cos(angle), np.sin(angle), look={"color": "0.5", "lw": 0.9}),
-                         Level(0.0, look={"color": "0.85"}), Level(0.0, of="x", look={"color": "0.85"})]  # fmt: skip
-    firsts = [row for row in orbits if row["phase"] == 0]
-    for stability, group in groups(firsts, "stability").items():
-        kind = str(stability)
-        style = {"linestyle": "", "marker": ".", "ms": 4, "color": COLOUR[kind], "alpha": 0.7}
-        both = [np.concatenate([column(group, f"{x}{part}") for x in ("", "second_")]) for part in ("real", "imag")]
-        plane.append(Curve(both[0], both[1], look=style))
-    u = tip_symbol(case.beam)
-    paths: list[Mark] = []
-    for (length, value, kind), group in groups(kinds.get("portrait", []), "length", name, "stability").items():
-        label = f"{_periods(length)}, {case.units.measure(f'{value:.5g}', quantity_of(case, name))}, {kind}"
-        style = {"color": COLOUR[kind], "lw": 1.0, "linestyle": "--" if kind == "unstable" else "-"}
-        paths.append(Curve.over(group, "u", "v", label, style | ({} if length == 1 else {"alpha": 0.6})))
-    return Picture([
-        [Panel("orbits and the tip once a period $T$ of the drive", across, tip, marks, legend="below")],
-        [
-            Panel("two leading multipliers", Axis("real part", limits=(-1.8, 1.8)),
-                  Axis("imaginary part", limits=(-1.2, 1.2)), plane, empty="no orbit", equal=True),
-            Panel("portraits", Axis(u, "length"), Axis(u.replace("u(", "u_t("), "velocity"), paths, legend="below",
-                  empty="no orbit"),
-        ],
-    ], 8.8, heights=(1.35, 1.0))  # fmt: skip
-
-
-def _lines(orbits: list[Row], name: str) -> list[Mark]:
+def _lines(axis: Axes, orbits: pd.DataFrame, name: str) -> None:
     """A line for each part of a branch of one stability, which ends in the next part."""
-    marks: list[Mark] = []
     labelled: set[str] = set()
-    main = min((row["length"] for row in orbits), default=1)
-    for (_, length, _), group in groups(orbits, "branch", "length", "phase").items():
-        group = sorted(group, key=lambda row: row["place"])
-        x, y = column(group, name), column(group, "tip")
-        kind = np.array([row["stability"] for row in group])
+    main = orbits.length.min() if len(orbits) else 1
+    for (_, length, _), group in orbits.groupby(["branch", "length", "phase"]) if len(orbits) else ():
+        group = group.sort_values("place")
+        x, y, kind = (group[column].to_numpy() for column in (name, "tip", "stability"))
         begins = [0, *(np.flatnonzero(kind[1:] != kind[:-1]) + 1).tolist(), len(group)]
         for i, j in pairwise(begins):
             label = f"{kind[i]}, {_periods(length)}"
             style: dict[str, Any] = {"color": COLOUR[kind[i]], "lw": 1.6, "alpha": 1.0 if length == main else 0.65}
-            style |= {"linestyle": "--" if kind[i] == "unstable" else "-", "marker": "" if j - i > 1 else "."}
-            marks.append(Curve(x[i : j + 1], y[i : j + 1], "" if label in labelled else label, style))
+            style |= {"ls": "--" if kind[i] == "unstable" else "-", "marker": "" if j - i > 1 else "."}
+            axis.plot(x[i : j + 1], y[i : j + 1], label=None if label in labelled else label, **style)
             labelled.add(label)
-    return marks
-
-
-STUDY = declared(
-    __name__,
-    "Which periodic orbits are there over a parameter, stable or not, and where do they change?",
-    named_by=("parameter",),
-    smoke={"count": 4, "periods": 3, "transient": 1, "orbits": 10, "starts": 1},
-)
