@@ -42,13 +42,13 @@ def test_a_broken_solver_is_named_and_the_others_go_on(command, monkeypatch):
 WITHOUT_A_DEVICE = """
 import sys
 import stiffbeam as sb
-from stiffbeam.cli import main, tools
+from stiffbeam.cli import commands, main
 
 try:
     sb.reference(sb.problem("bilinear-gap").system, 0.01, "kvaerno3", rtol=1e-4)
 except sb.InputError as error:
     print(error, file=sys.stderr)
-tools._solvers = lambda show: []
+commands._solvers = lambda show: []
 sys.argv = ["stiffbeam", "doctor"]
 main()
 """
@@ -72,26 +72,3 @@ def test_where_jax_finds_no_device_the_remedy_is_said(platform):
 def test_the_package_is_a_program():
     done = subprocess.run([sys.executable, "-m", "stiffbeam", "--version"], capture_output=True, text=True)
     assert done.stdout.startswith("stiffbeam ")
-
-
-@pytest.mark.slow
-def test_an_extra_that_is_not_installed_is_no_fault(command, monkeypatch):
-    """The doctor and the study of precision leave its method out."""
-    from dataclasses import replace
-
-    from stiffbeam.studies import precision
-
-    missing = replace(registry.REFERENCES["heyoka"], libraries={"heyoka": "no-such-distribution"})
-    monkeypatch.setitem(registry.REFERENCES, "heyoka", missing)
-    real = sb.reference
-    monkeypatch.setattr(
-        "stiffbeam.references.reference", lambda s, end, *_, t_eval=None, **options: real(s, end, t_eval=t_eval)
-    )
-    code, out, _ = command("doctor", "--json", "-")
-    solvers = {solver["name"] for solver in json.loads(out)["solvers"]}
-    assert code == 0
-    assert "heyoka" not in solvers
-    assert "radau" in solvers
-    plan = precision.points(sb.paper_case(10), form="displacement", dt=1e-4, schemes=["hht"], halvings=1, impacts=1)
-    assert {"cvode"} <= {point["method"] for point in plan}
-    assert "heyoka" not in {point["method"] for point in plan}

@@ -119,7 +119,7 @@ def test_a_changed_scheme_never_goes_by_the_name_of_the_one_it_changes():
     assert str(sb.HHT(-0.2).printed()) == "HHT(alpha=-0.2).printed(unweighted)"
     case = sb.paper_case(10)
     assert list(chosen(case, [Stiffer(-0.2), Impostor()])) == [
-        "Stiffer(alpha=-0.2)", "test_subclasses:Impostor(alpha=-0.1)",
+        "Stiffer(alpha=-0.2)", "Impostor(alpha=-0.1)",
     ]  # fmt: skip
     assert list(chosen(case, [sb.HHT(-0.2), "bdf2"])) == ["HHT(alpha=-0.2)", "BDF2"]
 

@@ -99,7 +99,7 @@ def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
         run = sb.integrate(system, scheme, dt, 5 * period)
         per_period = round(period / dt)
         shown = dt if parameter == "dt" else value
-        own = [r for r in records.rows if r[parameter] == shown]
+        own = [r for r in records.table.to_dict("records") if r[parameter] == shown]
         assert [r["tip"] for r in own if r["kind"] == "section"] == run.tip[3 * per_period :: per_period].tolist()
         seen = next(r for r in own if r["kind"] == "contact")
         late = run.contact_force[2 * per_period + 1 :]
@@ -117,7 +117,7 @@ def test_an_exact_sweep_is_the_exact_solution():
         system, _, _ = by_hand("clearance", value)
         whole = sb.reference(system, 5 * period, t_eval=period * np.arange(6))
         assert np.array_equal(sections(records.rows)[value], whole.tip[3:])
-        seen = next(r for r in records.rows if r["clearance"] == value and r["kind"] == "contact")
+        seen = next(r for r in records.table.to_dict("records") if r["clearance"] == value and r["kind"] == "contact")
         assert seen["count"] == np.sum(whole.impacts.times > 2 * period)
 
 
@@ -128,7 +128,7 @@ def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
     grid = study(
         "sweep", TABLE10, parameter=first, values=values[first], second=second, second_values=values[second], **options
     )
-    assert {r["kind"] for r in grid.rows} == {"contact"}
+    assert {r["kind"] for r in grid.table.to_dict("records")} == {"contact"}
     assert len(grid.rows) == len(values[first]) * len(values[second])
     for y in values[second]:
         problem = TABLE10.problem
@@ -138,10 +138,10 @@ def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
             problem = replace(problem, stops=replace(problem.stops, stiffness=y))
         case = replace(TABLE10, problem=problem)
         line = study("sweep", case, parameter=first, values=values[first], **options)
-        for row in (r for r in line.rows if r["kind"] == "contact"):
-            own = next(r for r in grid.rows if r[first] == row[first] and r[second] == y)
+        for row in (r for r in line.table.to_dict("records") if r["kind"] == "contact"):
+            own = next(r for r in grid.table.to_dict("records") if r[first] == row[first] and r[second] == y)
             assert all(own[name] == row[name] for name in ("count", "fraction", "peak_force"))
-    assert "impacts per period" in grid.answer.text()
+    assert "impacts per period" in str(grid)
     assert len(grid.figure().axes) == 6  # three maps, three colour bars
 
 
@@ -155,13 +155,13 @@ def test_what_repeats_itself():
 
 def test_the_smoke_configuration_answers_and_draws(tmp_path):
     records = study("sweep", TABLE10, **find_study("sweep").smoke)
-    assert "4 values" in records.answer
+    assert "4 values" in str(records)
     assert [path.name for path in records.save(tmp_path)] == ["sweep.json", "sweep.csv", "sweep.png"]
     axes = records.figure().axes
     assert len(axes) == 3
     x, y = axes[0].get_lines()[0].get_data()
     drawn = {(a, b) for a, b in zip(x, y, strict=True)}
-    assert drawn == {(r["frequency"], r["tip"]) for r in records.rows if r["kind"] == "section"}
+    assert drawn == {(r["frequency"], r["tip"]) for r in records.table.to_dict("records") if r["kind"] == "section"}
 
 
 def test_a_value_that_a_scheme_refuses_is_a_row_and_the_others_stand():
@@ -179,7 +179,7 @@ def test_a_value_that_overflows_is_a_row_and_the_others_stand():
     )
     assert [row["stop-stiffness"] for row in records.failures] == [2e7]
     assert "overflowed" in records.failures[0]["failed"]
-    assert "stop-stiffness 10000 to 10000" in records.answer
+    assert "stop-stiffness 10000 to 10000" in str(records)
 
 
 BAD = {
@@ -228,7 +228,7 @@ def test_a_drop_without_a_drive_is_swept_from_its_start_to_its_end(method):
     """The largest force over heights of fall, against single exact solutions."""
     heights = [0.1, 0.2, 0.3]
     records = sb.study("sweep", dropped(0.1), dt=1e-4, t_end=1.0, parameter="q0[0]", values=heights, method=method)
-    assert [row["q0[0]"] for row in records.rows] == heights
+    assert [row["q0[0]"] for row in records.table.to_dict("records")] == heights
     for row in records.rows:
         exact = sb.reference(dropped(row["q0[0]"]), 1.0)
         assert row["count"] == exact.impacts.count
@@ -240,7 +240,7 @@ def test_several_drives_have_no_period_unless_one_is_named():
     mass = replace(dropped(0.0), loads=[([1.0], sb.Superposition(sb.Harmonic(5.0, 3.0), sb.Harmonic(7.0, 8.1)))])
     options = {"dt": 1e-3, "t_end": 2.0, "method": "BDF2"}
     whole = sb.study("sweep", mass, parameter="contacts[0].stops.stiffness", values=[1e3, 2e3], **options)
-    assert {row["kind"] for row in whole.rows} == {"contact"}
+    assert {row["kind"] for row in whole.table.to_dict("records")} == {"contact"}
 
 
 def run_cli(*arguments: str):
@@ -321,7 +321,7 @@ def test_a_sweep_there_and_back_goes_on_from_the_last_state(method):
             assert row["tip"] == pytest.approx(own[row["frequency"], row["direction"]], abs=2e-3)
     apart = [abs(own[w, "there"] - own[w, "back"]) > 0.05 for w in values]
     assert 0 < sum(apart) < len(values)
-    assert f": there and back the last periods differ at {sum(apart)} of {len(values)} values" in records.answer
+    assert f": there and back the last periods differ at {sum(apart)} of {len(values)} values" in str(records)
     assert records.figure() is not None
     alone = study("sweep", bistable(), method=method, **options)
     assert "direction" not in alone.rows[0]
@@ -405,7 +405,7 @@ def test_a_section_near_zero_is_compared_with_the_motion():
     records = study("sweep", system, values=[0.37], **options)
     (section,) = sections(records.rows).values()
     assert np.ptp(section) > 1e-3 * np.max(np.abs(section))
-    assert "every period of the drive at 1 of 1 values" in records.answer
+    assert "every period of the drive at 1 of 1 values" in str(records)
 
 
 def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
@@ -425,12 +425,12 @@ def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
             "sweep", system, dt=1e-2, t_end=20.0, parameter="loads[0].time.frequency", values=[1.1, 3.0],
             method=method, periods=5, transient=3,
         )  # fmt: skip
-        assert {row["count"] for row in records.found if row["kind"] == "contact"} == {0, 5}
+        assert {row["count"] for row in records.found.to_dict("records") if row["kind"] == "contact"} == {0, 5}
         assert [line["over all values"] for line in records.answer.table] == [
             "impacts per period",
             "time in contact, %",
         ]
         assert len(records.figure().axes) == 2  # section and impacts
     many = study("ensemble", system, dt=1e-2, t_end=4.0, members=3, schemes=["moreau-jean"])
-    rows = [row | {"peak_force": 0.0 if row.get("member") else np.nan} for row in many.found]
+    rows = [row | {"peak_force": 0.0 if row.get("member") else np.nan} for row in many.found.to_dict("records")]
     assert "–" in str(many.study.answer(rows, many.case).table[0]["largest force"])

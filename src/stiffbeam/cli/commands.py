@@ -19,7 +19,7 @@ from ..basics.resources import TALK, cores, progress
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
-from .output import check_json, console, default_folder, make_folder, named_numbers, say, write_json
+from .output import Json, check_json, console, default_folder, make_folder, named_numbers, say, write_json
 
 if TYPE_CHECKING:
     from ..basics.resources import Show
@@ -72,7 +72,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
     def run(
         case: str = "table10", /, *, options: Any = None, dt: float | None = None, t_end: float | None = None,
-        out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Path | None = None,
+        out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
     ) -> int:  # fmt: skip
         from ..files.cases import find_case
         from ..studies.base import perform
@@ -128,7 +128,7 @@ _SHARED = """
 def advise(
     case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
     t_end: float | None = None, most_steps: int | None = None, members: int = 48, out: Path | None = None,
-    json: Path | None = None,
+    json: Json = None,
 ) -> int:  # fmt: skip
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
@@ -191,7 +191,7 @@ def advise(
 
 def doubt(
     case: str, *, uncertain: str | None = None, scheme: str | None = None, dt: float | None = None,
-    t_end: float | None = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Path | None = None,
+    t_end: float | None = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Json = None,
 ) -> None:  # fmt: skip
     """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
 
@@ -241,7 +241,7 @@ def doubt(
 def reference(
     case: str | None = None, *, method: str | None = None, form: str | None = None, digits: str = "auto",
     rtol: float | None = None, t_end: float | None = None, out: Path | None = None, check: Path | None = None,
-    remake: Path | None = None, cache: bool = False, doubles: bool = False, json: Path | None = None,
+    remake: Path | None = None, cache: bool = False, doubles: bool = False, json: Json = None,
 ) -> int:  # fmt: skip
     """Compute, freeze and verify reference solutions.
 
@@ -359,7 +359,7 @@ def _reference(
 def score(
     integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
     show: Annotated[bool, Parameter(name="--list")] = False, latex: bool = False, out: Path | None = None,
-    json: Path | None = None,
+    json: Json = None,
 ) -> int:  # fmt: skip
     """Errors of integrators on problems with known answers.
 
@@ -437,7 +437,7 @@ def score(
     return int(bool(card.flagged))
 
 
-def cases(*, show: str | None = None, json: Path | None = None) -> None:
+def cases(*, show: str | None = None, json: Json = None) -> None:
     """List the paper's cases.
 
     Example: stiffbeam cases --show table10 > my-beam.toml
@@ -478,7 +478,7 @@ def cases(*, show: str | None = None, json: Path | None = None) -> None:
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 
-def doctor(*, json: Path | None = None) -> int:
+def doctor(*, json: Json = None) -> int:
     """Print versions and cache folders, and test every solver on a small problem.
 
     Parameters

@@ -13,7 +13,7 @@ from ..basics.resources import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
-from .output import check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
+from .output import Json, check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +39,7 @@ def compare(
     dt: float | None = None,
     t_end: float | None = None,
     out: Path | None = None,
-    json: Path | None = None,
+    json: Json = None,
     cache: bool = True,
     budget: float = BUDGET,
     doubt: bool = False,

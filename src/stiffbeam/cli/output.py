@@ -8,7 +8,9 @@ import sys
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
 
 from ..basics.resources import TALK
 from ..basics.text import cut, plain
@@ -16,6 +18,8 @@ from ..basics.validation import InputError, file_path
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+Json = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # a file, or - for stdout
 
 
 def console(width: int | None = None) -> Console:
