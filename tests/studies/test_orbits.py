@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import invoke
 
@@ -28,7 +29,7 @@ def records():
 def test_the_section_lies_on_the_stable_branch(records):
     """Another way to the same motion: where the tip repeats itself once a period, it is the orbit's."""
     orbits = [row for row in records.table.to_dict("records") if row["kind"] == "orbit" and row["length"] == 1]
-    settled = {value: tips for value, tips in sections(records.rows).items() if np.ptp(tips) < 1e-4}
+    settled = {value: tips for value, tips in sections(records.found, "frequency").items() if np.ptp(tips) < 1e-4}
     assert settled
     orbits.sort(key=lambda row: row["frequency"])
     w = [row["frequency"] for row in orbits]
@@ -39,8 +40,8 @@ def test_the_section_lies_on_the_stable_branch(records):
 
 def test_its_answer_names_the_flip(records):
     assert records.answer.verdict.endswith("flip at 2.59107: stable below, unstable above.")
-    assert records.answer.table[0]["bifurcation"] == "flip"
-    assert records.answer.table[0]["frequency"].startswith("2.59106955")
+    assert records.answer.table.bifurcation[0] == "flip"
+    assert records.answer.table.frequency[0].startswith("2.59106955")
     lengths = {row["length"] for row in records.table.to_dict("records") if row["kind"] == "orbit"}
     assert lengths == {1, 2}
     doubled = [row for row in records.table.to_dict("records") if row["kind"] == "orbit" and row["length"] == 2]
@@ -56,22 +57,19 @@ BOTH = ("stable", "unstable")
 
 def test_bifurcations_at_one_value_are_one_line(records):
     """As on the mirrored branches of a symmetric system."""
-    twice = [
-        *records.rows,
-        *(row | {"branch": 9} for row in records.table.to_dict("records") if row["kind"] == "bifurcation"),
-    ]
+    again = records.found[records.found.kind == "bifurcation"].assign(branch=9)
+    twice = pd.concat([records.found, again], ignore_index=True)
     answer = records.study.answer(twice, records.case)
     assert answer.verdict.endswith("flip at 2.59107: stable below, unstable above, on 2 branches.")
     assert len(answer.table) == len(records.answer.table)
 
 
 def test_a_fold_that_two_branches_pass_in_opposite_directions_is_one_line(records):
-    row = next(row for row in records.table.to_dict("records") if row["kind"] == "bifurcation")
-    folds = [row | {"what": "fold", "below": a, "above": b} for a, b in (BOTH, BOTH[::-1])]
-    (line,) = records.study.answer(
-        [r for r in records.table.to_dict("records") if r["kind"] != "bifurcation"] + folds, records.case
-    ).table
-    assert line["orbits"] == "stable and unstable orbits meet, on 2 branches"
+    table = records.found
+    row = table[table.kind == "bifurcation"].iloc[0].to_dict()
+    folds = pd.DataFrame([row | {"what": "fold", "below": a, "above": b} for a, b in (BOTH, BOTH[::-1])])
+    answer = records.study.answer(pd.concat([table[table.kind != "bifurcation"], folds]), records.case)
+    assert answer.table.orbits.tolist() == ["stable and unstable orbits meet, on 2 branches"]
 
 
 def test_couplings_and_paths_reach_the_branch():
@@ -130,7 +128,7 @@ def test_the_command_names_its_files(tmp_path):
         '[[case]]\nname = "strip"\ndt = 1e-3\nt_end = 1.0\ncells = 4\n[case.problem]\nstiffness = 300.0\n'
         "viscosity = 3.0\nbase = { amplitude = 0.2, frequency = 2.0 }\n"
     )
-    result = invoke(["orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
+    result = invoke(["study", "orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
     assert result.exit_code == 0, result.output
     assert "stable all along" in " ".join(result.output.split())
     assert (tmp_path / "out" / "orbits-frequency.png").is_file()

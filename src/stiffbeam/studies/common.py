@@ -46,10 +46,10 @@ def _integers(kind: Any, tokens: Sequence[Token]) -> list[int]:
 def read_values(text: str) -> list[float]:
     """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them, each as in a
     case file: "2*pi*50" too."""
-    if ":" not in text:
-        return [float(exact_float(part)) for part in text.split(",")]
-    start, stop, count, *spacing = [*text.split(":"), "", ""][: max(3, text.count(":") + 1)]
     try:
+        if ":" not in text:
+            return [float(exact_float(part)) for part in text.split(",")]
+        start, stop, count, *spacing = text.split(":")
         low, high, n = float(exact_float(start)), float(exact_float(stop)), int(count)
         if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
             raise ValueError
