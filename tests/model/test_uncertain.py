@@ -251,7 +251,7 @@ def test_a_case_file_states_what_is_uncertain_and_the_ensemble_draws_it(tmp_path
         bending, kappa, level = drawn.values[row["member"]]
         run = sb.integrate(tube(300.0 * bending, (1e4 * kappa, 2e4 * kappa), level), HHT, 2e-4, 0.5)
         assert row["count"] == run.contacts[row["contact_number"] - 1].impacts.count
-    assert "stiffness ±1 %, stops.stiffness deviation 10 %, loads[0].time.scale ±5 %" in said["answer"]
+    assert "stiffness ±1 %, stops.stiffness deviation 10 %, loads[0].time.scale ±5 %" in said["notes"]
     with pytest.raises(sb.InputError, match="size must be left out"):
         study("ensemble", case, size=1e-3)
 

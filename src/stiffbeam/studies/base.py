@@ -210,6 +210,11 @@ class Records:
         small = answer.table.to_html(index=False, na_rep="–") if len(answer.table) else ""
         return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
 
+    def _repr_png_(self) -> bytes:
+        from ..figures.chart import png
+
+        return png(self.figure())
+
     def figure(self) -> Figure:
         """The picture under the answer."""
         from ..figures.chart import finish, heading, new_figure
