@@ -8,9 +8,9 @@ impacts follow the exact ones at the finest step tried.
 """
 
 import numpy as np
+from stiffbeam.studies.precision import cheapest
 
 from stiffbeam.studies import study
-from stiffbeam.studies.precision import cheapest
 
 ERRORS = (1e-3, 1e-4)
 

@@ -10,16 +10,15 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 import scipy.sparse
+from commands import invoke
 from fuzz import GOOD, LONGEST, WHOLE, campaign, table
 from fuzz_surfaces import CONSTRUCTORS, beam, exact, mass, numbers_in, run
 from fuzz_texts import one_case, typed
-from typer.testing import CliRunner
 from wild_values import Unfriendly
 
 import stiffbeam as sb
 from stiffbeam.basics import resources
 from stiffbeam.basics.text import printable, shown
-from stiffbeam.cli import app
 from stiffbeam.schemes.labels import parse_run
 
 HUGE = 10**400
@@ -160,7 +159,7 @@ def test_work_that_shows_on_its_way_is_refused_by_what_its_first_part_took(monke
 )  # fmt: skip
 def test_a_command_that_asks_too_much_ends_at_once(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, words, standalone_mode=False)
+    done = invoke(words)
     if done.exception is None:  # a study whose points were all refused
         assert "left out" in done.output
     else:

@@ -42,13 +42,13 @@ def test_a_broken_solver_is_named_and_the_others_go_on(command, monkeypatch):
 WITHOUT_A_DEVICE = """
 import sys
 import stiffbeam as sb
-from stiffbeam.cli import main, tools
+from stiffbeam.cli import commands, main
 
 try:
     sb.reference(sb.problem("bilinear-gap").system, 0.01, "kvaerno3", rtol=1e-4)
 except sb.InputError as error:
     print(error, file=sys.stderr)
-tools._solvers = lambda show: []
+commands._solvers = lambda show: []
 sys.argv = ["stiffbeam", "doctor"]
 main()
 """

@@ -13,12 +13,11 @@ import time
 import numpy as np
 import pytest
 import test_store
+from commands import invoke
 from systems import two_contacts
-from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.basics import storage
-from stiffbeam.cli import app
 from stiffbeam.files import reference_cache
 from stiffbeam.files.store import BOUND
 
@@ -223,7 +222,7 @@ def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
-        done = CliRunner().invoke(app, arguments, standalone_mode=False)
+        done = invoke(arguments)
         if done.exception:
             raise done.exception
         return json.loads(done.stdout)

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
-import random
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import pytest
 from break_it import LOSSES, kills
+from commands import invoke
 from fuzz_texts import STEEL
-from processes import nobody_left, session
-from typer.testing import CliRunner
 
 import stiffbeam as sb
 from stiffbeam.basics import compiled, storage
-from stiffbeam.cli import app
-from stiffbeam.cli.application import file_name
+from stiffbeam.cli.output import file_name
 from stiffbeam.files.cases import paper_case
-from stiffbeam.studies import find_study
-from stiffbeam.studies.runner import Journal, run_study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
-AMPLIFICATION = {"schemes": ["bdf2", "HHT(alpha=-0.1)", "trapezoidal", "bathe"], "per_decade": 10}
+AMPLIFICATION = {"schemes": ["bdf2"], "steps": 10}
 
 FULL = """
 import resource, sys
@@ -69,7 +62,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
     (tmp_path / "file").write_text("no folder")
     place = str(tmp_path / "file" / "out")
     last = words[-1] in ("--remake", "--out")
-    done = CliRunner().invoke(app, [*words, *([] if last else ["--out"]), place], standalone_mode=False)
+    done = invoke([*words, *([] if last else ["--out"]), place])
     assert isinstance(done.exception, sb.InputError), done.exception
 
 
@@ -108,35 +101,6 @@ def test_kernels_run_where_they_cannot_be_kept(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_no_flipped_bit_of_a_journal_is_taken_for_a_result(tmp_path):
-    study = find_study("amplification")
-    whole = run_study(study, SMALL, tmp_path, **AMPLIFICATION)
-    (file,) = tmp_path.glob("*.jsonl")
-    content, rng = file.read_bytes(), random.Random(1)
-    for _ in range(60):
-        flipped = bytearray(content)
-        flipped[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
-        file.write_bytes(flipped)
-        found = Journal(tmp_path, "amplification", SMALL).finished
-        rows = [json.dumps(row) for kept in found.values() for row in kept]
-        assert set(rows) <= {json.dumps(json.loads(json.dumps(row))) for row in whole.rows}
-        assert len(found) >= len(AMPLIFICATION["schemes"]) - 2
-
-
-def test_two_runs_do_not_work_on_one_journal(tmp_path):
-    first, second = (Journal(tmp_path, "amplification", SMALL) for _ in range(2))
-    with first:
-        with pytest.raises(
-            sb.InputError, match=rf"be free, and process {os.getpid()} of .* works on it.*another folder"
-        ):
-            run_study(find_study("amplification"), SMALL, tmp_path, **AMPLIFICATION)
-        with pytest.raises(sb.InputError, match="works on it"), second:
-            pass
-    with second:
-        pass
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"files": 3}', '{"files": ["../stranger", "stranger", 3, ".."]}'])
 def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers_file(content, tmp_path):
     out = tmp_path / "out"
@@ -146,7 +110,7 @@ def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers
         file.write_text("mine")
     (out / "comparison.json").write_text(content)
     words = ["compare", "table10", "--t-end", "0.004", "--schemes", "hht", "--references", "exact", "--out", str(out)]
-    done = CliRunner().invoke(app, words, standalone_mode=False)
+    done = invoke(words)
     assert done.exception is None, done.exception
     assert all(file.exists() for file in strangers)
     assert json.loads((out / "comparison.json").read_text())["files"]
@@ -155,7 +119,7 @@ def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers
 def test_what_is_wrong_at_every_point_is_said_at_once(monkeypatch):
     monkeypatch.setenv("STIFFBEAM_THREADS", "abc")
     with pytest.raises(sb.InputError, match="STIFFBEAM_THREADS must be an integer >= 1, got 'abc'"):
-        sb.study("amplification", SMALL, **AMPLIFICATION)
+        sb.study("modes", SMALL, **AMPLIFICATION)
 
 
 @pytest.mark.slow
@@ -168,7 +132,7 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     text = STEEL.replace('name = "steel"', 'name = ".."').replace("a steel strip", "[/] [red]$x_ $ :smile:")
     (tmp_path / "odd.toml").write_text(text.replace('kind = "cubic" }] }', 'kind = "cubic" }] }'))
-    done = CliRunner().invoke(app, ["compare", "odd.toml", "--references", "cvode"], standalone_mode=False)
+    done = invoke(["compare", "odd.toml", "--references", "cvode"])
     assert done.exception is None, done.exception
     assert "[/] [red]$x_ $ :smile:" in done.stdout
     assert {x.name for x in tmp_path.iterdir()} == {"odd.toml", "stiffbeam-output"}
@@ -178,21 +142,6 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
 
 
 # ---------------------------------------------------------------- kills
-
-
-@pytest.mark.slow
-def test_workers_end_with_a_killed_parent(tmp_path):
-    words = ["reproduce", "all", "--jobs", "2", "--out", str(tmp_path)]
-    child = subprocess.Popen(
-        [sys.executable, "-m", "stiffbeam", *words], stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    end = time.monotonic() + 60
-    while len(session(child.pid)) < 4 and time.monotonic() < end:  # itself, the resource tracker, two workers
-        time.sleep(0.2)
-    time.sleep(2.0)
-    child.kill()
-    child.wait()
-    nobody_left(child.pid)
 
 
 @pytest.mark.parametrize(

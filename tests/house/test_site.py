@@ -107,9 +107,9 @@ def test_every_command_has_examples_that_it_understands():
     import shlex
 
     import typer
+    from stiffbeam.cli.application import EXAMPLES
 
     from stiffbeam.cli import app
-    from stiffbeam.cli.application import EXAMPLES
 
     group = typer.main.get_command(app)
     context = group.make_context("stiffbeam", ["cases"])

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pandas
 import pytest
+from commands import invoke
 from noise import noise
 from scipy.integrate import quad, solve_ivp
 from scipy.signal import lfilter
 from scipy.stats import norm
 from systems import one_mass, thrown_case
-from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.measures.rates import stationary_mean, windows
 
 CASES = 300
@@ -281,7 +280,7 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "thrown.toml").write_text(thrown_case(0.2))
     options = ["compare", "thrown.toml", "--schemes", "HHT(alpha=-0.1)", "--references", "exact", "--out", "here"]
-    said = CliRunner().invoke(app, [*options, "--rates"])
+    said = invoke([*options, "--rates"])
     assert said.exit_code == 0, said.output
     system = sb.load_cases("thrown.toml")["thrown"].system()
     solutions = [sb.reference(system, 0.6), sb.integrate(system, sb.HHT(alpha=-0.1), 1e-3, 0.6)]
@@ -296,7 +295,7 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
         table = known.impacts_to_dataframe(0)
         np.testing.assert_allclose(impacts.loc[(one.label, 0), "impact_normal_work"], table.impact_normal_work)
         assert str(known).splitlines()[0] in said.output
-    assert CliRunner().invoke(app, options).exit_code == 0
+    assert invoke(options).exit_code == 0
     assert not (tmp_path / "here" / "comparison-rates.csv").exists()
 
 

@@ -69,16 +69,13 @@ def test_a_study_of_the_motion_refuses_a_system_at_rest_and_others_take_it() -> 
     system = sb.semidiscretise(STILL, cells=6)
     with pytest.raises(InputError, match="must move"):
         sb.study("energy", system, dt=1e-3, t_end=0.1)
-    assert sb.study("modes", system, dt=1e-3, t_end=0.1, schemes=["bdf2"]).found
+    assert sb.study("modes", system, dt=1e-3, t_end=0.1, schemes=["bdf2"]).found is not None
 
 
-def test_converge_and_contact_duration_say_that_there_are_no_impacts() -> None:
+def test_converge_states_that_there_are_no_impacts() -> None:
     system = sb.semidiscretise(FAR, cells=6)
-    found = sb.study("converge", system, dt=1e-2, t_end=0.2, schemes=["bdf2"], halvings=3)
-    assert "No impacts to t = 0.1, the motion as it starts" in found.answer
-    assert "order without impacts, as it starts" in found.answer.table[0]
-    lasting = sb.study("contact_duration", system, dt=1e-2, t_end=0.2, schemes=["bdf2"], halvings=1, members=2)
-    assert lasting.answer == "No contact came to an end."
+    found = sb.study("converge", system, dt=1e-2, t_end=0.2, integrators=["bdf2"], halvings=3)
+    assert "as the motion starts, without impacts to t = 0.1" in found.answer.verdict
 
 
 @pytest.mark.slow

@@ -13,9 +13,7 @@ from stiffbeam.figures.runs import four_panels
 from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.measures.report import common_window
-from stiffbeam.studies import find_study, study
-from stiffbeam.studies.common import solve_once
-from stiffbeam.studies.interface import by_contact
+from stiffbeam.studies import study
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 
@@ -38,26 +36,11 @@ def two(monkeypatch):
     monkeypatch.setattr(Case, "system", with_a_stop_half_way)
 
 
-@pytest.mark.slow
-def test_impacts_are_counted_at_every_contact(two):
-    records = study("impacts", SMALL, **find_study("impacts").smoke)
-    blocks = by_contact(records.rows)
-    assert list(blocks) == [" at contact 1", " at contact 2"]
-    exact = solve_once(with_a_stop_half_way(SMALL, "displacement"), 0.2)
-    for i, (place, rows) in enumerate(blocks.items()):
-        (first, *_) = [row for row in rows if row["scheme"] == "HHT(alpha=-0.1)"]
-        assert first["reference_count"] == exact.contacts[i].impacts.count > 0
-        sampled = next(row for row in rows if row["scheme"] == "reference")
-        assert sampled["count"] == exact.impacts_sampled(sampled["dt"], contact=i).count
-        assert f"{place.strip().capitalize()}: " in records.answer
-    titles = [axis.get_title(loc="left") for axis in records.figure().axes]
-    assert [sum(place in title for title in titles) for place in blocks] == [6, 6]  # every panel
-
-
 def test_distributions_are_those_of_every_contact(two):
     records = study("ensemble", SMALL, schemes=["HHT(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
-    members = {key: [row["count"] for row in rows if row["kind"] == "member" and row["method"] == "exact"]
-               for key, rows in by_contact(records.rows).items()}  # fmt: skip
+    exact = records.table[(records.table.kind == "member") & (records.table.method == "exact")]
+    members = {f" at contact {n:g}": rows["count"].tolist() for n, rows in exact.groupby("contact_number")}
+    peaks = exact.peak_force.tolist()
     assert [len(counts) for counts in members.values()] == [3, 3]
     assert members[" at contact 1"] != members[" at contact 2"]
     labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
@@ -67,17 +50,14 @@ def test_distributions_are_those_of_every_contact(two):
         "HHT(alpha=-0.1) at contact 1",
         "HHT(alpha=-0.1) at contact 2",
     ]
-    assert "At contact 2: Over 3 members" in records.answer
+    assert "At contact 2: Over 3 members" in records.answer.verdict
     assert records.answer.notes.count("Off by") == 1  # what holds at both contacts stands once
 
     def said(values, digits: str = ".3g") -> str:
         mean, deviation = format(np.mean(values), digits), float(f"{np.std(values):.2g}")
         return f"{mean} ± {deviation:g}" if deviation else f"all {mean}"
 
-    exact = [line["impacts"] for line in records.answer.table if line["method"] == "exact"]
-    assert exact == [said(counts) for counts in members.values()]
-    peaks = [row["peak_force"] for row in records.rows if row["kind"] == "member" and row["method"] == "exact"]
-    lines = [line for line in records.answer.table if line["method"] == "exact"]
+    lines = [line for line in records.answer.table.to_dict("records") if line["method"] == "exact"]
     for line, counts, forces in zip(lines, members.values(), (peaks[:3], peaks[3:]), strict=True):
         assert line["impacts per unit of time"] == said(np.array(counts) / 0.2)
         assert line["largest force"] == said(forces, ".4g")
@@ -86,9 +66,8 @@ def test_distributions_are_those_of_every_contact(two):
 def test_a_sweep_draws_a_line_for_every_contact(two):
     options = {"parameter": "dt", "values": [1e-4, 5e-5], "periods": 1, "transient": 0}
     records = study("sweep", SMALL, **options)
-    rows = [row for row in records.rows if row["kind"] == "contact"]
-    assert [(row["dt"], row["contact_number"]) for row in rows if row["contact_number"] == 2]
-    assert "impacts per period at contact 2" in records.answer.text()
+    assert (records.table.contact_number == 2).any()
+    assert "impacts per period at contact 2" in str(records)
     count = records.figure().axes[1]
     assert len(count.get_lines()) == 2
     grid = study("sweep", SMALL, **options, second="alpha", second_values=[-0.1, -0.2])
@@ -98,7 +77,7 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
 @pytest.mark.slow
 def test_the_contact_of_every_stop_converges_in_space(two):
     records = study("space", SMALL, cells=[6, 8, 12], finest=20, forms=["displacement"], impacts=4)
-    quantities = {row["quantity"] for row in records.rows if row.get("kind") == "contact" and "quantity" in row}
+    quantities = set(records.found.quantity)
     assert {"first impact's time at contact 1", "first impact's impulse at contact 1"} <= quantities
     records.figure().canvas.draw()
 

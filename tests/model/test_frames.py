@@ -126,24 +126,6 @@ def test_totals_end_where_the_reference_does(table10):
     assert long.totals_energy_lost == pytest.approx(short.totals_energy_lost, rel=1e-11)
 
 
-def test_a_second_writer_and_a_damaged_line_cost_no_finished_point(tmp_path):
-    from stiffbeam.files.cases import paper_case
-    from stiffbeam.studies.runner import Journal
-
-    first, second = (Journal(tmp_path, "energy", paper_case(10)) for _ in range(2))
-    first.keep({"k": 1}, [{"x": 1.0}])
-    third = Journal(tmp_path, "energy", paper_case(10))
-    second.keep({"k": 2}, [{"x": 2.0}])
-    assert third.file is not None
-    with third.file.open("a", encoding="utf-8") as stream:
-        stream.write("no json\n")
-    second.keep({"k": 3}, [{"failed": "no library"}])
-    again = Journal(tmp_path, "energy", paper_case(10))
-    assert again.rows({"k": 1}) == [{"x": 1.0}]
-    assert again.rows({"k": 2}) == [{"x": 2.0}]
-    assert again.rows({"k": 3}) is None  # what failed may work now
-
-
 def test_a_callable_offset_is_asked_for_times_inside_the_run_only():
     asked = []
 

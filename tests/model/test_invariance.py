@@ -224,8 +224,8 @@ def test_a_sweep_is_asked_and_answered_in_the_cases_own_units(parameter):
         unit = time ** powers[0] * length ** powers[1] * force ** powers[2]
         values = [x * middle / unit for x in (0.9, 1.1)]
         records = sb.study("sweep", case, parameter=parameter, values=values, periods=2, transient=1)
-        tips = np.array([row["tip"] for row in records.rows if row["kind"] == "section"])
-        contacts = [row for row in records.rows if row["kind"] == "contact"]
+        tips = np.array([row["tip"] for row in records.table.to_dict("records") if row["kind"] == "section"])
+        contacts = [row for row in records.table.to_dict("records") if row["kind"] == "contact"]
         found[name] = {
             "tip": tips * length,
             "peak": np.array([row["peak_force"] for row in contacts]) * force,

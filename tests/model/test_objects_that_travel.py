@@ -25,7 +25,7 @@ def things(table10):
         "many": sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.1, members, every=100), "modes": sb.modes(system),
         "origin": system.origin, "problem": table10,
         "growth": sb.lyapunov(system, 0.1), "amplification": sb.amplification(sb.HHT(), np.linspace(0.01, 1.0, 500)),
-        "solution": reference.solution, "records": sb.study("amplification", schemes=["bdf2"]),
+        "solution": reference.solution, "records": sb.study("modes", schemes=["bdf2"], steps=100),
     }  # fmt: skip
 
 

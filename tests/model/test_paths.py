@@ -56,9 +56,9 @@ def test_a_ball_on_a_vibrating_table_is_swept(parameter, values, expected):
         periods=4,
         method="exact",
     )
-    found = sections(records.rows)
+    found = sections(records.found, parameter)
     assert list(found) == values
-    assert {row["method"] for row in records.rows} == {"exact"}
+    assert set(records.table.method) == {"exact"}
     for value, section in found.items():
         assert section == pytest.approx(expected(value)[0], abs=1e-5)
 
@@ -85,7 +85,7 @@ def test_one_stop_of_several_is_swept():
         transient=20,
         periods=3,
     )
-    for stiffness, section in sections(records.rows).items():
+    for stiffness, section in sections(records.found, "stops[1].stiffness").items():
         spring = 4.0 + 2.0 + stiffness
         harmonic = np.imag(1.0 / (spring - 4.0 + 2.0j))
         assert section == pytest.approx(9.0 * (stiffness - 2.0) / spring + harmonic, abs=1e-8)
@@ -153,9 +153,9 @@ def test_a_coupled_amplitude_follows_the_frequency():
     options = {"values": [1.0, 1.5, 3.0], "method": "exact", "dt": 1e-3, "t_end": 9.0, "transient": 20, "periods": 2}
     path = "loads[0].time.amplitude"
     for couple in (f"{path}=0.2*x**2", [f"{path} = x*(0.3 - .1)*x"], {path: lambda w: 0.2 * w**2}):
-        rows = sb.study("sweep", system, parameter="frequency", couple=couple, **options).rows
-        assert all(row[path] == pytest.approx(0.2 * row["frequency"] ** 2) for row in rows)
-        for w, section in sections(rows).items():
+        rows = sb.study("sweep", system, parameter="frequency", couple=couple, **options).found
+        assert all(row[path] == pytest.approx(0.2 * row["frequency"] ** 2) for row in rows.to_dict("records"))
+        for w, section in sections(rows, "frequency").items():
             assert section == pytest.approx(np.imag(0.2 * w**2 / (4.0 - w**2 + 1.0j * w)), abs=1e-6)
 
 
@@ -176,8 +176,8 @@ def test_of_two_drives_the_varied_one_sets_the_period():
     system = sb.System.from_matrices([[1.0]], [[4.0]], [[1.0]], loads=loads, observe=[1.0])
     options = {"method": "exact", "dt": 1e-3, "t_end": 9.0, "transient": 20, "periods": 3}
     values = [1.3, 1.7]
-    rows = sb.study("sweep", system, parameter="loads[1].time.frequency", values=values, **options).rows
-    for w, section in sections(rows).items():
+    rows = sb.study("sweep", system, parameter="loads[1].time.frequency", values=values, **options).found
+    for w, section in sections(rows, "loads[1].time.frequency").items():
         t = 2.0 * np.pi / w * np.arange(21, 24)
         first = np.imag(np.exp(1j * t) / (4.0 - 1.0 + 1.0j))
         assert section == pytest.approx(first + np.imag(0.5 / (4.0 - w**2 + 1.0j * w)), abs=1e-6)
@@ -189,13 +189,13 @@ def test_of_two_drives_the_varied_one_sets_the_period():
 def test_a_scheme_with_an_impact_law_sweeps_a_rigid_stop():
     options = {"parameter": "contacts[0].stops.restitution", "values": [0.5, 0.6], "transient": 60, "periods": 3}
     rows = {
-        method: sb.study("sweep", ball(), method=method, dt=5e-4, t_end=10.0, **options).rows
+        method: sb.study("sweep", ball(), method=method, dt=5e-4, t_end=10.0, **options).found
         for method in ("exact", "MoreauJean")
     }
-    for value, section in sections(rows["MoreauJean"]).items():
-        assert section == pytest.approx(sections(rows["exact"])[value], abs=5e-3)
+    for value, section in sections(rows["MoreauJean"], options["parameter"]).items():
+        assert section == pytest.approx(sections(rows["exact"], options["parameter"])[value], abs=5e-3)
         assert section == pytest.approx(bounce(value, 1.2, 1.0)[0], abs=5e-3)
-    counts = [{row["count"] for row in found if row["kind"] == "contact"} for found in rows.values()]
+    counts = [set(found["count"][found.kind == "contact"]) for found in rows.values()]
     assert counts == [{3}, {3}]
 
 
@@ -211,8 +211,11 @@ def test_by_default_a_sweep_looks_at_as_many_periods_as_its_budget_allows():
     """20 s of processor time at 30 ms a period of the exact solution with rigid stops; ten after ten at least."""
     case = case_of(ball(), 1e-3, 9.0)
     looked = {}
-    asked = {"parameter": "contacts[0].stops.restitution", "method": "exact", "form": "matrices"}
-    plan = find_study("sweep").plan
+    asked = {"parameter": "contacts[0].stops.restitution", "method": "exact"}
+
+    def plan(case, **options):
+        return find_study("sweep")(**options).points(case)
+
     for number in (2, 20, 2000):
         point = plan(case, values=np.linspace(0.1, 0.9, number), **asked)[0]
         looked[number] = point["transient"], point["periods"]

@@ -18,7 +18,7 @@ from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
 from stiffbeam.model.time_functions import Drive
 from stiffbeam.references import best_reference, registry, substitute
-from stiffbeam.studies.common import scheme_labels, takes_extrapolation
+from stiffbeam.studies.common import chosen, takes_extrapolation
 
 
 def hertz(**more) -> sb.System:
@@ -73,7 +73,7 @@ def test_members_without_an_exact_solution_are_their_solo_runs():
 
 def test_schemes_by_default_have_a_law_for_the_stops():
     system, dt, t_end = BENCHES["coupled oscillator, rigid"]()
-    labels = scheme_labels(case_of(system, dt, t_end))
+    labels = chosen(case_of(system, dt, t_end))
     assert {label.partition("(")[0] for label in labels} == {
         "MoreauJean",
         "PaoliSchatzman",
@@ -83,7 +83,7 @@ def test_schemes_by_default_have_a_law_for_the_stops():
     assert not takes_extrapolation(case_of(system, dt, t_end))
     plain = case_of(*BENCHES["chain"]())
     assert takes_extrapolation(plain)
-    assert not {label.partition("(")[0] for label in scheme_labels(plain)} & set(sb.schemes.RIGID)
+    assert not {label.partition("(")[0] for label in chosen(plain)} & set(sb.schemes.RIGID)
 
 
 def test_the_steady_motion_solves_the_equation_under_coupled_damping():

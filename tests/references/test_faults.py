@@ -7,10 +7,9 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.files import store
 from stiffbeam.files.cases import case_text
 from stiffbeam.references import REFERENCES, solve
@@ -26,7 +25,7 @@ def system(table10):
 
 def command(*arguments):
     """Run the command in this process; its error comes through."""
-    done = CliRunner().invoke(app, arguments, standalone_mode=False)
+    done = invoke(arguments)
     if done.exception:
         raise done.exception
 

@@ -17,10 +17,7 @@ import stiffbeam as sb
 from stiffbeam.basics import storage
 from stiffbeam.files.cases import case_text, paper_cases
 from stiffbeam.files.store import BOUND, freeze
-from stiffbeam.references import solve
-from stiffbeam.studies import references as stored
-from stiffbeam.studies.references import agree, check, remake, wanted
-from stiffbeam.trajectory.trajectory import Work
+from stiffbeam.studies.references import check, remake, wanted
 
 STORE = Path(__file__).parents[2] / "reference"
 
@@ -190,32 +187,6 @@ def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_
     for ours, theirs in zip(again.contacts, many.contacts, strict=True):
         assert ours.impacts.count == theirs.impacts.count > 5
         assert np.allclose(ours.impacts.times, theirs.impacts.times, rtol=0, atol=BOUND)
-
-
-@pytest.mark.slow
-def test_agreement_names_the_baseline_the_skipped_and_the_inconsistent(monkeypatch):
-
-    def slow_kvaerno(system, t_end, method, *rest):
-        if method != "kvaerno3":
-            return solve(system, t_end, method, *rest)
-        pilot = solve(system, t_end, "exact", *rest)
-        return dataclasses.replace(pilot, work=Work(march_seconds=1e6))
-
-    monkeypatch.setattr(stored, "solve", slow_kvaerno)
-    case = sb.paper_case(5)
-    found = agree(case, t_end=0.02, budget=12.0, methods=("exact", "multiprecision", "cvode-adams", "kvaerno3"))
-    assert found.baseline == "multiprecision"
-    assert set(found.references) == {"exact", "multiprecision", "cvode-adams"}
-    assert "budget" in found.skipped["kvaerno3"]
-    assert agree(case, t_end=0.02, budget=1e-9, methods=("exact", "kvaerno3")).skipped == {
-        "kvaerno3": "nothing left of the budget"  # not even a pilot run, which compiles first
-    }
-    assert found.inconsistent == {}
-    i, j = (list(found.references).index(name) for name in ("exact", "multiprecision"))
-    assert found.differences[i, j] < 1e-9
-    json.dumps(found.to_dict(), allow_nan=False)
-    monkeypatch.setattr(stored, "INCONSISTENT", 1e-6)  # a claim that nobody holds
-    assert "cvode-adams" in agree(case, t_end=0.02, budget=500.0, methods=("exact", "cvode-adams")).inconsistent
 
 
 DOWNSTREAM = """

@@ -68,10 +68,10 @@ def test_every_scheme_is_as_late_and_as_damped_as_theory_says(viscosity):
     case = replace(case, cells=6, problem=replace(case.problem, viscosity=viscosity))
     labels = [str(scheme) for scheme in registered()]
     records = study("modes", case, schemes=labels, dt=2e-4, steps=1500)
-    assert not records.failures
-    measured = [row for row in records.rows if np.isfinite(row["period_elongation"])]
+    assert not records.lost
+    measured = [row for row in records.table.to_dict("records") if np.isfinite(row["period_elongation"])]
     assert {row["scheme"] for row in measured if row["mode"] == 1} == set(labels)
-    assert len(measured) > 0.8 * len(records.rows)
+    assert len(measured) > 0.8 * len(records.table)
     for row in measured:
         for name in ("period_elongation", "damping_ratio"):
             # The modal coordinates are good to eps (w_max/w_1)^2 of the basis.

@@ -10,7 +10,6 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.schemes.labels import parse_run
-from stiffbeam.studies.common import label_of, scheme_of
 
 
 class Midpoint(sb.Scheme):
@@ -34,23 +33,8 @@ class Secretive(Midpoint):
         return {}
 
 
-def test_a_label_makes_a_scheme_of_ones_own_again():
-    label = label_of(Midpoint(0.6))
-    assert label == "test_own_schemes:Midpoint(theta=0.6)"
-    assert vars(scheme_of(label)) == vars(Midpoint(0.6))
-    assert parse_run(f" {label} @ velocity-curvature")[1] == "velocity-curvature"
-    assert label_of(label) == label
-    assert label_of(sb.SDIRK(nystrom=True)) == str(sb.SDIRK(nystrom=True))
-
-
-def test_what_no_label_makes_again_is_refused():
-    class Local(Midpoint):
-        pass
-
-    with pytest.raises(sb.InputError, match="found in a module"):
-        label_of(Local())
-    with pytest.raises(sb.InputError, match="parameters"):
-        label_of(Secretive(0.6))
+def test_a_label_that_names_no_scheme_is_refused():
+    assert parse_run(" test_own_schemes:Midpoint(theta=0.6) @ velocity-curvature")[1] == "velocity-curvature"
     for label, says in (
         ("no_such_module:Central", "can be imported"),
         ("test_own_schemes.py:Midpoint", r"can be imported, got .*: write test_own_schemes:Midpoint$"),
@@ -69,10 +53,9 @@ def test_a_study_takes_scheme_objects_in_worker_processes_too(tmp_path):
     options = {"schemes": [Midpoint(), sb.Trapezoidal()], "steps": 64}
     here = sb.study("modes", sb.paper_case(10), folder=tmp_path, **options)
     there = sb.study("modes", sb.paper_case(10), jobs=2, **options)
-    assert [row["scheme"] for row in here.rows] == [row["scheme"] for row in there.rows]
-    assert here.rows == there.rows
-    assert {row["scheme"] for row in here.found} == {"test_own_schemes:Midpoint(theta=0.5)", "Trapezoidal"}
-    assert not here.failures
+    assert here.table.equals(there.table)
+    assert set(here.found.scheme) == {"Midpoint(theta=0.5)", "Trapezoidal"}
+    assert not here.lost
     journal = next(tmp_path.glob("modes-*.jsonl"))
     assert sum('"source"' in line for line in journal.read_text().splitlines()) == 1  # of the own scheme only
     here.figure()

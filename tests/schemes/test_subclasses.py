@@ -10,7 +10,7 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.schemes import registered
 from stiffbeam.schemes.scheme import check_contract
-from stiffbeam.studies.common import scheme_labels
+from stiffbeam.studies.common import chosen
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,10 @@ def test_a_changed_scheme_never_goes_by_the_name_of_the_one_it_changes():
     assert str(Stiffer(-0.2)) == "Stiffer(alpha=-0.2)"
     assert str(sb.HHT(-0.2).printed()) == "HHT(alpha=-0.2).printed(unweighted)"
     case = sb.paper_case(10)
-    assert scheme_labels(case, [Stiffer(-0.2), Impostor()]) == [
-        "test_subclasses:Stiffer(alpha=-0.2)", "test_subclasses:Impostor(alpha=-0.1)",
+    assert list(chosen(case, [Stiffer(-0.2), Impostor()])) == [
+        "Stiffer(alpha=-0.2)", "Impostor(alpha=-0.1)",
     ]  # fmt: skip
-    assert scheme_labels(case, [sb.HHT(-0.2), "bdf2"]) == ["HHT(alpha=-0.2)", "BDF2"]
+    assert list(chosen(case, [sb.HHT(-0.2), "bdf2"])) == ["HHT(alpha=-0.2)", "BDF2"]
 
 
 class Forgetful(sb.BDF2):

@@ -16,7 +16,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.studies import advice
 from stiffbeam.studies.advice import QUANTITIES, WANT, Probe, cheapest, unreached
-from stiffbeam.studies.runner import Journal
+from stiffbeam.studies.base import Store
 
 
 def errors_by_another_solver(case, run) -> dict[str, float]:
@@ -150,7 +150,7 @@ def test_means_that_scatter_too_much_are_refused_before_any_run(table10):
 
 def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, monkeypatch):
     """What was probed is read and not run again; the answer is that of a search in one go, line by line."""
-    case, system = sb.paper_case(10), bouncing_chain()
+    system = bouncing_chain()
     given = {"schemes": [sb.HHT(alpha=-0.1), sb.BDF2()], "most_steps": 8192}
     whole, probe, runs = [], advice.Motion.errors, []
 
@@ -163,11 +163,11 @@ def test_a_search_that_was_stopped_goes_on_and_tells_what_it_knows(tmp_path, mon
     alone = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=whole.append)
     monkeypatch.setattr(advice.Motion, "errors", counted)
     told: list[str] = []
-    with pytest.raises(KeyboardInterrupt), Journal(tmp_path, "advise", case) as journal:
+    journal = Store(tmp_path, "advise")
+    with pytest.raises(KeyboardInterrupt):
         sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
     assert told == whole[:2]  # two refinements of two schemes
-    with Journal(tmp_path, "advise", case) as journal:
-        again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
+    again = sb.advise(system, {"tip": 1e-2}, 6.0, **given, tell=told.append, journal=journal)
     assert told[2:] == whole
     assert "cheapest so far" in "".join(whole)
     assert len(set(runs)) == len(runs) - 1 == len(again.candidates)  # of all runs only the interrupted one twice

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import invoke
 from doubt_ranks import Beam, judged
 from noise import noise
 from scipy.stats import norm
 from systems import one_mass, thrown_case
-from typer.testing import CliRunner
 
 import stiffbeam as sb
-from stiffbeam.cli import app
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.measures.rates import stationary_mean, windows
 from stiffbeam.references import solve
@@ -357,7 +356,7 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
     file = tmp_path / "thrown.toml"
     file.write_text(thrown_case(0.2))
     options = ["doubt", str(file), "--scheme", "HHT(alpha=-0.1)", "--members", "10"]
-    said, text = (CliRunner().invoke(app, [*options, *more]) for more in (["--json", "-"], []))
+    said, text = (invoke([*options, *more]) for more in (["--json", "-"], []))
     assert (said.exit_code, text.exit_code) == (0, 0), said.output
     result = sb.doubt(beam(8, 1e-3, 0.2), sb.HHT(-0.1), members=10)
     record = json.loads(said.stdout)
@@ -368,11 +367,9 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
     assert " ".join(result["tip"].verdict.split()) in " ".join(text.stdout.split())
     bare = tmp_path / "bare.toml"
     bare.write_text(thrown_case(0.2).partition("[case.uncertain]")[0])
-    stated = CliRunner().invoke(
-        app, [options[0], str(bare), *options[2:], "--uncertain", "stiffness=2.4:3.6", "--json", "-"]
-    )
+    stated = invoke([options[0], str(bare), *options[2:], "--uncertain", "stiffness=2.4:3.6", "--json", "-"])
     assert json.loads(stated.stdout)["budgets"] == record["budgets"]
-    wrong = CliRunner().invoke(app, [*options, "--uncertain", "stiffness"])
+    wrong = invoke([*options, "--uncertain", "stiffness"])
     assert isinstance(wrong.exception, sb.InputError)
     assert "path=low:high" in str(wrong.exception)
 

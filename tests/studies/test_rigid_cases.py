@@ -12,7 +12,7 @@ import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
 from stiffbeam.measures.report import comparison_tables
 from stiffbeam.schemes import RIGID, SCHEMES
-from stiffbeam.studies.common import scheme_labels
+from stiffbeam.studies.common import chosen
 from stiffbeam.studies.comparison import compare_case
 
 CASE = parse_case(
@@ -33,23 +33,13 @@ base = { amplitude = 0.2, frequency = 10.0 }
 
 
 def test_studies_run_the_schemes_of_the_case_and_those_for_rigid_stops():
-    labels = scheme_labels(CASE)
+    labels = chosen(CASE)
     assert "MoreauJean(theta=0.6)" in labels
     with_impacts = {kind.__name__ for kind in RIGID.values() if kind().restitutes}
     assert {label.partition("(")[0] for label in labels} == with_impacts
-    assert {label.partition("(")[0] for label in scheme_labels(sb.paper_case(10))} == {
+    assert {label.partition("(")[0] for label in chosen(sb.paper_case(10))} == {
         kind.__name__ for kind in SCHEMES.values()
     } - {"Theta"}
-
-
-@pytest.mark.slow
-def test_the_study_of_impacts_is_asked_of_it():
-    records = sb.study("impacts", CASE, halvings=1, members=2, sensitivity=False, schemes=["moreau-jean"])
-    assert not records.failures
-    assert not any("refused" in row for row in records.rows)
-    counts = {row["scheme"]: row["count"] for row in records.found}
-    assert set(counts) == {"exact", "reference", "MoreauJean(theta=0.5)"}
-    assert [scheme for scheme, count in counts.items() if np.isnan(count)] == ["reference"]  # nothing to sample
 
 
 @pytest.mark.slow

@@ -1,248 +1,244 @@
-"""The studies: every one runs, answers, draws and saves, and says what went wrong."""
+"""The contract of a study: its points, its files, its table; and the textbook values of the studies of the package."""
 
 from __future__ import annotations
 
 import json
-import pkgutil
-import random
-from dataclasses import replace
-from functools import cache
-from importlib import import_module
+import subprocess
+import sys
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
-import matplotlib.image
 import numpy as np
-import pandas
+import pandas as pd
 import pytest
-from matplotlib.figure import Figure
+from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
-import stiffbeam.studies
-from stiffbeam.basics.validation import InputError
-from stiffbeam.figures import chart
-from stiffbeam.figures.chart import EXACT, in_lines, look, short
-from stiffbeam.files.cases import paper_case, parse_case
-from stiffbeam.schemes import registered
-from stiffbeam.studies import STUDIES, Records, find_study, study
+from stiffbeam.studies import STUDIES, Answer, Study, option, studies
+from stiffbeam.studies.base import NOTHING, evaluate
+from stiffbeam.studies.converge import cheapest, orders
+from stiffbeam.studies.ensemble import half_time
 
-SMALL = replace(paper_case(10), cells=8, t_end=0.8)
+SPRING = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e4), load=sb.Harmonic(8.0, 5.0))
+SPAN = {"dt": 2e-3, "t_end": 1.0}
+CALLS: list[float] = []
 
 
-FREE = """
-[[case]]
-name = "free"
-cells = 6
-dt = 1e-3
-t_end = 0.5
-[case.problem]
-stiffness = 300.0
-base = { amplitude = 0.1, frequency = 10.0 }
+@dataclass(frozen=True, kw_only=True)
+class Doubled(Study):
+    """What is twice each number?"""
+
+    numbers: tuple[float, ...] = option((1.0, 2.0, 0.0), "numbers")
+    labels: ClassVar = {"number": ("number", "length"), "twice": ("twice the number", "length")}
+
+    def points(self, case):
+        return [{"number": x} for x in self.numbers]
+
+    def run(self, case, number):
+        CALLS.append(number)
+        if not number:
+            raise sb.InputError("number", number, "not be 0", "take another")
+        return {"twice": 2.0 * number, "exact": 0.1 + 0.2}
+
+    def answer(self, table, case):
+        return Answer(f"The largest is {table.twice.max():g}.", table[["number", "twice"]])
+
+    def draw(self, table, figure, case):
+        axis = figure.subplots()
+        axis.plot(table.number, table.twice)
+        axis.set(xlabel=table.attrs["labels"]["number"], ylabel=table.attrs["labels"]["twice"])
+
+
+def doubled(**options):
+    CALLS.clear()
+    return sb.study("doubled", SPRING, **SPAN, **options)
+
+
+def test_a_subclass_is_a_study_with_its_options_table_answer_and_picture():
+    records = doubled(numbers=[1.0, 3.0])
+    assert "doubled" in STUDIES
+    assert records.table.twice.tolist() == [2.0, 6.0]
+    assert records.table.attrs["labels"] == {"number": "number", "twice": "twice the number"}
+    assert records.answer.verdict == "The largest is 6."
+    assert str(records).splitlines()[:2] == ["What is twice each number?", "The largest is 6."]
+    assert records.figure().axes[0].get_xlabel() == "number"
+    with pytest.raises(sb.InputError, match="did you mean numbers"):
+        doubled(number=[1.0])
+    with pytest.raises(sb.InputError, match="be a study"):
+        sb.study("doubles", SPRING, **SPAN)
+
+
+def test_a_point_without_a_result_is_a_row_with_its_reason():
+    records = doubled()
+    assert list(records.lost.values()) == [1]
+    assert "not be 0" in next(iter(records.lost))
+    assert len(records.found) == 2
+    assert "lost (1): number must not be 0" in str(records)
+    nothing = doubled(numbers=[0.0])
+    assert nothing.answer.verdict == NOTHING
+    assert nothing.figure().axes
+
+
+def test_finished_points_are_files_that_a_second_run_reads_to_the_bit(tmp_path):
+    first = doubled(folder=tmp_path)
+    assert sorted(CALLS) == [0.0, 1.0, 2.0]
+    again = doubled(folder=tmp_path)
+    assert CALLS == [0.0]  # what was refused may work now
+    pd.testing.assert_frame_equal(first.table, again.table)
+    assert len(list(tmp_path.iterdir())) == 2
+    doubled(folder=tmp_path, numbers=[1.0])
+    assert CALLS == [1.0]  # other options are another study
+    for file in tmp_path.iterdir():
+        file.write_text("cut")
+    assert doubled(folder=tmp_path).table.equals(first.table)
+
+
+def test_a_point_file_that_is_a_link_is_neither_read_nor_followed(tmp_path):
+    doubled(folder=tmp_path / "points", numbers=[1.0])
+    (file,) = (tmp_path / "points").iterdir()
+    stranger = tmp_path / "stranger"
+    stranger.write_text('[{"twice": 99.0}]')
+    file.unlink()
+    file.symlink_to(stranger)
+    assert doubled(folder=tmp_path / "points", numbers=[1.0]).table.twice.tolist() == [2.0]
+    assert stranger.read_text() == '[{"twice": 99.0}]'
+    assert not file.is_symlink()
+
+
+def test_a_point_file_names_no_code(tmp_path):
+    doubled(folder=tmp_path, numbers=[1.0])
+    (file,) = tmp_path.iterdir()
+    file.write_text(json.dumps([{"scheme": "antigravity:Scheme", "twice": 1.0, "number": 1.0, "exact": 0.0}]))
+    assert doubled(folder=tmp_path, numbers=[1.0]).table.scheme.tolist() == ["antigravity:Scheme"]
+    assert "antigravity" not in sys.modules
+
+
+def test_records_are_saved_and_are_json(tmp_path):
+    records = doubled()
+    csv, text, picture = records.save(tmp_path)
+    assert pd.read_csv(csv).twice.dropna().tolist() == [2.0, 4.0]
+    assert "The largest is 4." in text.read_text()
+    assert picture.stat().st_size > 10_000
+    found = json.loads(json.dumps(records.to_dict(), allow_nan=False))
+    assert (found["study"], found["answer"], len(found["rows"])) == ("doubled", "The largest is 4.", 3)
+
+
+SCRIPT = """
+import stiffbeam as sb
+class Mine(sb.BDF2):
+    pass
+system = sb.System.from_matrices([[1.0]], [[100.0]], initial_velocity=[1.0])
+records = sb.study("modes", system, dt=1e-2, t_end=1.0, jobs=2, steps=100, schemes=["HHT(alpha=-0.1)", Mine(), "BDF2"])
+print("ONCE", records.table["mode"].tolist(), records.lost)
 """
-
-HEAVY = ("first_impact", "rigid", "rigid_bar", "rigid_beam", "chaos", "space", "converge")
-BY_WEIGHT = [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in STUDIES]
-
-
-@cache
-def smoke(name: str) -> Records:
-    """The smoke configuration on a small grid, once for all tests."""
-    return study(name, SMALL, **find_study(name).smoke)
-
-
-def test_the_registry_names_every_study_there_is():
-    """A study is a module with a STUDY; each stands in the registry under its own name."""
-    found = set()
-    for module in pkgutil.iter_modules(stiffbeam.studies.__path__):
-        one = getattr(import_module(f"stiffbeam.studies.{module.name}"), "STUDY", None)
-        if one is not None:
-            assert one.name == module.name
-            found.add(one.name)
-    assert found == set(STUDIES)
-
-
-@pytest.mark.fast(4)
-@pytest.mark.parametrize("name", BY_WEIGHT)
-def test_a_study_answers_in_numbers_from_flat_rows(name):
-    records = smoke(name)
-    assert records.rows
-    assert not records.failures
-    assert any(c.isdigit() for c in records.answer)
-    assert find_study(name).question.endswith("?")
-    assert json.loads(json.dumps(records.rows)) is not None
-    assert all(isinstance(v, (int, float, str, bool, type(None))) for row in records.rows for v in row.values())
-    # Rows of one kind have one set of keys, whatever their scheme found; pairs are rates and distances.
-    kinds: dict[str, set[frozenset[str]]] = {}
-    parameters = {p for scheme in registered() for p in scheme.parameters} if name == "amplification" else set()
-    for row in records.rows:
-        kind = row.get("scheme") if row.get("scheme") in (*EXACT, None) else "a scheme"
-        kinds.setdefault(str(row.get("kind", kind)), set()).add(frozenset(row) - parameters)
-    assert all(len(keys) <= (2 if kind == "pairs" else 1) for kind, keys in kinds.items())
-    assert len(records.to_dataframe()) == len(records.rows)
-
-
-@pytest.mark.fast(3)
-@pytest.mark.parametrize("name", BY_WEIGHT)
-def test_a_study_draws_named_axes(name):
-    figure = smoke(name).figure()
-    assert figure.axes
-    for axis in figure.axes:
-        if axis.get_lines() or axis.patches or axis.collections:
-            # A category axis has names for ticks instead.
-            named = axis.get_ylabel() or axis.get_shared_y_axes().get_siblings(axis)[1:]
-            assert named or any(c.isalpha() for tick in axis.get_yticklabels() for c in tick.get_text())
-            assert axis.get_xlabel() or axis.get_shared_x_axes().get_siblings(axis)[1:] or axis.get_xticklabels()
-            assert axis.get_title(loc="left") or axis.get_shared_x_axes().get_siblings(axis)[1:]
-    assert figure.get_suptitle()
-
-
-@pytest.mark.fast(1)
-@pytest.mark.parametrize("name", STUDIES)
-def test_a_study_saves_what_it_found(name, tmp_path, monkeypatch):
-    write = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda figure, file, dpi, format: write(figure, file, dpi=dpi / 4, format=format)
-    )  # for speed
-    text, table, picture = smoke(name).save(tmp_path / "folder")
-    document = json.loads(text.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    assert document["study"] == name
-    assert document["answer"] == smoke(name).answer
-    assert len(document["rows"]) == len(pandas.read_csv(table)) == len(smoke(name).rows)
-    pixels = matplotlib.image.imread(picture)[..., :3]
-    assert pixels.shape[1] == 11 * 200 // 4
-    assert np.mean(np.any(pixels < 0.9, axis=-1)) > 0.005
-
-
-def variants(rows, keys):
-    """Rows as they may come: none, all failed, half of them, one scheme only, with holes, without a number."""
-    rng = random.Random(1)
-    numbers = {k for row in rows for k, v in row.items() if isinstance(v, float) and k not in keys}
-    failed = [{k: v for k, v in row.items() if k in keys} | {"failed": "it overflowed"} for row in rows]
-    lost = {str(row): rng.random() < 0.5 for row in failed}  # the rows of a point fail together
-    who = "method" if "method" in rows[0] else "scheme"
-    yield []
-    yield failed
-    yield [other if lost[str(other)] else one for one, other in zip(rows, failed, strict=True)]
-    yield [row for row in rows if row.get(who) == rows[-1].get(who)]
-    yield [{k: None if k in numbers and rng.random() < 0.3 else v for k, v in row.items()} for row in rows]
-    yield [{k: float("nan") if k in numbers else v for k, v in row.items()} for row in rows]
-
-
-@pytest.mark.fast(3)
-@pytest.mark.parametrize("name", BY_WEIGHT)
-def test_a_picture_survives_failed_missing_and_single_rows(name):
-    records = smoke(name)
-    keys = set().union(*find_study(name).plan(SMALL, **find_study(name).smoke))
-    keys |= {"dt", "kappa", "t", "dt_over_period", "omega"}
-    for rows in variants(records.rows, keys):
-        replace(records, rows=rows).figure().canvas.draw()
-
-
-@pytest.mark.parametrize("name", BY_WEIGHT)
-def test_an_answer_does_not_need_every_point(name):
-    """Some points may fail: whatever remains, one row or those of the truth alone, there is a sentence."""
-    records = smoke(name)
-    for rows in (records.rows[:1], records.rows[-1:], []):
-        assert replace(records, rows=rows).answer.endswith((".", "evaluated: "))
-
-
-@pytest.mark.fast(3)
-@pytest.mark.parametrize("name", [n for n in STUDIES if not find_study(n).needs_stops])
-def test_a_beam_without_stops_is_studied_too(name):
-    case = parse_case(FREE, "free.toml")
-    options = {k: v for k, v in find_study(name).smoke.items() if k != "t_end"}
-    records = study(name, case, **options)
-    assert [row for row in records.rows if "failed" not in row]
-    records.figure().canvas.draw()
-    assert records.answer
-
-
-@pytest.mark.parametrize("name", [n for n in STUDIES if find_study(n).needs_stops])
-def test_a_study_of_contact_wants_stops(name):
-    with pytest.raises(InputError, match="have stops"):
-        study(name, parse_case(FREE, "free.toml"))
-
-
-def test_runs_of_other_programs_differ_in_colour(monkeypatch):
-    """Their labels alone would give the first and the last one colour."""
-    monkeypatch.setattr(chart, "_COLOUR_OF", {})
-    labels = ["mine:midpoint", "mine:sundae", "mine:dfx"]
-    colours = [look(label)["color"] for label in labels]
-    assert len(set(colours)) == 3
-    assert colours == [look(label)["color"] for label in labels]
-
-
-def test_a_line_of_a_title_does_not_begin_with_a_sign():
-    title = "Schemes lose 47 % (BDF2) of the energy to t = 3, the exact flow none"
-    for width in range(14, 60):
-        lines = in_lines(title, width).splitlines()
-        assert " ".join(lines) == title
-        assert not any(line.startswith(("%", "=")) or line.endswith("=") for line in lines)
-
-
-def test_a_scheme_looks_the_same_everywhere_and_unlike_the_others():
-    labels = [str(scheme) for scheme in registered()]
-    assert short("SDIRK(gamma=0.4359, nystrom=True)") == short("sdirk") == "SDIRK(gamma=0.4359)"
-    assert short("HHT(alpha=-0.1)") == "HHT(alpha=-0.1)"
-    looks = {short(label): str(look(label)) for label in labels}
-    assert all(str(look(label)) == looks[short(label)] for label in labels)
-    assert len(set(looks.values())) == len(looks)
-    # In grey print dashes and marker must do.
-    defaults = [look(name) for name in sb.schemes.SCHEMES]
-    assert len({(str(one["linestyle"]), one["marker"]) for one in defaults}) == len(defaults)
-    assert look("exact")["color"] == look("reference")["color"] == "black"
-    assert look("cvode") != look("ida")
-
-
-def test_a_point_that_fails_is_a_row_and_the_others_are_there():
-    """Extrapolated contact is unstable: kappa dt^2 over the mass at the tip is far above its limit here."""
-    options = {"schemes": ["trapezoidal"], "forms": ["displacement"], "contact": "extrapolated", "dt": 1e-3}
-    records = study("energy", SMALL, **options)
-    (failed,) = records.failures
-    assert failed["scheme"] == "Trapezoidal"
-    assert "overflowed at t = 0." in failed["failed"]
-    assert {row["scheme"] for row in records.rows} == {"exact", "Trapezoidal"}
-    records.figure().canvas.draw()
-    # A misprint refused at this step is bad input of that point, not of the study.
-    refused = study("errata", SMALL, schemes=["SDIRK(nystrom=True)"], halvings=1, impacts=1)
-    assert any("keep the printed (4.14)" in row["refused"] for row in refused.refusals)
-    assert not refused.failures
-    assert refused.found
-
-
-def test_a_study_none_of_whose_points_succeed_says_why():
-    records = study("errata", SMALL, schemes=["SDIRK(nystrom=True)"], halvings=1, impacts=1)
-    assert "keep the printed" in replace(records, rows=records.refusals).answer
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: study("impact"), "did you mean impacts"),
-        (lambda: study("impacts", SMALL, scheme=["bdf2"]), "did you mean schemes"),
-        (lambda: study("amplification", "table99"), "be a table of the paper"),
-        (lambda: study("amplification", SMALL, schemes=["bdf3"]), "BDF2"),
-        (lambda: study("converge", SMALL, kinds=["bumpy"]), "smooth"),
-        (lambda: study("amplification", SMALL, jobs=0), "jobs"),
-        (lambda: study("converge", SMALL, kinds=["contact"], impacts=0), "impacts"),
-        (lambda: study("rigid", SMALL, impacts=0), "impacts"),
-    ],
-)
-def test_bad_input_is_named_with_its_remedy(call, words):
-    with pytest.raises(InputError, match=words):
-        call()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "scheme",
-    [sb.HHT(-0.1), *(pytest.param(s, marks=pytest.mark.campaign) for s in (sb.Trapezoidal(), sb.ExponentialFlow()))],
-    ids=str,
-)
-def test_the_means_of_fine_steps_are_those_of_exact_members(scheme):
-    """Table 10 at dt = 1.6e-6. With starts 1e-12 apart HHT was 10 % off, of which +-3 % was said."""
-    system, dt, members = paper_case(10).system("displacement"), 1e-4 / 64, 48
-    exact = sb.reference_ensemble(system, 5.0, sb.perturbed_members(system, 192)).contacts[0].impact_count
-    found = sb.integrate_ensemble(system, scheme, dt, 5.0, sb.perturbed_members(system, members))
-    count = found.contacts[0].impact_count
-    deviation = np.sqrt(np.var(exact, ddof=1) / len(exact) + np.var(count, ddof=1) / members)
-    assert abs(np.mean(count) - np.mean(exact)) < 4.0 * deviation
-    assert deviation < 0.02 * np.mean(exact)
+def test_a_script_without_a_guard_runs_its_study_in_processes(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "ONCE [1, 1, 1] {}\n"
+
+
+def test_every_study_of_the_package_has_a_question_and_help_for_its_options():
+    assert {"chaos", "converge", "energy", "ensemble", "modes", "orbits", "rigid", "space", "sweep"} <= set(studies())
+    for kind in studies().values():
+        assert kind.question().endswith("?")
+        for each in fields(kind):
+            assert each.metadata["help"], (kind, each.name)
+        assert set(kind.smoke) <= {each.name for each in fields(kind)}
+
+
+# ---------------------------------------------------------------- textbook values
+
+
+def test_orders_of_schemes_without_contact():
+    system = one_mass(1.0, load=sb.Harmonic(1.0, 0.6))
+    schemes = ["BDF2", "SDIRK(gamma=0.4359)", "HHT(alpha=-0.1)", "cvode"]
+    records = sb.study("converge", system, dt=0.1, t_end=20.0, integrators=schemes, halvings=5, tolerances=[1e-6])
+    found = {label.partition("(")[0]: order.slope for (_, label), order in orders(records.found).items()}
+    assert found.pop("SDIRK") == pytest.approx(3.0, abs=0.1)
+    assert all(slope == pytest.approx(2.0, abs=0.1) for slope in found.values())
+    solver = records.found[records.found.integrator == "cvode"]
+    assert solver.tip_error.iloc[0] < 1e-4
+    assert "cvode" not in found
+
+
+@pytest.mark.slow
+def test_impacts_are_right_at_small_steps_and_errors_fall():
+    views = ["order", "work", "impacts", "matched", "loss", "misprints"]
+    options = {"integrators": ["SDIRK(gamma=0.4359)", "Trapezoidal()"], "halvings": 6, "views": views}
+    records = sb.study("converge", SPRING, **SPAN, **options, impacts=2)
+    table = records.found[records.found.kind == "contact"]
+    finest = table[(table.contact == "implicit") & ~table.integrator.str.contains("printed")]
+    finest = finest.sort_values("dt").groupby("integrator").first()
+    assert (finest.impacts == finest.exact_impacts).all()
+    assert (finest.tip_error < 1e-4).all()
+    assert {"extrapolated"} <= set(table.contact)
+    assert records.figure().axes
+
+
+def test_the_cheapest_run_counts_from_where_all_dearer_ones_keep_the_error():
+    table = pd.DataFrame({"integrator": "a", "solves": [1.0, 2.0, 4.0, 8.0], "tip_error": [1e-4, 4e-3, 1e-3, 2.5e-4]})
+    assert cheapest(table, 1e-3, "solves") == {"a": 4.0}
+    assert cheapest(table, 1e-5, "solves") == {}
+    assert cheapest(table[:1], 1e-3, "solves") == {"a": 1.0}
+
+
+def test_half_of_the_time_in_contact():
+    assert half_time(np.array([3.0, 1.0, 1.0, 1.0])) == 1.0
+    assert half_time(np.array([4.0, 1.0, 1.0, 1.0])) == 4.0
+    assert half_time(np.array([2.0])) == 2.0
+
+
+def test_durations_of_contacts_are_those_of_the_spring():
+    """A mass thrown at a spring stays for half a period of it."""
+    system = one_mass(0.0, sb.Stops(upper=0.1, stiffness=400.0), v=1.0)
+    records = sb.study("ensemble", system, dt=1e-3, t_end=0.5, schemes=["Trapezoidal()"], members=3)
+    median = records.table[records.table.kind == "summary"].set_index("method")["median"]
+    assert median["exact"] == pytest.approx(np.pi / 20.0, rel=1e-9)
+    assert median["Trapezoidal"] == pytest.approx(np.pi / 20.0, rel=1e-3)
+
+
+def test_the_modes_of_a_run_are_those_of_one_step():
+    records = sb.study("modes", bouncing_chain(), **SPAN, schemes=["BDF2", "HHT(alpha=-0.1)"], steps=4000)
+    table = records.found
+    assert np.nanmax(np.abs(table.period_elongation - table.period_elongation_theory)) < 1e-5
+    trapezoid = sb.study("modes", one_mass(1.0, v=1.0), dt=0.1, t_end=1.0, schemes=["Trapezoidal()"], steps=400).found
+    x = 0.1 / 2.0
+    assert trapezoid.period_elongation.iloc[0] == pytest.approx(x / np.arctan(x) - 1.0, rel=1e-6)
+
+
+def test_the_energy_balance_of_the_exact_flow_closes():
+    records = sb.study("energy", SPRING, **SPAN, schemes=["BDF2", "Trapezoidal()"])
+    last = records.found.groupby("scheme").last()
+    assert abs(last.lost_fraction["exact"]) < 1e-10
+    assert last.lost_fraction["BDF2"] > 1e-3
+
+
+@pytest.mark.slow
+def test_grids_converge_with_the_second_order():
+    from stiffbeam.studies.space import orders as in_space
+
+    records = sb.study("space", "table10", t_end=0.2, cells=[10, 20, 40], finest=60, forms=["displacement"])
+    assert in_space(records.found)["tip response", "displacement"].slope == pytest.approx(2.0, abs=0.05)
+
+
+def test_stiff_stops_approach_rigid_ones_with_the_square_root():
+    system = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e6), load=sb.Harmonic(8.0, 5.0))
+    records = sb.study("rigid", system, dt=1e-3, t_end=3.0, impacts=1, factors=[1.0, 16.0, 256.0, 4096.0])
+    rows = records.found.sort_values("kappa")
+    slope = np.polyfit(np.log(rows.kappa), np.log(rows.tip_error), 1)[0]
+    assert slope == pytest.approx(-0.5, abs=0.05)
+
+
+def test_a_failure_of_arithmetic_is_a_row():
+    class Broken(Doubled):
+        """Is it broken?"""
+
+        def run(self, case, number):
+            return {"twice": 1.0 / 0.0}
+
+    STUDIES.pop("broken")
+    assert evaluate(Broken(), None, {"number": 1.0})[0]["lost"].startswith("ZeroDivisionError")

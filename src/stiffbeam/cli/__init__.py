@@ -1,4 +1,4 @@
-"""The ``stiffbeam`` command: modules of commands, which add themselves to the application."""
+"""The ``stiffbeam`` command."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ import io
 import os
 import signal
 import sys
-from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
 from ..basics.resources import TALK
-from . import compare, reference, tools
-from .application import app
 
-COMMANDS = (compare, reference, tools)  # each adds its commands to the application
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
-AGAIN = 0.2  # s, until it is looked whether an interruption was heard
+FLAGS = {"-q": "quiet", "--quiet": "quiet", "-v": "verbose", "--verbose": "verbose"}
 
 
 class _Output(io.FileIO):
@@ -43,72 +39,57 @@ def main() -> None:
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
+    from cyclopts import CycloptsError
+
     from ..basics.validation import InputError
+    from .commands import application
 
     stopped: list[int] = []
 
-    def end(number: int, frame: FrameType | None) -> None:
+    def end(number: int, _: FrameType | None) -> None:
         stopped.append(number)
-        sys.unraisablehook = lambda _: None  # of an object that the compiler had half made
         for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
             signal.signal(name, signal.SIG_DFL)
-        if hasattr(signal, "setitimer"):
-            signal.signal(signal.SIGALRM, again)
-            signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
-            if _in_compiler(frame):
-                return  # ``again`` raises it
         raise KeyboardInterrupt
-
-    def again(_: int, frame: FrameType | None) -> None:
-        """Python drops an exception that comes within a callback of its garbage collection: then it comes again."""
-        if _in_compiler(frame):
-            return
-        here = sys.exception()
-        while here is not None and not isinstance(here, KeyboardInterrupt):
-            here = here.__context__
-        if here is None:
-            raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored
         signal.signal(signal.SIGINT, end)
     atexit.register(gc.freeze)  # at the end a search through all modules for garbage would only take time
+    given = sys.argv[1:]
+    words = [word for word in given if word not in FLAGS]
+    TALK.quiet, TALK.verbose = (any(FLAGS.get(word) == name for word in given) for name in ("quiet", "verbose"))
     try:
-        app()
+        app = application(next((word for word in words if not word.startswith("-")), ""))
+        status = app(words or ["--help"], exit_on_error=False, print_error=False)
     except InputError as error:
         _fail(error, 2)
+    except CycloptsError as error:
+        cause = error.__cause__
+        _fail(cause if isinstance(cause, InputError) else f"{' '.join(str(error).split())} See stiffbeam --help", 2)
     except OSError as error:
         _fail(error, 1)
     except RuntimeError as error:
-        # Imported here: they load SciPy and numba, which help and completion do without.
+        # Imported here: they load SciPy, which help does without.
         from ..trajectory.trajectory import Diverged, SolverFailure, Unfinished
 
         if not isinstance(error, (Diverged, SolverFailure, Unfinished)):
             raise
         _fail(error, 1)
-    except (KeyboardInterrupt, SystemExit) as stop:
-        if isinstance(stop, SystemExit) and stop.code != INTERRUPTED:
-            raise
+    except KeyboardInterrupt:
         kept = "finished parts are kept, " if TALK.kept else ""
         print(f"stiffbeam: interrupted; {kept}run the same command again", file=sys.stderr)
-        if stopped:  # at once: what the compiler had half made can crash the end of the interpreter
+        if stopped:  # at once: worker processes end with this one
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(128 + stopped[0])
         raise SystemExit(INTERRUPTED) from None
+    raise SystemExit(status if isinstance(status, int) else 0)
 
 
-def _in_compiler(frame: FrameType | None) -> bool:
-    """True within a call of LLVM. An exception in its callbacks would lose machine code, and calls of that code would
-    end with a segmentation fault."""
-    while frame is not None and Path(frame.f_code.co_filename).name != "executionengine.py":
-        frame = frame.f_back
-    return frame is not None
-
-
-def _fail(error: Exception, status: int) -> NoReturn:
+def _fail(error: Exception | str, status: int) -> NoReturn:
     print(f"stiffbeam: {error}", file=sys.stderr)
     raise SystemExit(status) from None
 
 
-__all__ = ["app", "main"]
+__all__ = ["main"]

@@ -312,7 +312,9 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
         lines.append("Loss is – if the time step does not resolve the dissipation of dampers.")
     system = None if first.pair is None else first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
-        lines.append("The exact solution is exact for this mesh; `stiffbeam space` measures the error of the mesh.")
+        lines.append(
+            "The exact solution is exact for this mesh; `stiffbeam study space` measures the error of the mesh."
+        )
     lines += [
         f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}, and its tip error is to that time."
         for r in references

@@ -147,7 +147,7 @@ def user_class(name: str) -> type[Scheme]:
         of_module = (x for x, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__)
         candidates = [x for x in of_module if callable(getattr(module, x))]
         function = callable(named) and not isinstance(named, type)
-        takers = "score, compare, converge, precision and ensemble take these"
+        takers = "score, compare, converge and ensemble take these"
         remedy = f"it is a function: {takers}" if function else near(wanted, candidates)
         raise InputError("scheme", name, f"name a Scheme class or a function of {place}", remedy)
     return named
@@ -178,30 +178,6 @@ def _from_here(place: str, name: str) -> Any:
         raise InputError("scheme", name, "name a module that can be imported", remedy) from None
     finally:
         sys.path.pop()
-
-
-def user_label(scheme: Scheme) -> str:
-    """``module:Class(parameter=value, ...)``, from which another process makes an equal scheme.
-
-    Raises InputError for a class that is not at the top of a module, and where ``parameters`` does not say
-    all that the scheme was made with.
-    """
-    kind, label = type(scheme), str(scheme)
-    if "." in kind.__qualname__ or scheme.erratum:
-        remedy = "move its class to the top of a module, or use integrate and compare"
-        rule = "be registered, or be found in a module, for a study"
-        raise InputError("schemes", f"a {kind.__qualname__} called {label}", rule, remedy)
-    # Another process makes the scheme from its label: the label is tried here.
-    name, given = f"{kind.__module__}:{kind.__qualname__}", label.removeprefix(kind.__name__)
-    named = user_class(name)
-    try:
-        again = named is kind and vars(kind(**scheme.parameters)) == vars(scheme)
-    except (TypeError, ValueError):  # other arguments; arrays, which are not simply equal
-        again = False
-    if not again:
-        remedy = "let its property `parameters` give all arguments of its class, as plain numbers"
-        raise InputError("schemes", label, f"be made again by {name}{given} for a study", remedy)
-    return name + given
 
 
 def user_source(label: str) -> str:

@@ -50,15 +50,14 @@ from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, Scheme
 from ..schemes.labels import make
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
-from .common import label_of, run_members
+from .base import Store
+from .common import run_members
 from .ensemble import difference, too_uncertain
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from .runner import Journal
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
@@ -149,26 +148,25 @@ def _period(system: System, t_end: float) -> float:
 
 
 def _probe(
-    system: System, t_end: float, criterion: Motion | Statistics, journal: Journal | None,
+    system: System, t_end: float, criterion: Motion | Statistics, journal: Store | None,
     scheme: Scheme, contact: str, steps: int,
 ) -> Probe | None:  # fmt: skip
     """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
-    dt, work = t_end / steps, steps * len(scheme.nodes)
-    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps}
-    point |= {"members": criterion.members} | ({} if criterion.rates is None else {"rates": True})
-    if journal is not None:
-        point["scheme"] = label_of(scheme)  # a scheme of one's own need not have one
-        if rows := journal.rows(point):
-            return Probe(scheme, contact, dt, steps, work, **rows[0])
-    try:
-        errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
-    except (Diverged, InputError) as error:
-        if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
-            return None
-        errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
-    if journal is not None:
-        journal.keep(point, [{"seconds": seconds, "errors": errors}])
-    return Probe(scheme, contact, dt, steps, work, seconds, errors)
+    dt = t_end / steps
+    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, "scheme": scheme}
+    point |= {"members": criterion.members, "rates": criterion.rates is not None}
+
+    def measured() -> list[dict[str, Any]]:
+        try:
+            errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
+        except (Diverged, InputError) as error:
+            if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
+                return [{"lost": str(error)}]
+            errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
+        return [{"seconds": seconds, "errors": errors}]
+
+    rows = (journal or Store(None, "")).rows(point, measured)
+    return None if "lost" in rows[0] else Probe(scheme, contact, dt, steps, steps * len(scheme.nodes), **rows[0])
 
 
 def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
@@ -327,7 +325,7 @@ def advise(
     members: int = 48,
     progress: bool | Show = False,
     tell: Tell = lambda line: None,
-    journal: Journal | None = None,
+    journal: Store | None = None,
 ) -> Advice:
     """Return the cheapest run of ``schemes`` that reaches the admissible errors up to t_end, and the errors that no run
     reaches.
@@ -355,7 +353,7 @@ def advise(
     progress : as for ``reference``
     tell : callable
         Called with one line of text after every refinement.
-    journal : Journal, optional
+    journal : Store, optional
         Keeps finished runs, so that a search that was interrupted goes on.
 
     Returns

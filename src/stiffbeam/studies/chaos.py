@@ -12,29 +12,16 @@ exists for any pair.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+import pandas as pd
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, positive
-from ..figures.chart import (
-    Axis,
-    Curve,
-    Level,
-    Mark,
-    Note,
-    Panel,
-    Picture,
-    Ranges,
-    column,
-    curves,
-    look,
-    short,
-    tip_symbol,
-)
+from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import drive_frequency
@@ -47,8 +34,11 @@ from ..references.ensemble import reference_ensemble
 from ..references.horizon import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
-from .common import Dt, Form, Schemes, extremes, scheme_labels, scheme_of, solve_once
-from .interface import Answer, Point, Records, Row, Rows, declared
+from . import common
+from .base import Answer, Row, Study, option
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
@@ -60,79 +50,162 @@ SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
 PORTRAIT = 6000  # samples of the delayed portrait
 
 
-def points(
-    case: Case,
-    *,
-    schemes: Schemes = None,
-    form: Form,
-    dt: Dt,
-    starts: Annotated[int, "pairs of neighbouring motions"] = 48,
-    size: Annotated[
-        float | None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
-    ] = None,
-    span: Annotated[float | None, "time span of a pair; default: half the horizon"] = None,
-) -> list[Point]:
-    """Pairs of neighbouring motions, ``starts`` of them, by the exact solution and by every scheme at ``dt``. A pair is
-    ``size`` apart at the start and is followed for ``span``. Also portraits of the exact motion."""
-    exact = solve_once(case.system(form), case.t_end)
-    most = (case.t_end if span is None else positive("span", span)) / STEPS
-    if not dt <= most:
-        raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
-    ends = _recorded(case.system(form))
-    if span is not None and span >= ends:
-        remedy = "take a shorter span: each pair starts later than t = 0"
-        raise InputError("span", span, f"end before the samples of the case, which reach t = {ends:g}", remedy)
-    if span is None:  # a horizon may be shorter than some steps, or 0
-        span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
-    known = exact.provenance["method"] == "exact"
-    size = (CLOSE if known else CLOSE_TO_TOLERANCE) if size is None else positive("size", size)
-    shared = {"form": form, "dt": dt, "starts": starts, "size": size, "span": dt * round(span / dt)}
-    pairs = [{"kind": "pairs", "method": method} | shared for method in ["exact", *scheme_labels(case, schemes)]]
-    drive = drive_frequency(case.system(form))
-    tangent = {"kind": "tangent", "method": "tangent flow", "form": form}
-    portrait = {"kind": "portrait", "method": "exact", "form": form, "drive": drive}
-    long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
-    return [*pairs, *([tangent] if known else []), *([portrait] if long_enough else [])]
+@dataclass(frozen=True, kw_only=True)
+class Chaos(Study):
+    """How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?
 
+    Pairs of neighbouring motions start along the exact motion, ``size`` apart, and are followed for ``span``, by the
+    exact solution and by every scheme. The picture has portraits of the exact motion too.
+    """
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of pairs of neighbouring motions, of the tangent flow, or of the portrait, as the point says."""
-    return {"pairs": _pairs, "tangent": _tangent, "portrait": _portrait}[point["kind"]](case, point)
+    schemes: common.Labels = common.schemes()
+    form: str | None = common.form()
+    starts: int = option(48, "pairs of neighbouring motions", least=1)
+    size: float | None = option(
+        None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
+    )
+    span: float | None = option(None, "time span of a pair; default: half the horizon")
 
+    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "starts": 6}
+    needs_motion: ClassVar = True
+    all_cores: ClassVar = True
+    height: ClassVar = 8.6
+    labels: ClassVar = {
+        "t": ("time since the start of the pair", "time"), "distance": ("distance over the motion's size", ""),
+        "exponent": (r"exponent $\lambda$ in $e^{\lambda t}$", "rate"),
+    }  # fmt: skip
 
-def _pairs(case: Case, point: Point) -> list[Row]:
-    system = case.system(point["form"])
-    basis, motion = undamped_modes(system), scales(system, case.t_end)
-    exact = solve_once(system, case.t_end)
-    dt, span = point["dt"], point["span"]
-    # Starts all along the motion after its first tenth; samples of loads must cover the span of every pair.
-    times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), point["starts"]) * case.t_end
-    assert exact.state_at is not None
-    q, v = exact.state_at(times)
-    # A direction of its own for every pair, of the same size in every mode's velocity.
-    scale = float(np.max(np.hypot(basis.omega * basis.to_modal(q), basis.to_modal(v))))
-    noise = np.random.default_rng(1).uniform(-1.0, 1.0, (2, *q.shape)) * point["size"] * scale
-    omega = 2.0 * np.pi / motion.period
-    dq = basis.to_nodal(noise[0] / motion.rates)
-    dv = basis.to_nodal(noise[1])
-    systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
-    dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
-    systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
-    steps = round(span / dt)
-    if point["method"] == "exact":
-        many = reference_ensemble(systems[0], span, systems, np.arange(steps + 1) * dt)
-    else:
-        many = integrate_ensemble(systems[0], scheme_of(point["method"]), dt, span, systems, every=1)
-    distance = _distance(many, point["starts"], omega)
-    largest = float(np.max(omega * np.abs(many.tip)))
-    rows: list[Row] = []
-    for k in range(point["starts"]):
-        exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * point["size"]) * largest, LINEAR * largest)
-        rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
-    keep = np.unique(np.linspace(1, steps, 100).astype(int))
-    # The geometric mean, since distances grow exponentially.
-    mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
-    return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+    def axis_labels(self, case: Case) -> dict[str, str]:
+        """Labels with the symbol of the tip."""
+        u, ahead = (tip_symbol(case.beam, t) for t in ("t", "t + T"))
+        speed = case.units.label(u.replace("u(", "u_t("), "velocity")
+        tips = {name: case.units.label(text, "length") for name, text in (("u", u), ("u_delayed", ahead))}
+        return super().axis_labels(case) | tips | {"v": speed}
+
+    def points(self, case: Case) -> list[Row]:
+        """Pairs by each method, the tangent flow, the portrait."""
+        system = case.system(self.form)
+        exact = common.solve_once(system, case.t_end)
+        dt, span = case.dt, self.span
+        most = (case.t_end if span is None else positive("span", span)) / STEPS
+        if not dt <= most:
+            raise InputError("dt", dt, f"be at most {most:.3g}, for {STEPS} steps of a span", "take a smaller one")
+        ends = _recorded(system)
+        if span is not None and span >= ends:
+            remedy = "take a shorter span: each pair starts later than t = 0"
+            raise InputError("span", span, f"end before the samples of the case, which reach t = {ends:g}", remedy)
+        if span is None:  # a horizon may be shorter than some steps, or 0
+            span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
+        known = exact.provenance["method"] == "exact"
+        size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
+        shared = {"kind": "pairs", "size": size, "span": dt * round(span / dt)}
+        pairs = [shared | {"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
+        drive = drive_frequency(system)
+        long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
+        portrait: Row = {"kind": "portrait", "method": "exact"}
+        tangent: Row = {"kind": "tangent", "method": "tangent flow"}
+        return [*pairs, *([tangent] if known else []), *([portrait] if long_enough else [])]
+
+    def run(self, case: Case, kind: str, method: str, size: float = 0.0, span: float = 0.0) -> list[Row]:
+        """Rows of pairs of neighbouring motions, of the tangent flow, or of the portrait."""
+        system = case.system(self.form)
+        if kind == "pairs":
+            return self._pairs(case, system, method, size, span)
+        return _tangent(system, case.t_end) if kind == "tangent" else _portrait(system, case.t_end)
+
+    def _pairs(self, case: Case, system: System, method: str, size: float, span: float) -> list[Row]:
+        """Exponent of every pair, and the mean distance over time."""
+        basis, motion = undamped_modes(system), scales(system, case.t_end)
+        exact = common.solve_once(system, case.t_end)
+        dt, count = case.dt, self.starts
+        # Starts all along the motion after its first tenth; samples of loads must cover the span of every pair.
+        times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), count) * case.t_end
+        assert exact.state_at is not None
+        q, v = exact.state_at(times)
+        # A direction of its own for every pair, of the same size in every mode's velocity.
+        scale = float(np.max(np.hypot(basis.omega * basis.to_modal(q), basis.to_modal(v))))
+        noise = np.random.default_rng(1).uniform(-1.0, 1.0, (2, *q.shape)) * size * scale
+        omega = 2.0 * np.pi / motion.period
+        dq = basis.to_nodal(noise[0] / motion.rates)
+        dv = basis.to_nodal(noise[1])
+        systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
+        dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
+        systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
+        steps = round(span / dt)
+        if method == "exact":
+            many = reference_ensemble(systems[0], span, systems, np.arange(steps + 1) * dt)
+        else:
+            many = integrate_ensemble(
+                systems[0], common.chosen_schemes(case, self.schemes)[method], dt, span, systems, every=1
+            )
+        distance = _distance(many, count, omega)
+        largest = float(np.max(omega * np.abs(many.tip)))
+        rows: list[Row] = []
+        for k in range(count):
+            exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * size) * largest, LINEAR * largest)
+            rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
+        keep = np.unique(np.linspace(1, steps, 100).astype(int))
+        # The geometric mean, since distances grow exponentially.
+        mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
+        return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """The exponents with their intervals, method by method."""
+        units, means = case.units, stated(table)
+        if not means:
+            return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
+        none = [method for method, known in means.items() if known is None]
+        unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
+        known = {method: pair for method, pair in means.items() if pair is not None}
+        if not known:
+            return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
+        unit = units.of("rate") and f" {units.of('rate')}"
+        notes = "Means over the starts, ± 95 % by their scatter."
+        if "tangent flow" in known:
+            mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
+            time = units.of("time") or "unit of time"
+            notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
+        rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
+        said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
+        schemes = f"{common.extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
+        if not said and not schemes:
+            said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g}{unit} for the tangent flow"
+        return Answer(
+            f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
+            pd.DataFrame(
+                [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+                 for method, (mean, interval) in known.items()]
+            ),
+            notes + (f" {unseen}." if unseen else ""),
+        )  # fmt: skip
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """Mean distance of neighbouring motions, exponents, u(t + T) over u(t), phase portrait."""
+        labels, axes = table.attrs["labels"], figure.subplots(2, 2)
+        distances = table[table.distance.notna()] if "distance" in table else table[:0]
+        if len(distances):
+            lines(axes[0, 0], distances, "t", "distance", "method", marker="")
+            axes[0, 0].axhline(LINEAR, color="0.5", lw=0.9, ls=":")
+            axes[0, 0].text(distances.t.min(), 1.2 * LINEAR, "grows in proportion below", fontsize=8, color="0.3")
+            log_scale(axes[0, 0], x=False)
+        axes[0, 0].set(title="geometric mean over the pairs", xlabel=labels["t"], ylabel=labels["distance"])
+        means, jitter, axis = stated(table), np.random.default_rng(0), axes[0, 1]
+        for i, (method, known) in enumerate(means.items()):
+            values, colour = _finite(table, method, "exponent"), look(method)["color"]
+            axis.plot(values, i + jitter.uniform(-0.25, 0.25, len(values)), ".", ms=3, color=colour, alpha=0.5)
+            if known is not None:
+                axis.errorbar(known[0], i, xerr=known[1], fmt="o", color=colour, lw=1.8)
+        axis.axvline(0.0, color="0.5", lw=0.9)
+        axis.set_yticks(range(len(means)), [short(method) for method in means], fontsize=8.5)
+        axis.set_ylim(len(means) - 0.4, -0.6)
+        axis.set(title="exponents: every start, mean, 95 % interval", xlabel=labels["exponent"])
+        path = table[table.kind == "portrait"]
+        for axis, name, title in ((axes[1, 0], "u_delayed", "delayed by a period T of the drive, exact, single run"),
+                                  (axes[1, 1], "v", "phase portrait, exact, single run")):  # fmt: skip
+            if len(path):
+                axis.plot(path.u, path[name], ".", ms=1.2, color="black", alpha=0.45, rasterized=True)
+            axis.set(title=title, xlabel=labels["u"], ylabel=labels[name])
+        shared_legend(figure)
 
 
 def before_stops(system: System, dq: Array) -> Array:
@@ -203,32 +276,33 @@ def growth(t: Array, distance: Array, least: float, limit: float) -> tuple[float
     return slope, late_slope * float(t[late[-1]] - t[late[0]])
 
 
-def _tangent(case: Case, point: Point) -> list[Row]:
+def _tangent(system: System, t_end: float) -> list[Row]:
     """The growth rate of tangent vectors in each of SEGMENTS parts of the span, the first left out.
 
     After a blow with restitution 0, or a rest on a stop, nothing is left of the distance: refused, with the time.
     """
     try:
-        grown = lyapunov(case.system(point["form"]), case.t_end)
+        grown = lyapunov(system, t_end)
     except SolverFailure as failure:
         if failure.reason != MERGED:
             raise
-        return [{"refused": f"from t = {failure.t:.3g} on {MERGED}"}]
-    edges = np.linspace(0.0, case.t_end, SEGMENTS + 1)
+        return [{"lost": f"from t = {failure.t:.3g} on {MERGED}"}]
+    edges = np.linspace(0.0, t_end, SEGMENTS + 1)
     logs = np.interp(edges, grown.t, np.mean(grown.log_growth, axis=1))
     rates = np.diff(logs) / np.diff(edges)
-    late = np.where(np.arange(SEGMENTS) < SEGMENTS // 2, np.nan, 0.5 * case.t_end * rates)
+    late = np.where(np.arange(SEGMENTS) < SEGMENTS // 2, np.nan, 0.5 * t_end * rates)
     return [
         {"pair": k, "start": float(edges[k]), "exponent": float(rates[k]), "late": float(late[k])}
         for k in range(1, SEGMENTS)
     ]
 
 
-def _portrait(case: Case, point: Point) -> list[Row]:
+def _portrait(system: System, t_end: float) -> list[Row]:
     """(u(t), u'(t), u(t + T)) of the exact motion with T the drive's period, after a first tenth of the span."""
-    exact = solve_once(case.system(point["form"]), case.t_end)
-    delay = 2.0 * np.pi / point["drive"] if point["drive"] else 0.1 * case.t_end
-    t = np.linspace(0.1 * case.t_end, case.t_end - delay, PORTRAIT)
+    exact = common.solve_once(system, t_end)
+    drive = drive_frequency(system)
+    delay = 2.0 * np.pi / drive if drive else 0.1 * t_end
+    t = np.linspace(0.1 * t_end, t_end - delay, PORTRAIT)
     u, v = exact.at(t)
     ahead, _ = exact.at(t + delay)
     return [
@@ -237,12 +311,12 @@ def _portrait(case: Case, point: Point) -> list[Row]:
     ]
 
 
-def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
+def exponents(table: pd.DataFrame) -> dict[str, tuple[float, float] | None]:
     """Mean exponent of every method and the half-width of its 95 % interval, by their scatter; None where the distances
     do not change exponentially."""
     means: dict[str, tuple[float, float] | None] = {}
-    for method in dict.fromkeys(r["method"] for r in rows):
-        values, late = (_finite(rows, method, name) for name in ("exponent", "late"))
+    for method in table.method.unique():
+        values, late = (_finite(table, method, name) for name in ("exponent", "late"))
         if len(values) > 1:
             of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
             late = np.sort(late)
@@ -253,85 +327,10 @@ def exponents(rows: Rows) -> dict[str, tuple[float, float] | None]:
     return means
 
 
-def stated(rows: Rows) -> dict[str, tuple[float, float] | None]:
+def stated(table: pd.DataFrame) -> dict[str, tuple[float, float] | None]:
     """The ``exponents`` of the methods of which SURE pairs or more were followed long enough."""
-    return {x: pair for x, pair in exponents(rows).items() if len(_finite(rows, x, "late")) >= SURE}
+    return {x: pair for x, pair in exponents(table).items() if len(_finite(table, x, "late")) >= SURE}
 
 
-def _finite(rows: Rows, method: str, name: str) -> Array:
-    values = column([r for r in rows if r["method"] == method and r.get(name) is not None], name)
-    return values[np.isfinite(values)]
-
-
-def answer(rows: Rows, case: Case) -> Answer:
-    """The exponents with their intervals, method by method."""
-    units, means = case.units, stated(rows)
-    if not means:
-        return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
-    none = [method for method, known in means.items() if known is None]
-    unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
-    known = {method: pair for method, pair in means.items() if pair is not None}
-    if not known:
-        return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
-    unit = units.of("rate") and f" {units.of('rate')}"
-    notes = "Means over the starts, ± 95 % by their scatter."
-    if "tangent flow" in known:
-        mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
-        time = units.of("time") or "unit of time"
-        notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
-    rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
-    said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
-    schemes = f"{extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
-    if not said and not schemes:
-        said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g}{unit} for the tangent flow"
-    return Answer(
-        f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
-        [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
-         for method, (mean, interval) in known.items()],
-        notes + (f" {unseen}." if unseen else ""),
-    )  # fmt: skip
-
-
-def picture(records: Records) -> Picture:
-    """Mean distance of neighbouring motions, exponents, u(t + T) over u(t), phase portrait."""
-    rows, beam = records.numbers, records.case.beam
-    pairs = [row for row in rows if "distance" in row]
-    distances = curves(pairs, "t", "distance", "method", exact=2.0, marker="")
-    distances += [Level(LINEAR), Note("grows in proportion below", 0.02, 1.2 * LINEAR, "x")]
-    means, jitter = stated(rows), np.random.default_rng(0)
-    rates: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
-    for i, (method, known) in enumerate(means.items()):
-        values, colour = _finite(rows, method, "exponent"), look(method)["color"]
-        dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.5}
-        rates.append(Curve(values, i + jitter.uniform(-0.25, 0.25, len(values)), look=dots))
-        if known is not None:
-            rates += [Ranges(i, known[0] - known[1], known[0] + known[1], look={"color": colour, "lw": 1.8}),
-                      Curve(known[0], i, look={"marker": "o", "color": colour})]  # fmt: skip
-    u, ahead = (tip_symbol(beam, t) for t in ("t", "t + T"))
-    path = [row for row in rows if row["kind"] == "portrait"]
-    here, there = Axis(u, "length"), Axis(ahead, "length")
-    speed = Axis(u.replace("u(", "u_t("), "velocity")
-    dots = {"linestyle": "", "marker": ".", "ms": 1.2, "color": "black", "alpha": 0.45}
-    delayed, portrait = ([Curve.over(path, "u", name, look=dots)] for name in ("u_delayed", "v"))
-    exponent = Axis(r"exponent $\lambda$ in $e^{\lambda t}$", "rate")
-    return Picture([
-        [
-            Panel("geometric mean over the pairs", Axis("time since the start of the pair", "time"),
-                  Axis("distance over the motion's size", scale="log"), distances),
-            Panel("exponents: every start, mean, 95 % interval", exponent,
-                  Axis(names=[short(method) for method in means]), rates),
-        ],
-        [
-            Panel("delayed by a period T of the drive, exact, single run", here, there, delayed),
-            Panel("phase portrait, exact, single run", here, speed, portrait),
-        ],
-    ], 8.6)  # fmt: skip
-
-
-STUDY = declared(
-    __name__,
-    "How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?",
-    needs_motion=True,
-    all_cores=True,
-    smoke={"schemes": ["HHT(alpha=-0.1)"], "starts": 6},
-)
+def _finite(table: pd.DataFrame, method: str, name: str) -> Array:
+    return table[name][(table.method == method) & table[name].notna()].to_numpy(float)

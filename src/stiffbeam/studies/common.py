@@ -1,4 +1,4 @@
-"""Options and helpers of several studies: schemes by label, references solved once, orders, axes."""
+"""Options and helpers of several studies: schemes by label, references solved once, orders, texts."""
 
 from __future__ import annotations
 
@@ -7,133 +7,154 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
+from cyclopts import Parameter, Token
 
-from ..basics.arrays import Array, Recent
-from ..basics.validation import InputError, sequence
-from ..figures.chart import Axis, Curve, short
+from ..basics.arrays import Recent
+from ..basics.resources import afford
+from ..basics.validation import InputError, exact_float, sequence
+from ..figures.chart import short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..model.beam import natural_frequencies
-from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
-from ..references import takes as method_takes
 from ..references.ensemble import reference_ensemble
-from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, takes_stops
-from ..schemes.labels import make, parse_run, user_label
-from ..schemes.labels import scheme_of as known_scheme
-from ..testset.integrators import FUNCTION, SCHEME, Integrator, integrator, integrators
+from ..schemes.labels import label_of_run, make, parse_run, split_runs
+from ..testset.integrators import RECORDED, SCHEME, Integrator, integrators
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
-from .interface import Rows, Study
+from .base import option
 
-# What the options of several studies are and mean; the commands read it here.
-Schemes = Annotated[list[str] | None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all"]
-Integrators = Annotated[
-    list[str] | None, "comma-separated schemes, reference solvers and functions module:function; default: all schemes"
-]
-Form = Annotated[str, "displacement, velocity-curvature or hermite; default: the case's first"]
-Forms = Annotated[list[str] | None, "comma-separated; default: all that the case supports"]
-Dt = Annotated[float, "time step instead of the case's, the largest if there are several"]
-End = Annotated[float, "end time instead of the case's"]
-Halvings = Annotated[int, "number of time steps dt, dt/2, dt/4, ..."]
-ImpactCount = Annotated[int, "number of impacts in the time window"]
-Members = Annotated[int, "perturbed runs of each method"]
-Cells = Annotated[list[int] | None, "numbers of cells, comma-separated"]
-Treatment = Annotated[str, "implicit, conserving, or extrapolated as in the paper"]
-
-STEP = Axis(r"time step $\Delta t$", "time", "log")  # the horizontal axis of what is measured over dt
 _SOLVED = Recent[Reference](4)
 
 
-def scheme_labels(case: Case, schemes: Sequence[str | Scheme] | None = None) -> list[str]:
-    """The given labels and schemes as labels in one spelling, or the case's own schemes and every other registered one
-    that has a law for its stops and takes its damping.
+# ---------------------------------------------------------------- lists on the command line: with commas between
+
+
+def _labels(kind: Any, tokens: Sequence[Token]) -> list[str]:
+    return [part.strip() for token in tokens for part in split_runs(token.value)]
+
+
+def _integers(kind: Any, tokens: Sequence[Token]) -> list[int]:
+    return [int(part) for token in tokens for part in token.value.split(",")]
+
+
+def read_values(text: str) -> list[float]:
+    """``start:stop:count``, evenly spaced, ``start:stop:count:log``, or numbers with commas between them, each as in a
+    case file: "2*pi*50" too."""
+    try:
+        if ":" not in text:
+            return [float(exact_float(part)) for part in text.split(",")]
+        start, stop, count, *spacing = text.split(":")
+        low, high, n = float(exact_float(start)), float(exact_float(stop)), int(count)
+        if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
+            raise ValueError
+    except ValueError:
+        rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
+        raise InputError("values", text, rule, "for example 8:14:400") from None
+    afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows
+    return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
+
+
+def _values(kind: Any, tokens: Sequence[Token]) -> list[float]:
+    return [value for token in tokens for value in read_values(token.value)]
+
+
+Labels = Annotated[Sequence[Any] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
+Integers = Annotated[Sequence[int] | None, Parameter(converter=_integers, n_tokens=1, negative=())]
+Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens=1, negative=())]
+
+
+Couple = Annotated[Mapping[str, Any] | Sequence[str] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
+VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
+COUPLE = 'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"'
+
+
+def schemes() -> Any:
+    """The option ``schemes``."""
+    return option(None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all that support the case")
+
+
+def form() -> Any:
+    """The option ``form``."""
+    return option(None, "displacement, velocity-curvature or hermite; default: the case's first")
+
+
+def treatment() -> Any:
+    """The option ``contact``."""
+    return option("implicit", "implicit, conserving, or extrapolated as in the paper")
+
+
+# ---------------------------------------------------------------- integrators and their runs
+
+
+def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrator]:
+    """Return integrators by label: the given ones, or the case's own schemes and every other registered one that
+    supports its stops and its damping.
 
     A scheme that the case runs on several forms counts once; ``theta`` with its default is the trapezoidal rule, which
     stands under that name.
     """
-    if schemes is not None:
-        schemes = sequence("schemes", schemes, "be schemes or their labels", "for example ['HHT(alpha=-0.1)']")
-        for label in schemes:
-            if not isinstance(label, (str, Scheme)):
-                raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
-        return [label_of(label) for label in schemes]
-    stated: dict[str, Scheme] = {}
-    for scheme, _ in case.runs:
-        stated.setdefault(scheme.name, scheme)
-    rigid = RIGID if case.system().rigid else {}
-    others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "theta" and name not in stated}
-    chosen = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-    return [label_of(chosen[name]) for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in chosen]
-
-
-def integrators_of(case: Case, given: Sequence[Any] | None = None) -> list[Integrator]:
-    """Return the integrators of a study: the given ones, or the schemes of ``scheme_labels``.
-
-    Each but recorded runs can be made again by its label, since points travel to other processes as text.
-    Raises InputError for one that cannot.
-    """
     if given is None:
-        return [integrator(label) for label in scheme_labels(case)]
-    chosen: dict[str, Integrator] = {}
-    for one in integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']")):
-        label = label_of(one.source) if one.kind == SCHEME else one.label
-        if one.kind == FUNCTION:
-            label = label.partition(" (")[0]
-            if ":" not in label or integrator(label).source is not one.source:
-                remedy = "move it to the top of a module, a script or a notebook"
-                raise InputError("schemes", one.label, "be found under its name, for a study", remedy)
-        chosen[label] = replace(one, label=label)
-    return list(chosen.values())
+        stated: dict[str, Scheme] = {}
+        for scheme, _ in case.runs:
+            stated.setdefault(scheme.name, scheme)
+        rigid = RIGID if case.system().rigid else {}
+        others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "theta" and name not in stated}
+        every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
+        given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
+    each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
+    named = [replace(x, label=label_of_run(x.source)) if x.kind == SCHEME else x for x in each]
+    return {x.label: x for x in named}
 
 
-def recorded_points(one: Integrator, system: System) -> list[dict[str, Any]]:
-    """Return the entries that hold each recorded run, the longest step first: ``dt`` and a list, which rows leave out.
-
-    Raises InputError for a run of another system.
-    """
-    points = []
-    for run in sorted(one.source, key=lambda run: -float(run.provenance["dt"])):
-        if run.fingerprint not in ("", system.fingerprint):
-            rule = f"be recorded on the system of the case, form {system.form}"
-            raise InputError("schemes", one.label, rule, "pass system=case.system(form) to from_arrays")
-        cost = [run.work.seconds, max(run.work.counters.values(), default=run.work.steps)]
-        lists = [run.t.tolist(), run.tip.tolist(), run.tip_velocity.tolist(), cost]
-        points.append({"dt": float(run.provenance["dt"]), "recorded": lists})
-    return points
+def chosen_schemes(case: Case, given: Sequence[Any] | None = None) -> dict[str, Scheme]:
+    """``chosen``, of schemes alone. Raises InputError for any other integrator."""
+    for label, each in (picked := chosen(case, given)).items():
+        if each.kind != SCHEME:
+            raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
+    return {label: each.source for label, each in picked.items()}
 
 
 def run_of(
-    label: str, recorded: list[Any] | None, system: System, dt: float, t_end: float, contact: str = "implicit",
-    every: int = 1,
-) -> Trajectory:  # fmt: skip
-    """Return the run of an integrator by its label, or the part of a recorded one to t_end.
+    one: Integrator, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1
+) -> Trajectory:
+    """Return the run of an integrator, or the part of a recorded one to t_end.
 
     Raises InputError for a recorded run that ends earlier.
     """
-    if recorded is None:
-        return integrator(label).run(system, dt, t_end, contact, every)
-    t, tip, velocity = (np.asarray(values) for values in recorded[:3])
-    if t[-1] < t_end * (1.0 - 1e-9):
-        raise InputError("the recorded run", t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
-    inside = t <= t_end * (1.0 + 1e-9)
-    run = Trajectory.from_arrays(t[inside], tip[inside], velocity[inside], system, name=label)
-    # The cost of a part is its share of the time.
-    share = t_end / float(t[-1])
-    seconds, evaluations = share * recorded[3][0], round(share * recorded[3][1])
-    return replace(run, work=Work(len(run.t) - 1, seconds, seconds, {"evaluations": evaluations}))
+    if one.kind != RECORDED:
+        return one.run(system, dt, t_end, contact, every)
+    return part_of(recorded_at(one, system, dt), system, t_end, one.label)
 
 
-def evaluations_of(label: str, run: Trajectory) -> int:
+def recorded_at(one: Integrator, system: System, dt: float) -> Trajectory:
+    """The recorded run whose time step is nearest to dt. Raises InputError for a run of another system."""
+    run = min(one.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
+    if run.fingerprint not in ("", system.fingerprint):
+        rule = f"be recorded on the system of the case, form {system.form}"
+        raise InputError("schemes", one.label, rule, "pass system=case.system(form) to from_arrays")
+    return run
+
+
+def part_of(run: Trajectory, system: System, t_end: float, label: str) -> Trajectory:
+    """A recorded run to t_end, with its share of the cost. Raises InputError for one that ends earlier."""
+    if run.t[-1] < t_end * (1.0 - 1e-9):
+        raise InputError("the recorded run", run.t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
+    inside, share = run.t <= t_end * (1.0 + 1e-9), t_end / float(run.t[-1])
+    part = Trajectory.from_arrays(run.t[inside], run.tip[inside], run.tip_velocity[inside], system, name=label)
+    seconds, evaluations = share * run.work.seconds, round(share * evaluations_of(None, run))
+    return replace(part, work=Work(len(part.t) - 1, seconds, seconds, {"evaluations": evaluations}))
+
+
+def evaluations_of(one: Integrator | None, run: Trajectory) -> int:
     """Return the work of a run: linear solves of a scheme, what a solver or a run counts, else steps."""
-    scheme = None if label in REFERENCES else known_scheme(label)
-    if scheme is not None:
-        return run.work.steps * len(scheme.nodes)
+    if one is not None and one.kind == SCHEME:
+        return run.work.steps * len(one.source.nodes)
     return max(run.work.counters.values(), default=run.work.steps)
 
 
@@ -148,48 +169,6 @@ def takes_extrapolation(case: Case) -> bool:
     """Return True if the force of the stops depends on the position alone, as the paper's extrapolated contact
     requires."""
     return not any(c.stops.rigid or c.stops.dissipative for c in case.system().contacts)
-
-
-def tip_stops(case: Case) -> Stops:
-    """Return the stops of a beam that has its only ones at the tip, at rest. Raises InputError for any other case."""
-    if case.beam is None or len(case.problem.all_stops) != 1:
-        raise InputError("case", case.name, "be a beam with stops at one place", "for example table10")
-    stops = case.problem.all_stops[0]
-    if stops.motion is not None or stops.position not in (None, case.problem.length):
-        remedy = "move them to the tip and leave their motion out"
-        raise InputError("case", case.name, "have stops at rest at the tip", remedy)
-    natural_frequencies(case.problem, 1)
-    return stops
-
-
-def smoke_options(study: Study, case: Case) -> dict[str, Any]:
-    """The study's options for a run of seconds on ``case``: a system of matrices keeps its own time span, and in place
-    of schemes without a law for its stops runs the first of its own, and leaves out solvers that do not take it."""
-    options = dict(study.smoke)
-    if case.beam is None:
-        options.pop("t_end", None)
-    meets_stops = study.needs_motion or study.name == "converge"
-    if meets_stops and not all(takes(case, scheme_of(label)) for label in options.get("schemes", ())):
-        options["schemes"] = [str(case.runs[0][0])]
-    if "methods" in options:
-        options["methods"] = [x for x in options["methods"] if method_takes(x, case.system(), case.t_end)]
-    return options
-
-
-def label_of(scheme: str | Scheme) -> str:
-    """The label that defines the scheme, for other processes.
-
-    A user's scheme is named ``module:Class``. Raises InputError if no label can define it.
-    """
-    if isinstance(scheme, str):
-        return label_of(scheme_of(scheme))
-    label = str(scheme)
-    try:
-        made = scheme_of(label)
-    except InputError:
-        made = None
-    # A label that makes another class does not define the scheme.
-    return label if type(made) is type(scheme) else user_label(scheme)
 
 
 def scheme_of(label: str) -> Scheme:
@@ -213,18 +192,10 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
     return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
-def order_over(rows: Rows, step: Callable[[Any], float], error: str) -> Order:
-    """The observed order of column ``error`` in a step that is taken from each row, of errors above 0."""
-    kept = [row for row in rows if row[error] > 0.0]
-    return observed_order([step(row) for row in kept], [row[error] for row in kept])
-
-
-def fit(x: Array, order: Order, look: Mapping[str, Any]) -> list[Curve]:
-    """The line of an observed order over the range of ``x``; none where there is no order."""
-    if not np.isfinite(order.slope) or not len(x):
-        return []
-    ends = np.array([np.min(x), np.max(x)])
-    return [Curve(ends, order.constant * ends**order.slope, look={**look, "marker": "", "lw": 1.4})]
+def order_over(table: pd.DataFrame, step: Callable[[pd.DataFrame], Any], error: str) -> Order:
+    """The observed order of column ``error`` in a step that is taken from the table, of errors above 0."""
+    kept = table[table[error] > 0.0]
+    return observed_order(step(kept), kept[error])
 
 
 def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[int]:

@@ -1,88 +1,267 @@
-"""Convergence in time: the order of each scheme, without contact and through contact.
+"""Every integrator at every resolution: error, work, time, impacts and energy lost are columns of one table.
 
-A point enters the slope only if the motion is resolved, the error is above rounding, and (in contact) every impact
-inside the window matches one of the reference.
+A row enters an observed order only if the motion is resolved, the error is above rounding, and (in contact) every
+impact in the window matches one of the exact motion. Through contact errors vary irregularly with the step: the worst
+of an octave of steps counts.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
-from ..basics.validation import InputError
-from ..figures.chart import Axis, Curve, Panel, Picture, groups, look, short
+from ..basics.validation import InputError, one_of
+from ..figures.chart import log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
-from ..measures.errors import Order, impact_times, matched_until, observed_order, tip_error
+from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact
-from ..measures.report import DASH
+from ..measures.report import DASH, percent
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
-from ..testset.integrators import RECORDED, SOLVER
+from ..references import solve, takes
+from ..references.registry import REFERENCES, Steps
+from ..schemes.misprints import forms_of
+from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
+from ..trajectory.trajectory import Reference, Trajectory
 from . import common
-from .interface import Answer, Point, Records, Row, Rows, declared
+from .base import Answer, Row, Study, option
 
-KINDS = ("smooth", "contact")
-PER_OCTAVE = 4  # steps per halving through contact, where the error varies irregularly: the worst of an octave counts
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SMOOTH, CONTACT = "smooth", "contact"
+SOLVERS = ("cvode", "ida", "kvaerno5")  # beside the schemes, unless integrators are named
+PER_OCTAVE = 4  # steps per halving through contact
 SAMPLES = 1000  # outputs on which the error is measured
 RESOLVED = 0.5  # largest (omega dt)
 ASYMPTOTIC = 0.1  # largest relative error
-ROUNDING = 10.0 * np.finfo(float).eps  # times the number of steps: what rounding may have added
+ROUNDING = 10.0 * np.finfo(float).eps  # times the number of steps: a bound of the error of rounding
+ERROR = 1e-3  # tip error at which costs are compared
+VIEWS = {  # x, y, title
+    "order": ("dt", "tip_error", "error over the time step"),
+    "work": ("solves", "tip_error", "error over work"),
+    "time": ("seconds", "tip_error", "error over time"),
+    "impacts": ("dt", "impacts", "impacts to the horizon"),
+    "matched": ("dt", "matched_until", "exact impacts followed"),
+    "loss": ("dt", "energy_lost", "numerical dissipation"),
+    "misprints": ("dt", "ratio", "error as printed over corrected"),
+}
 
 
-def points(
-    case: Case,
-    *,
-    schemes: common.Integrators = None,
-    kinds: Annotated[list[str] | None, "smooth, contact, or both"] = None,
-    form: common.Form,
-    dt: common.Dt,
-    halvings: common.Halvings = 10,
-    impacts: common.ImpactCount = 4,
-    contact: common.Treatment = "implicit",
-) -> list[Point]:
-    """Every scheme at ``dt`` (the case's), dt/2, ..., ``halvings`` steps in all.
+@dataclass(frozen=True, kw_only=True)
+class Converge(Study):
+    """How fast do the errors fall with the time step, at what cost, and from which step on are the impacts right?
 
-    smooth: the slow motion of the case without stops, over one period of the drive or of the lowest mode, whichever is
-    longer. contact: the case itself until the first ``impacts`` impacts are over.
+    Schemes and functions run at dt, dt/2, ..., solvers at their tolerances, recorded runs at their own steps. Without
+    contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
+    until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
+
+    Work of a scheme: linear solves. Of a solver: evaluations of the right-hand side or linear solves, whichever are
+    more. Of a function: what its Trajectory counts, else its steps.
     """
-    system, chosen = case.system(form), common.integrators_of(case, schemes)
-    for one in chosen:
-        if one.kind == SOLVER:
-            remedy = "stiffbeam precision shows its error against its work"
-            raise InputError("schemes", one.label, "have a time step that can be halved, not a tolerance", remedy)
-    plan: list[Point] = []
-    for kind in KINDS if kinds is None else kinds:
-        if kind == "smooth":
-            end, per_octave = smooth_end(system, case.t_end), 1
-            if not end:
+
+    integrators: common.Labels = option(
+        None,
+        "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
+    )
+    views: common.Labels = option(
+        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss, misprints"
+    )
+    kinds: common.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both")
+    halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
+    tolerances: common.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
+    impacts: int = option(4, "number of impacts in the time window", least=1)
+    form: str | None = common.form()
+    contact: str = common.treatment()
+
+    smoke: ClassVar = {"integrators": ["BDF2", "SDIRK(gamma=0.4359)"], "halvings": 4, "impacts": 2,
+                       "views": ["order", "work", "impacts", "loss", "misprints"]}  # fmt: skip
+    height: ClassVar = 8.4
+    labels: ClassVar = {
+        "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
+        "solves": ("linear solves or evaluations", ""), "seconds": ("seconds of stepping", ""),
+        "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
+        "energy_lost": ("share of the energy supplied", ""), "ratio": ("times the error", ""),
+    }  # fmt: skip
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Seconds, where the view "time" asks for them."""
+        return ("seconds",) if "time" in (self.views or ()) else ()
+
+    def require(self, case: Case) -> None:
+        """Raise InputError for unknown views or kinds."""
+        super().require(case)
+        for view in self.views or ():
+            one_of("views", view, VIEWS, "be a view")
+        for kind in self.kinds or ():
+            one_of("kinds", kind, (SMOOTH, CONTACT), "be a kind")
+
+    def chosen(self, case: Case) -> dict[str, Integrator]:
+        """Integrators by label, misprints behind their schemes."""
+        picked = common.chosen(case, self.integrators)
+        if self.integrators is None:
+            system = case.system(self.form)
+            here = [m for m in SOLVERS if REFERENCES[m].installed and takes(m, system, case.t_end)]
+            picked |= common.chosen(case, here)
+        if "misprints" in (self.views or ()):
+            for one in [x for x in picked.values() if x.kind == SCHEME and not x.source.erratum]:
+                picked |= common.chosen(case, [one.source.printed(name) for name in forms_of(one.source)])
+        return picked
+
+    def points(self, case: Case) -> list[Row]:
+        """Each integrator at each step or tolerance, without contact and in contact."""
+        system, plan = case.system(self.form), list[Row]()
+        for kind in self.kinds or (SMOOTH, CONTACT):
+            if kind == CONTACT and not system.contacts:
                 continue
-        elif kind == "contact":
-            if not system.contacts:
+            end = common.first_impacts(case, self.form or case.forms[0], self.impacts) if kind == CONTACT else 0.0
+            if kind == SMOOTH and not (end := smooth_end(system, case.t_end)):
                 continue
-            end, per_octave = common.first_impacts(case, form, impacts), PER_OCTAVE
-        else:
-            raise InputError("kinds", kind, f"be among {KINDS}", "for example ('smooth',)")
-        for one in chosen:
-            shared = {"kind": kind, "scheme": one.label, "form": form, "contact": contact, "t_end": end}
-            if one.kind == RECORDED:  # of the case itself, which is no smooth motion
-                runs = common.recorded_points(one, system) if kind == "contact" else []
+            for label, one in self.chosen(case).items():
+                shared = {"kind": kind, "integrator": label, "t_end": end}
+                if one.kind == SOLVER:
+                    levels = self.tolerances or () if REFERENCES[label].kind == "adaptive" else ()
+                    plan += [shared | {"rtol": float(rtol)} for rtol in levels]
+                    continue
+                treatments = [self.contact]
+                if "misprints" in (self.views or ()) and kind == CONTACT and one.kind == SCHEME:
+                    extrapolated = common.takes_extrapolation(case) and not one.source.erratum
+                    treatments += ["extrapolated"] if extrapolated else []
                 plan += [
-                    shared | {"steps": round(end / run["dt"]), "recorded": run["recorded"],
-                            "octave": round(float(np.log2(runs[0]["dt"] / run["dt"])))}
-                    for run in runs
-                ]  # fmt: skip
-                continue
-            plan += [
-                shared | {"steps": steps, "octave": k // per_octave}
-                for k, steps in enumerate(common.halved(end, dt, halvings, per_octave))
-            ]
-    if not plan and any(one.kind == RECORDED for one in chosen):
-        rule = "be asked about contact: recorded runs are of the case itself"
-        raise InputError("kinds", kinds, rule, "give a function, which runs on the smooth motion too")
-    # Steps that round to one number are one point.
-    return list({(p["kind"], p["scheme"], p["steps"]): p for p in plan}.values())
+                    shared | {"contact": c} | each for c in treatments for each in self._steps(case, one, kind, end)
+                ]
+        if not plan:
+            rule = "run without contact or have stops: recorded runs are of the case itself"
+            raise InputError("integrators", ", ".join(self.chosen(case)), rule, "give a function or a scheme")
+        return plan
+
+    def _steps(self, case: Case, one: Integrator, kind: str, end: float) -> list[Row]:
+        """Numbers of steps, each with its octave."""
+        if one.kind == RECORDED:  # of the case itself, which is no smooth motion
+            system = case.system(self.form)
+            steps = sorted({float(run.provenance["dt"]) for run in one.source}, reverse=True) if kind == CONTACT else []
+            for dt in steps[:1]:
+                common.recorded_at(one, system, dt)
+            return [{"steps": round(end / dt), "octave": round(float(np.log2(steps[0] / dt)))} for dt in steps]
+        per = PER_OCTAVE if kind == CONTACT and one.kind == SCHEME else 1
+        counts = common.halved(end, case.dt, self.halvings, per)
+        # Steps that round to one number are one point.
+        return list({n: {"steps": n, "octave": k // per} for k, n in reversed([*enumerate(counts)])}.values())[::-1]
+
+    def run(
+        self, case: Case, kind: str, integrator: str, t_end: float, rtol: float = 0.0, steps: int = 0, octave: int = 0,
+        contact: str = "implicit",
+    ) -> Row:  # fmt: skip
+        """Error, work and time to t_end, and impacts to the horizon; the reason why it does not count in an order."""
+        system, one = case.system(self.form), self.chosen(case)[integrator]
+        if kind == SMOOTH:
+            system = smooth_motion(system)
+        exact = common.solve_once(system, case.t_end if kind == CONTACT else t_end)
+        timed = fastest if self.measured and one.kind != RECORDED else lambda run: run()
+        if rtol:
+            times = np.linspace(0.0, t_end, SAMPLES + 1)
+            run = timed(lambda: solve(system, t_end, integrator, times, rtol, None, steps=Steps(events=False)))
+            return _cost(one, run) | {"tip_error": tip_error(run.tip, exact.at(times)[0]).rms, "left_out": "solver"}
+        dt = t_end / steps
+        every = max(1, steps // SAMPLES)
+        run = timed(lambda: common.run_of(one, system, dt, t_end, contact, every))
+        error = tip_error(run.tip, exact.at(run.t)[0])
+        row = _cost(one, run) | {"dt": dt, "tip_error": error.rms, "tip_error_max": error.max}
+        row["left_out"] = _left_out(case, system, exact, run, kind == CONTACT, dt, steps, error.rms)
+        if kind == CONTACT:
+            row |= self._followed(case, one, exact, contact, dt)
+        if "loss" in (self.views or ()) and one.kind == SCHEME:
+            row["energy_lost"] = float(run.energy.lost_fraction())
+        return row
+
+    def _followed(self, case: Case, one: Integrator, exact: Reference, contact: str, dt: float) -> Row:
+        """Impacts of a run and of the exact motion to its horizon, and the time to which they match."""
+        end = min(exact.horizon, case.t_end)
+        if one.kind == RECORDED:
+            end = min(end, max(float(run.t[-1]) for run in one.source))
+        steps = max(2, round(end / dt))
+        end, system = steps * dt if one.kind != RECORDED else end, case.system(self.form)
+        run = common.run_of(one, system, dt, end, contact, every=steps)
+        until = min(end, exact.horizon)
+        pairs = list(zip(run.contacts, exact.contacts, strict=True))
+        return {
+            "impacts": sum(ours.impacts.until(until).count for ours, _ in pairs),
+            "exact_impacts": sum(theirs.impacts.until(until).count for _, theirs in pairs),
+            "matched_until": matched_until(run, exact, until), "horizon": float(until),
+        }  # fmt: skip
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """Orders of every integrator, the work for one error, the step from which on impacts are right."""
+        units, observed = case.units, orders(table)
+        small: dict[str, Row] = {label: {"integrator": short(label)} for label in table.integrator.unique()}
+        words, parts = {SMOOTH: "without contact", CONTACT: "through the first impacts"}, []
+        for kind in (x for x in words if x in set(table.kind)):
+            of_kind = {label: order for (k, label), order in observed.items() if k == kind}
+            if kind == CONTACT and not _touches(table):
+                words[CONTACT] = f"as the motion starts, without impacts to t = {table.t_end.max():g}"
+            for label, order in of_kind.items():
+                small[label][f"order {words[kind]}"] = str(order) if np.isfinite(order.slope) else "too few points"
+            clear = {label: order.slope for label, order in of_kind.items() if not order.unclear}
+            found = (
+                common.extremes(clear, "{:.2f}".format) if any(map(np.isfinite, clear.values())) else "no clear rate"
+            )
+            parts += [f"{found} {words[kind]}"] if of_kind else []
+        at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
+        costs = cheapest(_implicit(at, self.contact), ERROR, "solves")
+        for label, cost in costs.items():
+            small[label][f"solves for {ERROR:g}"] = _count(cost)
+        right = right_from(_implicit(at, self.contact))
+        for label, dt in right.items():
+            small[label]["impacts right from dt"] = units.measure(dt, "time", ".2g") if np.isfinite(dt) else DASH
+        if "energy_lost" in at:
+            for label, rows in at[at.energy_lost.notna()].groupby("integrator", sort=False):
+                small[str(label)]["energy lost at dt"] = percent(rows.energy_lost.iloc[0])
+        ratios = misprints(table)
+        for (label, reading), factor in ratios.items():
+            small[label][f"error, {reading}" if reading == "extrapolated" else "error, misprinted"] = f"× {factor:.3g}"
+        best = min(costs, key=lambda label: costs[label]) if costs else None
+        verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
+        if best is not None:
+            verdict += f" Fewest solves for a tip error of {ERROR:g}: {_count(costs[best])} ({short(best)})."
+        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Solves: for a tip "
+        notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
+        if right:
+            notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
+        return Answer(verdict.strip(), pd.DataFrame(list(small.values())), notes)
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """A panel for each view; errors over the step have one for each kind of motion."""
+        kinds = [kind for kind in (SMOOTH, CONTACT) if kind in set(table.kind)]
+        main = table[table.kind == kinds[-1]]
+        panels = [(view, kind) for view in self.views or ("order",)
+                  for kind in (kinds if view == "order" else [kinds[-1]])]  # fmt: skip
+        columns = min(3, len(panels))
+        axes = figure.subplots(-(-len(panels) // columns), columns, squeeze=False).ravel()
+        figure.set_figheight(1.4 + 3.9 * (len(axes) // columns))
+        for axis, (view, kind) in zip(axes, panels, strict=False):
+            rows = _implicit(table[table.kind == kind] if view == "order" else main, self.contact)
+            x, y, title = VIEWS[view]
+            if view == "order":
+                title = "without contact" if kind == SMOOTH else "through the first impacts"
+                _orders(axis, rows, {label: order for (k, label), order in orders(rows).items() if k == kind})
+            elif view == "misprints":
+                _misprints(axis, table)
+            elif x in rows and y in rows:
+                _curves(axis, rows, x, y)
+            log_scale(axis, y=y == "tip_error" or (view == "misprints" and axis.get_ylim()[1] > 5.0))
+            if y == "tip_error":
+                axis.set_ylim(top=min(axis.get_ylim()[1], 1e3))
+                mark_order(axis, *((3, 2, 1),) if x == "dt" else ((-2, -1), 0.3))
+            axis.set(title=title, xlabel=table.attrs["labels"][x], ylabel=table.attrs["labels"][y])
+        for axis in axes[len(panels) :]:
+            axis.remove()
+        shared_legend(figure, 4)
 
 
 def smooth_end(system: System, t_end: float) -> float:
@@ -98,125 +277,140 @@ def smooth_end(system: System, t_end: float) -> float:
         return 0.0
 
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Row with the tip error at one step, the reason why it does not count in the slope, or "", and the impacts of the
-    exact motion."""
-    system = case.system(point["form"])
-    if point["kind"] == "smooth":
-        system = smooth_motion(system)
-    steps, t_end = point["steps"], point["t_end"]
-    exact = common.solve_once(system, t_end)
-    dt = t_end / steps
-    run = common.run_of(
-        point["scheme"], point.get("recorded"), system, dt, t_end, point["contact"], max(1, steps // SAMPLES)
-    )
-    error = tip_error(run.tip, exact.at(run.t)[0])
-    fastest = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
-    # Reasons that keep a point out of the slope.
+def _count(cost: float) -> str:
+    """A number of solves to three digits, without a power of ten."""
+    return f"{float(f'{cost:.3g}'):.0f}"
+
+
+def _cost(one: Integrator, run: Trajectory) -> Row:
+    return {"solves": common.evaluations_of(one, run), "seconds": float(run.work.march_seconds)}
+
+
+def _left_out(
+    case: Case, system: System, exact: Reference, run: Trajectory, touches: bool, dt: float, steps: int, error: float
+) -> str:
+    """Reason that keeps a row out of its order, "" for none."""
+    end = float(run.t[-1])
+    fastest_rate = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
     reasons = {
-        "impacts differ": point["kind"] == "contact" and matched_until(run, exact, t_end) < t_end,
-        "error above 10 %": error.rms > ASYMPTOTIC,
-        "motion not resolved": fastest * dt > RESOLVED,
-        "rounding": error.rms < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))),
-        "past the horizon": t_end > exact.horizon,
+        "impacts differ": touches and matched_until(run, exact, end) < end,
+        "error above 10 %": error > ASYMPTOTIC,
+        "motion not resolved": fastest_rate * dt > RESOLVED,
+        "rounding": error < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))),
+        "past the horizon": end > exact.horizon,
     }
-    left_out = next((reason for reason, holds in reasons.items() if holds), "")
-    impacts = int(np.sum(impact_times(exact) <= t_end))
-    return [{"dt": dt, "error_rms": error.rms, "error_max": error.max, "left_out": left_out, "impacts": impacts}]
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-def envelope(rows: Rows) -> tuple[list[float], list[float]]:
+def _implicit(table: pd.DataFrame, contact: str) -> pd.DataFrame:
+    """The rows of the chosen treatment of contact, and those of solvers."""
+    return table[table.contact.isna() | (table.contact == contact)] if "contact" in table else table
+
+
+def _touches(table: pd.DataFrame) -> bool:
+    return "exact_impacts" in table and bool((table.exact_impacts > 0).any())
+
+
+def envelope(rows: pd.DataFrame) -> tuple[list[float], list[float]]:
     """(dt, error) of the worst point of every octave whose points all count."""
-    steps, errors = [], []
-    for octave in sorted({r["octave"] for r in rows}):
-        group = [r for r in rows if r["octave"] == octave]
-        if all(not r["left_out"] for r in group):
-            steps.append(max(r["dt"] for r in group))
-            errors.append(max(r["error_rms"] for r in group))
-    return steps, errors
+    kept = [group for _, group in rows.groupby("octave") if (group.left_out == "").all()]
+    return [group.dt.max() for group in kept], [group.tip_error.max() for group in kept]
 
 
-def orders(rows: Rows) -> dict[tuple[str, str], Order]:
-    """The observed order by (kind, scheme)."""
-    keys = dict.fromkeys((r["kind"], r["scheme"]) for r in rows)
-    return {key: observed_order(*envelope([r for r in rows if (r["kind"], r["scheme"]) == key])) for key in keys}
+def orders(table: pd.DataFrame) -> dict[tuple[str, str], Order]:
+    """The observed order by (kind, integrator), of those that run in steps."""
+    rows = table[table.left_out != "solver"]
+    if "contact" in rows:
+        rows = rows[rows.contact == rows.contact.iloc[0]]
+    groups = rows.groupby(["kind", "integrator"], sort=False)
+    return {(str(kind), str(label)): observed_order(*envelope(group)) for (kind, label), group in groups}
 
 
-def answer(rows: Rows, case: Case) -> Answer:
-    """The observed orders, without contact and through the first impacts, or as the motion starts without any."""
-    observed = orders(rows)
-    start = next((row for row in rows if row["kind"] == "contact" and not row["impacts"]), None)
-    through, column = "through the first impacts", "order through the first impacts"
-    notes = "Through the first impacts"
-    if start is not None:
-        through, column = "as the motion starts", "order without impacts, as it starts"
-        end = case.units.measure(start["t_end"], "time", "g")
-        notes = f"No impacts to t = {end}, the motion as it starts"
-    words = {"smooth": ("without contact", "order without contact"), "contact": (through, column)}
-    kinds = [kind for kind in words if any(k == kind for k, _ in observed)]
-    slopes = {kind: {s: o.slope for (k, s), o in observed.items() if k == kind and not o.unclear} for kind in kinds}
-    said = [
-        f"{common.extremes(group, '{:.2f}'.format) if group else 'no clear rate'} {words[kind][0]}"
-        for kind, group in slopes.items()
-    ]
-    table = [
-        {"scheme": scheme} | {words[kind][1]: _shown(observed.get((kind, scheme))) for kind in kinds}
-        for scheme in dict.fromkeys(scheme for _, scheme in observed)
-    ]
-    remark = f"{notes}: the worst of each octave of time steps counts. " if "contact" in kinds else ""
-    return Answer(f"Observed orders: {', '.join(said)}.", table, f"{remark}± holds with 95 %.")
+def cheapest(table: pd.DataFrame, error: float, cost: str) -> dict[str, float]:
+    """Cost of an ``error`` that all dearer points keep as well, interpolated from the point before, by integrator.
+
+    A coarse point may be right by chance. Where all points are below ``error`` it is the least of all costs.
+    """
+    costs: dict[str, float] = {}
+    for label, rows in table[np.isfinite(table[cost])].groupby("integrator", sort=False):
+        rows = rows.sort_values(cost)
+        value, off = rows[cost].to_numpy(float), rows.tip_error.to_numpy(float)
+        missed = np.flatnonzero(~(off <= error))
+        if not len(missed):
+            costs[str(label)] = float(value[0])
+        elif (i := missed[-1]) + 1 < len(rows):
+            share = np.log(off[i] / error) / np.log(off[i] / off[i + 1])
+            costs[str(label)] = float(value[i] * (value[i + 1] / value[i]) ** share)
+    return costs
 
 
-def _shown(order: Order | None) -> str:
-    return DASH if order is None else str(order) if np.isfinite(order.slope) else "too few points"
+def right_from(table: pd.DataFrame) -> dict[str, float]:
+    """The largest step from which on all smaller ones count the exact number of impacts, NaN for none."""
+    if not _touches(table):
+        return {}
+    steps: dict[str, float] = {}
+    for label, rows in table[table.impacts.notna()].groupby("integrator", sort=False):
+        wrong = rows[rows.impacts != rows.exact_impacts].dt.min()
+        right = rows[rows.dt < wrong] if np.isfinite(wrong) else rows
+        steps[str(label)] = float(right.dt.max()) if len(right) else np.nan
+    return steps
 
 
-REASONS = {"impacts differ": "o", "error above 10 %": "^", "motion not resolved": "s", "rounding": "v",
-           "past the horizon": "D", "beside one of these, in its octave": "p"}  # fmt: skip
+def misprints(table: pd.DataFrame) -> dict[tuple[str, str], float]:
+    """Error over that of the corrected scheme with implicit contact at the finest step, by (label, reading)."""
+    return {key: float(rows.ratio.iloc[-1]) for key, rows in _ratios(table).items() if len(rows)}
 
 
-def picture(records: Records) -> Picture:
-    """Picture of errors over time steps. Filled markers enter the slope; hollow ones do not, and their shape gives the
-    reason."""
-    rows = records.numbers
-    observed, panels = orders(rows), []
-    for kind, group in groups(rows, "kind").items():
-        through = "through the first impacts" if any(row["impacts"] for row in group) else "as it starts, no impacts"
-        title = "without contact, slow motion" if kind == "smooth" else through
-        marks = [
-            mark for label, mine in groups(group, "scheme").items() for mark in _points(mine, observed[kind, label])
-        ]
-        met = [reason for reason in REASONS if any(reason == reason_of(row, group) for row in group)]
-        marks += [Curve([], [], f"left out: {reason}", {"linestyle": "", "marker": REASONS[reason], "mfc": "white",
-                                                         "mec": "0.35"}) for reason in met]  # fmt: skip
-        error = Axis("tip error, rms, relative", scale="log", cap=1e3)
-        panels.append(Panel(title, common.STEP, error, marks, (3, 2, 1), "below"))
-    return Picture([panels], 6.4)
+def _ratios(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+    """Rows (dt, ratio) of misprinted schemes and of extrapolated contact, beside their schemes."""
+    ratios: dict[tuple[str, str], pd.DataFrame] = {}
+    rows = table[table.left_out != "solver"]
+    for label in rows.integrator.unique():
+        readings = [(label, "extrapolated")]
+        readings += [(x, "printed") for x in rows.integrator.unique() if x.startswith(f"{label}.printed")]
+        kind = CONTACT if CONTACT in set(rows.kind) else SMOOTH
+        base = rows[(rows.integrator == label) & (rows.kind == kind) & (rows.contact != "extrapolated")]
+        for other, reading in readings:
+            theirs = rows[(rows.integrator == other) & (rows.kind == kind)]
+            theirs = theirs[(theirs.contact == "extrapolated") == (reading == "extrapolated")]
+            both = base.merge(theirs, on="steps", suffixes=("", "_other")).sort_values("dt", ascending=False)
+            if len(both) and ".printed" not in label:
+                ratios[other, reading] = pd.DataFrame({"dt": both.dt, "ratio": both.tip_error_other / both.tip_error})
+    return ratios
 
 
-def reason_of(row: Row, rows: Rows) -> str:
-    """Reason why a point does not enter the slope of its scheme; "" if it does."""
-    octave = [r for r in rows if (r["scheme"], r["octave"]) == (row["scheme"], row["octave"])]
-    return row["left_out"] or ("beside one of these, in its octave" if any(r["left_out"] for r in octave) else "")
+def _curves(axis: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
+    for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
+        if "octave" in group and y == "tip_error" and group.octave.notna().any():
+            group = group.groupby("octave").head(1)
+        axis.plot(group[x], group[y], label=short(str(label)), **{"lw": 1.1, "ms": 4.0} | look(str(label)))
+    if y == "impacts":
+        axis.axhline(rows.exact_impacts.max(), color="black", lw=1.6, label="exact")
+        top = max(2.0 * rows.exact_impacts.max(), 4.0)
+        axis.set_ylim(0.0, min(top, axis.get_ylim()[1]))
+    if y == "matched_until":
+        axis.axhline(rows.horizon.max(), color="black", ls=":", label="horizon")
 
 
-def _points(group: Rows, order: Order) -> list[Curve]:
-    """Points and slope of one scheme; in its look those that count."""
-    group = sorted(group, key=lambda row: row["dt"])
-    style = look(group[0]["scheme"])
-    label = f"{short(group[0]['scheme'])}: {_shown(order)}"
-    marks = [Curve.over(group, "dt", "error_rms", look=style | {"marker": "", "lw": 0.5, "alpha": 0.6}),
-             Curve([], [], label, style)]  # fmt: skip
-    for reason, mine in {
-        reason: [r for r in group if reason_of(r, group) == reason] for reason in ["", *REASONS]
-    }.items():
-        fill = {"mfc": "white", "marker": REASONS[reason]} if reason else {}
-        marks.append(Curve.over(mine, "dt", "error_rms", look=style | {"linestyle": "", "ms": 4} | fill))
-    return marks + common.fit(np.array(envelope(group)[0]), order, style)
+def _orders(axis: Axes, rows: pd.DataFrame, observed: dict[str, Order]) -> None:
+    """Filled markers enter the slope, hollow ones do not; the line is the observed order."""
+    for label, group in rows[rows.left_out != "solver"].groupby("integrator", sort=False):
+        style, group = look(str(label)) | {"ms": 4.0}, group.sort_values("dt")
+        counted = group.groupby("octave").left_out.transform(lambda each: (each == "").all())
+        axis.plot(group.dt, group.tip_error, **style | {"marker": "", "lw": 0.5, "alpha": 0.6})
+        for which, fill in ((counted, {}), (~counted, {"mfc": "white"})):
+            axis.plot(group.dt[which], group.tip_error[which], **style | {"linestyle": ""} | fill)
+        axis.plot([], [], label=short(str(label)), **style)
+        order = observed.get(str(label))
+        if order is not None and np.isfinite(order.slope):
+            ends = np.array([group.dt[counted].min(), group.dt[counted].max()])
+            axis.plot(ends, order.constant * ends**order.slope, **style | {"marker": "", "lw": 1.4})
 
 
-STUDY = declared(
-    __name__,
-    "At which rate does each scheme converge to the exact solution, without contact and through it?",
-    smoke={"schemes": ["BDF2", "SDIRK(gamma=0.4359, nystrom=True)"], "halvings": 4, "impacts": 2},
-)
+def _misprints(axis: Axes, table: pd.DataFrame) -> None:
+    for (label, reading), rows in _ratios(table).items():
+        fill: dict[str, Any] = {"mfc": "white"} if reading == "extrapolated" else {}
+        text = f"{short(label)}, extrapolated" if reading == "extrapolated" else short(label)
+        axis.plot(rows.dt, rows.ratio, label=text, lw=1.1, ms=4.0, **look(label) | fill)
+    if axis.lines:
+        axis.axhline(1.0, color="0.5", lw=0.9, ls=":")

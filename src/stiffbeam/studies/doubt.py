@@ -64,7 +64,6 @@ from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from .budget import FINER, MEASURED, Budget, Column, budget_of, mean_of, of_span, scatter, shift
 from .common import run_members
-from .interface import Answer
 
 if TYPE_CHECKING:
     import pandas
@@ -137,7 +136,10 @@ class Doubt:
 
     def __str__(self) -> str:
         """The verdicts, then the columns with their intervals."""
-        return Answer("\n".join(self._lines()), self._table()).text()
+        import pandas
+
+        small = pandas.DataFrame(self._table()).fillna("–").to_string(index=False)
+        return "\n".join([*self._lines(), small])
 
     def _repr_html_(self) -> str:
         names = list(dict.fromkeys(name for line in self._table() for name in line))

@@ -2,174 +2,170 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
-from ..figures.chart import Axis, Level, Mark, Note, Panel, Picture, Ranges, column, curves, groups, short
+from ..figures.chart import lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
 from ..trajectory.records import Ledger, supplied
 from ..trajectory.trajectory import Trajectory
 from . import common
-from .interface import Answer, Point, Records, Row, Rows, declared
+from .base import Answer, Row, Study, option
 
-OUTPUTS = 200  # times at which the ledger is kept
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-
-def points(
-    case: Case,
-    *,
-    schemes: common.Schemes = None,
-    forms: common.Forms = None,
-    dt: common.Dt,
-    t_end: common.End,
-    contact: common.Treatment = "implicit",
-) -> list[Point]:
-    """Every scheme and the exact solution, which ends at its horizon, in every form that the case supports."""
-    labels = common.scheme_labels(case, schemes)
-    kinds = forms or list(case.forms)
-    span = {"t_end": t_end, "contact": contact}
-    plan: list[Point] = []
-    for form in kinds:
-        plan.append({"scheme": "exact", "form": form, "dt": 0.0} | span)
-        plan += [{"scheme": label, "form": form, "dt": dt} | span for label in labels]
-    return plan
+OUTPUTS = 200  # times at which the energy balance is kept
+MOST = 100.0  # per cent: a larger share is a number at the edge, without a bar
+ROUNDING = 1e-9  # of the largest energy: less is no loss
+PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
+REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
 
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Energy balance of one run at OUTPUTS times; that of the exact flow ends at its horizon."""
-    form = point["form"]
-    system = case.system(form)
-    if point["scheme"] == "exact":
-        run: Trajectory = common.solve_once(system, point["t_end"])
-        ledger = run.energy
-        # To the horizon: past it the float64 solution no longer holds.
-        last = int(np.searchsorted(ledger.t, run.horizon, side="right"))
-        keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
-    else:
-        steps = round(point["t_end"] / point["dt"])
-        every = common.to_the_end(steps, OUTPUTS)
-        run = integrate(system, common.scheme_of(point["scheme"]), point["dt"], point["t_end"], point["contact"], every)
-        ledger = run.energy
-        keep = np.arange(len(ledger.t))
-    return [_row(ledger, int(k)) for k in keep]
+@dataclass(frozen=True, kw_only=True)
+class Energy(Study):
+    """How much energy does each scheme lose, in contact and between impacts?
+
+    Every scheme and the exact solution run in every form that the case supports. The exact solution ends at its
+    horizon.
+    """
+
+    schemes: common.Labels = common.schemes()
+    forms: common.Labels = option(None, "comma-separated; default: all that the case supports")
+    contact: str = common.treatment()
+
+    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)", "BDF2"]}
+    needs_motion: ClassVar = True
+    height: ClassVar = 8.2
+    labels: ClassVar = {"t": ("time $t$", "time"), "lost_in_contact": ("energy lost so far", "energy"),
+                        "lost_free": ("energy lost so far", "energy")}  # fmt: skip
+
+    def points(self, case: Case) -> list[Row]:
+        """The exact solution and every scheme in every form."""
+        schemes = common.chosen_schemes(case, self.schemes)
+        return [{"scheme": name, "form": form} for form in self.forms or case.forms for name in ("exact", *schemes)]
+
+    def run(self, case: Case, scheme: str, form: str) -> list[Row]:
+        """Energy balance of one run at some times; that of the exact flow ends at its horizon."""
+        system = case.system(form)
+        if scheme == "exact":
+            run: Trajectory = common.solve_once(system, case.t_end)
+            last = int(np.searchsorted(run.energy.t, run.horizon, side="right"))
+            keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
+        else:
+            every = common.to_the_end(round(case.t_end / case.dt), OUTPUTS)
+            made = common.chosen_schemes(case, self.schemes)[scheme]
+            run = integrate(system, made, case.dt, case.t_end, self.contact, every)
+            keep = np.arange(len(run.energy.t))
+        return [_row(run.energy, int(k)) for k in keep]
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
+        units, small, lost, known, shares = case.units, [], {}, True, [0.0]
+        last = table.groupby(["scheme", "form"], sort=False).tail(1)
+        closed = [
+            f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {units.measure(row.t, 'time', '.3g')})"
+            for row in last[last.scheme == "exact"].itertuples()
+        ]
+        schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
+        for row in schemes.to_dict("records"):
+            share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
+            if not row["sure"]:
+                most = _supplied(table[(table.scheme == row["scheme"]) & (table.form == row["form"])])
+                loss = f"{percent(row['loss'] / most)} ± {percent(row['spread'] / most)}" if most > 0.0 else "not known"
+                known = False
+            elif np.isfinite(row["lost_fraction"]):
+                lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
+            else:  # on balance nothing was put in
+                loss = units.measure(row["loss"], "energy", ".2g") + " in all"
+            shares += [share] if row["sure"] else []
+            part = f"{100 * share:z.0f} %" if row["sure"] else DASH
+            small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
+        end = units.measure((schemes if len(schemes) else last).t.max(), "time", "g")
+        verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, "
+        verdict += "the exact flow none."
+        if not lost and not known:
+            verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."
+        notes = (
+            "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact "
+        )
+        notes += f"flow closes to {', '.join(closed) or DASH}."
+        notes += "" if known else " ±: the difference of two rules for the work of dampers; smaller steps reduce it."
+        return Answer(verdict, pd.DataFrame(small), notes + (REGAINED if np.nanmax(shares) > 1.005 else ""))
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""
+        labels, forms = table.attrs["labels"], list(table.form.unique())
+        grid = figure.add_gridspec(2, 2 * len(forms), height_ratios=(1.0, 1.15))
+        main = table[table.form == forms[0]]
+        largest = float((main.energy.abs() + main.input.abs()).max())
+        for i, (name, words, *_) in enumerate(PARTS):
+            axis = figure.add_subplot(grid[0, i * len(forms) : (i + 1) * len(forms)])
+            lines(axis, main, "t", name, "scheme", marker="")
+            values = main[name].to_numpy(float)
+            if np.nanmax(np.abs(values), initial=0.0) > ROUNDING * largest:
+                signed_log(axis, [values], 1e-3 * float(np.nanmax(np.abs(values))))
+            elif largest:
+                axis.set_ylim(-largest, largest)
+            axis.set(title=f"lost {words}, {forms[0]} form", xlabel=labels["t"], ylabel=labels[name])
+        shared_legend(figure)
+        names, left = [x for x in table.scheme.unique() if x != "exact"], None
+        for j, form in enumerate(forms):
+            left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
+            end = case.units.measure(table[table.form == form].t.max(), "time", "g")
+            _shares(left, dict(iter(table[table.form == form].groupby("scheme"))), names)
+            left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
+            left.tick_params(labelleft=not j)
 
 
 def _row(ledger: Ledger, k: int) -> Row:
     names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "spread", "loss")
-    row = {name: float(getattr(ledger, name)[k]) for name in names}
-    sure = ledger.is_resolved(k)
+    row: Row = {name: float(getattr(ledger, name)[k]) for name in names}
+    sure = bool(ledger.is_resolved(k))
     parts = {"lost_in_contact": ledger.loss_in_contact[k], "lost_free": ledger.loss_without_contact[k]}
     row |= {name: float(x) if sure else float("nan") for name, x in parts.items()}
-    return row | {"sure": sure, "lost_fraction": ledger.lost_fraction(k)}
+    return row | {"sure": sure, "lost_fraction": float(ledger.lost_fraction(k))}
 
 
-def last_rows(rows: Rows) -> list[Row]:
-    """The last row of every run's energy balance."""
-    return list({(row["scheme"], row["form"]): row for row in rows}.values())
-
-
-def answer(rows: Rows, case: Case) -> Answer:
-    """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-    units, table, lost, ends, known, shares = case.units, [], {}, [], True, [0.0]
-    last = last_rows(rows)
-    closed = [
-        f"{abs(row['lost_fraction']):.0e} ({row['form']}, to t = {units.measure(row['t'], 'time', '.3g')})"
-        for row in last
-        if row["scheme"] == "exact"
-    ]
-    for row in (row for row in last if row["scheme"] != "exact" and row["form"] == rows[0]["form"]):
-        share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
-        if not row["sure"]:
-            most = _supplied([r for r in rows if r["scheme"] == row["scheme"] and r["form"] == row["form"]])
-            said = f"{percent(row['loss'] / most)} ± {percent(row['spread'] / most)}" if most > 0.0 else UNKNOWN
-            known = False
-        elif np.isfinite(row["lost_fraction"]):
-            lost[row["scheme"]], said = row["lost_fraction"], percent(row["lost_fraction"])
-        else:  # on balance nothing was put in
-            said = units.measure(row["loss"], "energy", ".2g") + " in all"
-        ends.append(row["t"])
-        part = f"{100 * share:z.0f} %" if row["sure"] else DASH
-        shares += [share] if row["sure"] else []
-        table.append({"scheme": row["scheme"], "energy lost": said, "of it in contact": part})
-    end = units.measure(max(ends or [row["t"] for row in rows]), "time", "g")
-    unknown = (
-        "" if known else " ±: the difference of two rules for the work of dampers, which takes smaller steps to know."
-    )
-    verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
-    if not lost and not known:
-        verdict = (
-            f"The steps do not resolve the work of dampers to t = {end}: what schemes lose is known to the ± only."
-        )
-    return Answer(
-        verdict,
-        table,
-        "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact flow "
-        f"closes to {', '.join(closed) or DASH}.{unknown}{REGAINED if np.nanmax(shares) > 1.005 else ''}",
-    )
-
-
-UNKNOWN = "not known"
-REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
-MOST = 100.0  # per cent: a share beyond it is a number at the edge, without a bar
-ROUNDING = 1e-9  # of the largest energy: less is no loss
-PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
-
-
-def picture(records: Records) -> Picture:
-    """Above: energies over time. Below: for each form the shares of the supplied energy lost at the end."""
-    rows, units = records.numbers, records.case.units
-    main = [row for row in rows if row["form"] == rows[0]["form"]]
-    sizes = [abs(row["energy"]) + abs(row["input"]) for row in main]
-    had = max((x for x in sizes if np.isfinite(x)), default=0.0)
-    upper = []
-    for name, words, *_ in PARTS:
-        lines = curves(main, "t", name, "scheme", exact=3.0, marker="")
-        real = any(np.any(np.abs(line.values) > ROUNDING * had) for line in lines)
-        scale: dict[str, Any] = {"scale": "signed log"} if real else {"limits": (-had, had)} if had else {}
-        title = f"lost {words}, {main[0]['form']} form"
-        upper.append(Panel(title, Axis("time $t$", "time"), Axis("energy lost so far", "energy", **scale), lines))
-    runs = {form: groups(group, "scheme") for form, group in groups(rows, "form").items()}
-    names = [name for name in dict.fromkeys(row["scheme"] for row in rows) if name != "exact"]
-    lower = []
-    for form, of_form in runs.items():
-        end = units.measure(max(group[-1]["t"] for group in of_form.values()), "time", "g")
-        lower.append(_shares(f"{form.rpartition(', ')[2]} to t = {end}", of_form, names))
-    return Picture([upper, lower], 8.2, heights=(1.0, 1.15))
-
-
-def _shares(title: str, runs: dict[str, list[Row]], names: list[str]) -> Panel:
-    """Shares in contact and between impacts, a bar each in the line of its scheme; beyond MOST numbers at the edge."""
-    lines = [(i, runs[label]) for i, label in enumerate(names) if label in runs]
-    bars = [
-        (i + place, _share(group, name), words, colour) for name, words, colour, place in PARTS for i, group in lines
-    ]
-    reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
-    marks: list[Mark] = [Level(0.0, of="x", look={"ls": "-"})]
-    for at, share, words, colour in bars:
-        look = {"va": "center", "ha": "left", "fontsize": 7.5}
-        if abs(share) <= MOST:
-            marks.append(Ranges(at, min(share, 0.0), max(share, 0.0), label=words, look={"color": colour, "lw": 7.0}))
-            marks.append(Note(f" {_percent(share)} ", share, at, look=look | ({"ha": "right"} if share < 0.0 else {})))
-        elif np.isfinite(share):
-            edge = {"ha": "left" if share < 0.0 else "right", "fontweight": "bold"}
-            marks.append(Note(f" off scale: {_percent(share)} ", np.sign(share) * reach, at, look=look | edge))
-    marks += [Note(f" {UNKNOWN}", 0.0, i, look={"va": "center"}) for i, group in lines if not group[-1]["sure"]]
-    across = Axis("per cent of the energy supplied", limits=(-reach, reach))
-    return Panel(title, across, Axis(names=[short(name) for name in names]), marks)
-
-
-def _supplied(group: Rows) -> float:
+def _supplied(rows: pd.DataFrame) -> float:
     """The energy supplied up to the last of these rows of one run."""
-    return float(supplied(column(group, "energy")[0], column(group, "input"))[-1])
+    return float(supplied(rows.energy.iloc[0], rows.input.to_numpy())[-1])
 
 
-def _share(group: Rows, name: str) -> float:
-    """Per cent of the energy supplied; NaN if that is zero or the loss is not known."""
-    most = _supplied(group)
-    return 100.0 * group[-1][name] / most if most > 0.0 else np.nan
+def _shares(axis: Axes, runs: dict[Any, pd.DataFrame], names: list[str]) -> None:
+    """Shares in contact and between impacts, a bar each in the line of its scheme."""
+    bars: list[tuple[float, float, str, str]] = []
+    for i, name in enumerate(names):
+        if name not in runs:
+            continue
+        most, last = _supplied(runs[name]), runs[name].iloc[-1]
+        if not last.sure:
+            axis.text(0.0, i, " not known", va="center", fontsize=7.5)
+        for part, words, colour, place in PARTS:
+            bars.append((i + place, 100.0 * last[part] / most if most > 0.0 else np.nan, words, colour))
+    reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
+    labelled: set[str] = set()
+    for at, share, words, colour in bars:
+        look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
+        if abs(share) <= MOST:
+            axis.barh(at, share, 0.3, color=colour, label=None if words in labelled else words)
+            labelled.add(words)
+            axis.text(share, at, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
+        elif np.isfinite(share):
+            where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
+            axis.text(where, at, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+    axis.axvline(0.0, color="0.5", lw=0.9)
+    axis.set_xlim(-reach, reach)
+    axis.set_yticks(range(len(names)), [short(name) for name in names], fontsize=8.5)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+    if labelled:
+        axis.legend(fontsize=8, loc="lower left")
 
 
 def _percent(share: float) -> str:
@@ -177,11 +173,3 @@ def _percent(share: float) -> str:
     if abs(share) < 0.05:
         return "0" if abs(share) < 1e-6 else "<0.1"
     return f"{share:.2g}" if abs(share) < 10.0 else f"{share:.0f}" if abs(share) < 1e4 else f"{share:.0e}"
-
-
-STUDY = declared(
-    __name__,
-    "How much energy does each scheme lose, in contact and between impacts?",
-    needs_motion=True,
-    smoke={"schemes": ["HHT(alpha=-0.1)", "BDF2"], "t_end": 0.05},
-)

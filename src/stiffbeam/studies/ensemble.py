@@ -1,139 +1,284 @@
 """Statistics past the horizon: distributions over many perturbed runs.
 
-Impacts and their rate, time in contact, largest forces, energy and spectra, with their spread over the members.
+Impacts and their rate, time in contact, durations of contacts, largest forces, energy and spectra, with their spread
+over the members. A duration lasts from the entry into a stop to the exit from it. Most contacts are short bounces, most
+of the time in contact is spent in a few long ones: so the table has the median over the contacts and the duration
+beyond which half of the time in contact is spent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.validation import integer
-from ..figures.chart import (
-    Axis,
-    Band,
-    Curve,
-    Level,
-    Mark,
-    Panel,
-    Picture,
-    Ranges,
-    column,
-    curves,
-    groups,
-    look,
-    short,
-    tip_symbol,
-)
+from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
 from ..measures.report import DASH, percent
-from ..model.members import SPREAD, perturbed_members
+from ..model.members import SPREAD, EnsembleMembers, perturbed_members
+from ..model.system import System
 from ..references.ensemble import reference_ensemble
-from ..schemes.labels import scheme_of as known_scheme
-from ..testset.integrators import RECORDED
-from ..trajectory.ensemble import Ensemble, Runs
+from ..testset.integrators import RECORDED, SCHEME, Integrator
+from ..trajectory.ensemble import Ensemble as RunsOfScheme
+from ..trajectory.ensemble import Runs
 from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
-from .interface import Answer, Point, Records, Row, Rows, by_contact, declared
+from .base import Answer, Row, Study, option
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution of durations
+SIDES = {1: "upper", -1: "lower"}
 SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
 HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 
-def points(
-    case: Case,
-    *,
-    schemes: common.Integrators = None,
-    form: common.Form,
-    dt: common.Dt,
-    t_end: common.End,
-    members: common.Members = 200,
-    size: Annotated[float, "of the perturbation, relative to the motion"] = SPREAD,
-    seed: Annotated[int, "seed of the perturbations"] = 1,
-    contact: common.Treatment = "implicit",
-) -> list[Point]:
-    """The exact solution and every scheme at ``dt`` (the case's), from the same ``members`` initial data, which differ
-    by ``size`` relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the
-    members: perturb them by ``perturbed_members``."""
-    integer("members", members, 2)  # one has no spread
-    shared: Point = {
-        "form": form, "dt": dt, "t_end": t_end,
-        "members": members, "size": size, "seed": seed, "contact": contact,
+@dataclass(frozen=True, kw_only=True)
+class Ensemble(Study):
+    """Past the horizon, do the schemes at least have the right distribution of impacts, durations, forces and spectra?
+
+    The exact solution and every integrator start from the same ``members`` initial data, which differ by ``size``
+    relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the members:
+    perturb them by ``perturbed_members``.
+    """
+
+    schemes: common.Labels = option(
+        None, "comma-separated schemes, reference solvers and functions module:function; default: all schemes"
+    )
+    form: str | None = common.form()
+    members: int = option(200, "perturbed runs of each method", least=2)
+    size: float = option(SPREAD, "of the perturbation, relative to the motion")
+    seed: int = option(1, "seed of the perturbations", least=0)
+    contact: str = common.treatment()
+
+    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "members": 8}
+    needs_motion: ClassVar = True
+    needs_stops: ClassVar = True
+    all_cores: ClassVar = True
+    height: ClassVar = 8.6
+    labels: ClassVar = {
+        "count": ("impacts", ""), "fraction": ("share of the time in contact, %", ""),
+        "energy_lost": ("energy lost", "energy"), "force": (r"peak force of an impact $\max|\sigma|$", "force"),
+        "duration": ("duration of a contact", "time"), "level": ("share of the contacts that are shorter", ""),
     }  # fmt: skip
-    plan: list[Point] = [{"method": "exact"} | shared]
-    for one in common.integrators_of(case, schemes):
-        if one.kind == RECORDED:
-            runs = [run["recorded"] for run in common.recorded_points(one, case.system(form))]
-            integer(f"members of {one.label}", len(runs), 2)
-            plan.append(shared | {"method": one.label, "members": len(runs), "recorded": runs})
-        elif one.label != "exact":
-            plan.append({"method": one.label} | shared)
-    return plan
 
+    def points(self, case: Case) -> list[Row]:
+        """The exact solution and every integrator."""
+        picked = common.chosen(case, self.schemes)
+        for label, one in picked.items():
+            if one.kind == RECORDED:
+                integer(f"members of {label}", len(one.source), 2)
+        return [{"method": method} for method in dict.fromkeys(["exact", *picked])]
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of members, quantiles of peak forces and the spectrum, of one method."""
-    system = case.system(point["form"])
-    dt, t_end = point["dt"], point["t_end"]
-    members = perturbed_members(system, point["members"], point["size"], point["seed"], t_end=t_end)
-    recorded, scheme = point.get("recorded"), None if point["method"] == "exact" else known_scheme(point["method"])
-    many: Ensemble | Runs
-    every = common.to_the_end(round(t_end / dt), SAMPLES)
-    t = np.arange(0, round(t_end / dt) + 1, every) * dt
-    if point["method"] == "exact":
-        many = reference_ensemble(system, t_end, members, t)
-    elif scheme is None or recorded:
-        each = recorded or [None] * len(members)
-        many = Runs.of([
-            _sampled(common.run_of(point["method"], one, member, dt, t_end), t)
-            for one, member in zip(each, members, strict=True)
-        ])  # fmt: skip
-    else:
-        many = integrate_ensemble(system, scheme, dt, t_end, members, point["contact"], every)
-    if np.all(np.isfinite(many.diverged)):
-        raise Diverged(point["method"], float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
-    whole = ~np.isfinite(many.diverged)
-    drive = drive_frequency(system)
-    response = drive_amplitude(t, many.tip, drive)
-    losses = np.full((len(many), 2), np.nan)
-    # The exact flow loses nothing; the runs of a function may hold no states.
-    if isinstance(many, Ensemble) and point["method"] != "exact":
-        for i in np.flatnonzero(whole)[:LEDGERS]:
-            ledger = many.ledger(i)
-            losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
-    rows: list[Row] = []
-    for number, seen in enumerate(many.contacts, 1):
-        response, losses = (x if number == 1 else np.full_like(x, np.nan) for x in (response, losses))  # of the run
-        rows += [
-            {
-                "kind": "member", "member": i, "contact_number": number, "count": int(seen.impact_count[i]),
-                "fraction": float(seen.fraction[i]), "peak_force": float(seen.peak_force[i]),
-                "impulse": float(seen.impulse[i]), "diverged": not bool(whole[i]),
-                "drive_amplitude": float(np.abs(response[i])), "drive_phase": float(np.angle(response[i])),
-                "energy_lost": losses[i, 0], "energy_had": losses[i, 1],
+    def members_of(self, case: Case, system: System) -> EnsembleMembers:
+        """Systems with perturbed starts."""
+        return perturbed_members(system, self.members, self.size, self.seed, t_end=case.t_end)
+
+    def run(self, case: Case, method: str) -> list[Row]:
+        """Rows of members, quantiles of peak forces and of durations, and the spectrum."""
+        system, dt, t_end = case.system(self.form), case.dt, case.t_end
+        members = self.members_of(case, system)
+        every = common.to_the_end(round(t_end / dt), SAMPLES)
+        t = np.arange(0, round(t_end / dt) + 1, every) * dt
+        many: RunsOfScheme | Runs
+        one = None if method == "exact" else common.chosen(case, self.schemes)[method]
+        if one is None:
+            many = reference_ensemble(system, t_end, members, t)
+        elif one.kind == SCHEME:
+            many = integrate_ensemble(system, one.source, dt, t_end, members, self.contact, every)
+        else:
+            many = Runs.of(_runs(one, system, members, dt, t_end, t))
+        if np.all(np.isfinite(many.diverged)):
+            raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
+        whole = ~np.isfinite(many.diverged)
+        drive = drive_frequency(system)
+        response = drive_amplitude(t, many.tip, drive)
+        losses = np.full((len(many), 2), np.nan)
+        # The exact flow loses nothing; the runs of a function may hold no states.
+        if isinstance(many, RunsOfScheme) and method != "exact":
+            for i in np.flatnonzero(whole)[:LEDGERS]:
+                ledger = many.ledger(i)
+                losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
+        rows: list[Row] = []
+        for number, contact in enumerate(many.contacts, 1):
+            of_run = number == 1
+            rows += [
+                {
+                    "kind": "member", "member": i, "contact_number": number, "count": int(contact.impact_count[i]),
+                    "fraction": float(contact.fraction[i]), "peak_force": float(contact.peak_force[i]),
+                    "impulse": float(contact.impulse[i]), "diverged": not bool(whole[i]),
+                    "drive_amplitude": float(np.abs(response[i])) if of_run else np.nan,
+                    "drive_phase": float(np.angle(response[i])) if of_run else np.nan,
+                    "energy_lost": losses[i, 0] if of_run else np.nan,
+                    "energy_had": losses[i, 1] if of_run else np.nan,
+                }
+                for i in range(len(many))
+            ]  # fmt: skip
+            peaks = contact.impacts.peaks[np.isfinite(contact.impacts.peaks)]
+            peak: Row = {"kind": "peak", "contact_number": number}
+            rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
+            rows += _durations(number, contact.impacts, len(many))
+        return rows + _spectrum(t, many.tip[whole], drive)
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
+        numbers = sorted(table.contact_number.dropna().unique())
+        answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
+        if len(answers) == 1:
+            return answers[0]
+        for n, each in zip(numbers, answers, strict=True):
+            each.table.insert(0, "contact", f"{n:g}")
+        verdict = " ".join(f"At contact {n:g}: {each.verdict}" for n, each in zip(numbers, answers, strict=True))
+        return Answer(verdict, pd.concat([each.table for each in answers]), answers[0].notes)
+
+    def _of_contact(self, table: pd.DataFrame, case: Case) -> Answer:
+        exact, units = distribution(table, "exact", "count"), case.units
+        if not len(exact):
+            return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
+        end, dt = (units.measure(value, "time", "g") for value in (case.t_end, case.dt))
+        small, means = list[Row](), dict[str, float]()
+        for method in table.method.unique():
+            count, share, force, lost, had = (
+                distribution(table, method, name)
+                for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
+            )
+            if not len(count):
+                continue
+            off, interval = difference(count, exact)
+            if method != "exact":
+                means[method] = float(np.mean(count))
+            line = {
+                "method": short(method),
+                "impacts": _spread(count),
+                "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
+                f"impacts per {units.time if units.known else 'unit of time'}": _spread(count / case.t_end),
+                "contact, %": _spread(100 * share, 2),
+                units.label("largest force", "force"): _spread(force, 4),
+                units.label("energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}" if len(lost) else DASH,
+                "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
             }
-            for i in range(len(many))
-        ]  # fmt: skip
-        peaks = seen.impacts.peaks[np.isfinite(seen.impacts.peaks)]
-        peak = {"kind": "peak", "contact_number": number}
-        rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
-    return rows + _spectrum(t, many.tip[whole], drive)
+            summaries = table[(table.kind == "summary") & (table.method == method)]
+            for row in summaries.to_dict("records"):
+                texts = [units.measure(row[name], "time", ".2g") for name in ("median", "half_time")]
+                line[f"durations, {row['stop']} stop"] = f"median {texts[0]}, half of the time from {texts[1]}"
+            small.append(line)
+        counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+        over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
+        share = percent(_mean(distribution(table, "exact", "fraction")))
+        return Answer(
+            f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
+            f"t = {end} and is in contact {share} of the time{counted}.",
+            pd.DataFrame(small),
+            f"Members perturbed by {self.size:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
+            "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the "
+            f"loads{over}. The largest force grows with the span. Half of the time in contact is spent in longer "
+            "contacts than stated.",
+        )
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
+        labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
+        groups = [
+            (str(method), f" at contact {n:g}" if several else "", rows)
+            for (method, n), rows in table.groupby(["method", "contact_number"], sort=False)
+        ]
+        figure.set_figheight(max(8.6, 3.9 + 0.35 * len(groups)))
+        grid = figure.add_gridspec(2, 6)
+        end = case.units.measure(case.t_end, "time", "g")
+        panels = [("count", 1.0, "impacts, member by member"), ("fraction", 100.0, "time in contact"),
+                  ("energy_lost", 1.0, f"energy lost, {LEDGERS} members")]  # fmt: skip
+        axis = None
+        for i, (name, scale, title) in enumerate(panels):
+            axis = figure.add_subplot(grid[0, 2 * i : 2 * i + 2], sharey=axis)
+            _dots(axis, groups, name, scale)
+            span = "" if name == "fraction" else f" to t = {end}"
+            text, quantity = self.labels[name]
+            axis.set(title=title, xlabel=case.units.label(text + span, quantity))
+            axis.tick_params(labelleft=not i)
+            axis.locator_params(axis="x", nbins=4)
+        axis = figure.add_subplot(grid[1, :2])
+        _peaks(axis, groups)
+        axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
+        axis = figure.add_subplot(grid[1, 2:4])
+        for (label, _), rows in table[table.kind == "quantile"].groupby(["method", "stop"], sort=False):
+            style = look(str(label)) | {"marker": "", "lw": 1.1}
+            axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
+        log_scale(axis, y=False)
+        axis.set(title="durations of contacts", xlabel=labels["duration"], ylabel=labels["level"], ylim=(0.0, 1.0))
+        axis = figure.add_subplot(grid[1, 4:])
+        self._spectra(axis, table[table.kind == "spectrum"], case)
+        shared_legend(figure, 5)
+
+    def _spectra(self, axis: Axes, rows: pd.DataFrame, case: Case) -> None:
+        across, label, quantity = case.units.cycles(rows.omega)
+        rows = rows.assign(across=across)
+        lines(axis, rows, "across", "amplitude", "method", marker="")
+        exact = rows[rows.method == "exact"]
+        if len(exact):
+            axis.fill_between(exact.across, exact.low, exact.high, color="0.82", lw=0, zorder=0, label="exact, 90 %")
+        log_scale(axis, x=False)
+        if (top := rows.amplitude.max()) > 0.0:
+            axis.set_ylim(1e-4 * top, 2.0 * top)
+        up = case.units.label(f"mean amplitude of {tip_symbol(case.beam)}", "length")
+        axis.set(title="spectra, mean over the members", xlabel=case.units.label(label, quantity), ylabel=up)
+
+
+def _runs(
+    one: Integrator, system: System, members: EnsembleMembers, dt: float, t_end: float, t: Array
+) -> list[Trajectory]:
+    """A run of each member, or the recorded ones, with the tip at the times t (k,)."""
+    if one.kind == RECORDED:
+        for run in one.source:
+            common.recorded_at(replace(one, source=(run,)), system, dt)
+        runs = [common.part_of(run, system, t_end, one.label) for run in one.source]
+    else:
+        runs = [one.run(member, dt, t_end) for member in members]
+    return [_sampled(run, t) for run in runs]
 
 
 def _sampled(run: Trajectory, t: Array) -> Trajectory:
     """Return the run with its tip at the times t (k,)."""
     spline = CubicHermiteSpline(run.t, run.tip, run.tip_velocity)
     return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
+
+
+def _durations(number: int, impacts: Any, members: int) -> list[Row]:
+    """The distribution of durations over all contacts of all members, stop by stop; open ones are counted."""
+    rows: list[Row] = []
+    for side, name in SIDES.items():
+        durations = impacts.durations[impacts.stops == side]
+        closed = np.sort(durations[np.isfinite(durations)])
+        if not len(closed):
+            continue
+        where: Row = {"contact_number": number, "stop": name}
+        rows.append(where | {
+            "kind": "summary", "contacts": len(closed) / members, "open": (len(durations) - len(closed)) / members,
+            "mean": float(np.mean(closed)), "median": float(np.median(closed)), "half_time": half_time(closed),
+            "longest": float(closed[-1]),
+        })  # fmt: skip
+        levels = zip(LEVELS, np.quantile(closed, LEVELS), strict=True)
+        rows += [where | {"kind": "quantile", "level": float(q), "duration": float(d)} for q, d in levels]
+    return rows
+
+
+def half_time(durations: Array) -> float:
+    """The duration of the contact in which half of the time in contact is reached, from the shortest on."""
+    durations = np.sort(durations)
+    spent = np.cumsum(durations)
+    return float(durations[np.searchsorted(spent, 0.5 * spent[-1])])
 
 
 def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
@@ -149,11 +294,12 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
     ]  # fmt: skip
 
 
-def distribution(rows: Rows, method: str, quantity: str) -> Array:
+def distribution(table: pd.DataFrame, method: str, quantity: str) -> Array:
     """The values of ``quantity``, of one contact, over the members that reached the end and have it. A rigid stop has
     a largest force, 0, only where nothing touches it, which is no distribution."""
-    group = [r for r in rows if r["kind"] == "member" and r["method"] == method and not r["diverged"]]
-    values = np.array([r[quantity] for r in group], float)
+    rows = table[(table.kind == "member") & (table.method == method)]
+    rows = rows[~rows.diverged.astype(bool)]
+    values = rows[quantity].to_numpy(float) if quantity in rows else np.zeros(0)
     known = np.isfinite(values)
     return values[known & (np.all(known) | (quantity != "peak_force"))]
 
@@ -187,46 +333,6 @@ def too_uncertain(scatter: Mapping[str, float], n: int, want: Mapping[str, float
     return reasons
 
 
-def answer(rows: Rows, case: Case) -> Answer:
-    """Impacts, time in contact, forces and energy of every method at one contact, against the exact ensemble."""
-    exact, units, first = distribution(rows, "exact", "count"), case.units, rows[0]
-    if not len(exact):
-        return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-    end, dt = (units.measure(first[name], "time", "g") for name in ("t_end", "dt"))
-    table, means = [], {}
-    for method in dict.fromkeys(r["method"] for r in rows):
-        count, share, force, lost, had = (
-            distribution(rows, method, name)
-            for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
-        )
-        if not len(count):
-            continue
-        off, interval = difference(count, exact)
-        if method != "exact":
-            means[method] = float(np.mean(count))
-        table.append({
-            "method": short(method),
-            "impacts": _spread(count),
-            "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
-            f"impacts per {units.time if units.known else 'unit of time'}": _spread(count / first["t_end"]),
-            "contact, %": _spread(100 * share, 2),
-            units.label("largest force", "force"): _spread(force, 4),
-            units.label("energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}" if len(lost) else DASH,
-            "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
-        })  # fmt: skip
-    counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
-    over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
-    share = percent(_mean(distribution(rows, "exact", "fraction")))
-    return Answer(
-        f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
-        f"t = {end} and is in contact {share} of the time{counted}.",
-        table,
-        f"Members perturbed by {first['size']:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
-        "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the loads"
-        f"{over}. The largest force grows with the span.",
-    )
-
-
 def _mean(values: Array) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
@@ -239,75 +345,34 @@ def _spread(values: Array, digits: int = 3) -> str:
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
 
 
-def picture(records: Records) -> Picture:
-    """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
-    rows, beam = records.numbers, records.case.beam
-    lines = [
-        (method, place, group)
-        for method, mine in groups(rows, "method").items()
-        for place, group in by_contact(mine).items()
-    ]
-    names = Axis(names=[short(method) + place for method, place, _ in lines])
-    end = records.case.units.measure(rows[0]["t_end"], "time", "g")
-    force = Axis(r"peak force of an impact $\max|\sigma|$", "force", "log")
-    units = records.case.units
-    _, label, quantity = units.cycles(0.0)
-    spectra = [row | {"across": float(units.cycles(row["omega"])[0])} for row in rows if row["kind"] == "spectrum"]
-    exact = [row for row in spectra if row["method"] == "exact"]
-    top = max((row["amplitude"] for row in spectra if row["amplitude"] > 0.0), default=np.nan)
-    amplitudes = curves(spectra, "across", "amplitude", "method", exact=2.0, marker="")
-    if exact:
-        at, low, high = (column(exact, name) for name in ("across", "low", "high"))
-        amplitudes.append(Band(low, high, at, "exact, 90 %"))
-    across = Axis(label, quantity)
-    limits = (1e-4 * top, 2.0 * top) if np.isfinite(top) else (None, None)
-    up = Axis(f"mean amplitude of {tip_symbol(beam)}", "length", "log", limits)
-    return Picture([
-        [
-            Panel("impacts, member by member", Axis(f"impacts to t = {end}"), names, _dots(lines, "count")),
-            Panel("time in contact", Axis("share of the time in contact, %"), names, _dots(lines, "fraction", 100.0)),
-            Panel(f"energy lost, {LEDGERS} members", Axis(f"energy lost to t = {end}", "energy"), names,
-                  [*_dots(lines, "energy_lost"), Level(0.0, of="x", look={"color": "black"})]),
-        ],
-        [
-            Panel("forces: median, 50 %, 90 %", force, names, _peaks(lines)),
-            Panel("spectra, mean over the members", across, up, amplitudes),
-        ],
-    ], max(8.6, 3.9 + 0.3 * len(lines)), 5)  # fmt: skip
+def _lines_of(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]]) -> None:
+    axis.set_yticks(range(len(groups)), [short(method) + place for method, place, _ in groups], fontsize=8.5)
+    axis.set_ylim(len(groups) - 0.4, -0.6)
 
 
-def _dots(lines: list[tuple[str, str, list[Row]]], quantity: str, scale: float = 1.0) -> list[Mark]:
+def _dots(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]], quantity: str, scale: float) -> None:
     """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
-    jitter, marks = np.random.default_rng(0), list[Mark]()
-    for i, (method, _, rows) in enumerate(lines):
+    jitter = np.random.default_rng(0)
+    for i, (method, _, rows) in enumerate(groups):
         values, colour = scale * distribution(rows, method, quantity), look(method)["color"]
         if len(values):
             heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
-            dots = {"linestyle": "", "marker": ".", "ms": 3, "color": colour, "alpha": 0.45}
-            bar = Curve([mean, mean], [i - 0.38, i + 0.38], look={"color": colour, "lw": 2.2})
-            marks += [Curve(values, heights, look=dots), bar]
-            marks += [Level(mean, of="x", look={"color": "black"})] if method == "exact" else []
-    return marks
+            axis.plot(values, heights, ".", ms=3, color=colour, alpha=0.45)
+            axis.plot([mean, mean], [i - 0.38, i + 0.38], color=colour, lw=2.2)
+            if method == "exact":
+                axis.axvline(mean, color="black", lw=0.9, ls=":")
+    if quantity == "energy_lost":
+        axis.axvline(0.0, color="black", lw=0.9, ls=":")
+    _lines_of(axis, groups)
 
 
-def _peaks(lines: list[tuple[str, str, list[Row]]]) -> list[Mark]:
+def _peaks(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]]) -> None:
     """Quantiles of the peak force of all impacts."""
-    marks = list[Mark]()
-    for i, (method, _, rows) in enumerate(lines):
-        if group := [row for row in rows if row["kind"] == "peak"]:
-            force, colour = column(group, "force"), look(method)["color"]
-            marks += [Ranges(i, force[k], force[-1 - k], look={"color": colour, "lw": width})
-                      for k, width in ((0, 1.2), (1, 5.0))]  # fmt: skip
-            marks.append(Curve(force[2], i, look={"marker": "o", "mfc": "white", "color": colour, "linestyle": ""}))
-    return marks
-
-
-STUDY = declared(
-    __name__,
-    "Past the horizon, do the schemes at least have the right distribution of impacts, forces and spectra?",
-    needs_motion=True,
-    needs_stops=True,
-    all_cores=True,
-    each_contact=True,
-    smoke={"schemes": ["HHT(alpha=-0.1)"], "members": 8, "t_end": 0.7},
-)
+    for i, (method, _, rows) in enumerate(groups):
+        force, colour = rows.force[rows.kind == "peak"].to_numpy() if "force" in rows else [], look(method)["color"]
+        if len(force):
+            for k, width in ((0, 1.2), (1, 5.0)):
+                axis.hlines(i, force[k], force[-1 - k], color=colour, lw=width)
+            axis.plot(force[2], i, "o", mfc="white", color=colour)
+    log_scale(axis, y=False)
+    _lines_of(axis, groups)

@@ -11,27 +11,25 @@ The section of the exact solution or of a scheme, once a period, lies below (swe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
+import pandas as pd
 
-from ..basics.arrays import Array
-from ..basics.validation import InputError, integer, near, number
-from ..figures.chart import Axis, Curve, Level, Mark, Panel, Picture, column, groups, tip_name, tip_symbol
+from ..basics.validation import InputError, near, number
+from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
-from . import sweep
-from .common import Form, Treatment
-from .interface import Answer, Point, Records, Row, Rows, declared
+from . import common
+from .base import Answer, Row, Study, option
 from .parameters import (
     EXACT,
     PARAMETERS,
-    Couple,
     Coupling,
-    Values,
     couplings,
     drive_period,
     is_path,
@@ -39,6 +37,10 @@ from .parameters import (
     quantity_of,
     setup_of,
 )
+from .sweep import Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SETTLE, AGAIN, STARTS = 60, 7, 3  # periods before the first search, between searches; searches at a value
 STEPS = (20, 50)  # least and most values of a branch
@@ -54,52 +56,137 @@ Maker = Callable[[float], tuple[System, float]]  # system and period of the orbi
 Branch = list[tuple[float, Orbit]]
 
 
-def points(
-    case: Case,
-    *,
-    parameter: Annotated[
-        str, "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping"
-    ] = "frequency",
-    values: Values = None,
-    couple: Couple = None,
-    length: Annotated[int, "periods of the drive after which the orbit repeats itself"] = 1,
-    method: Annotated[str, "method of the diagram below the branch: exact, or a scheme"] = EXACT,
-    form: Form,
-    contact: Treatment = "implicit",
-    dt: Annotated[float, "time step of a scheme, rounded to one that divides the period; default: the case's"],
-    periods: Annotated[int, "periods of the drive in the diagram"] = 16,
-    transient: Annotated[int, "periods of the drive before those of the diagram"] = 32,
-    count: Annotated[int, "number of drive frequencies if no values are given"] = 40,
-) -> list[Point]:
-    """The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
+@dataclass(frozen=True, kw_only=True)
+class Orbits(Study):
+    """Which periodic orbits are there over a parameter, stable or not, and where do they change?
 
+    The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
     The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
     0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic. By
-    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``. Limitation: a
-    branch ends where it turns back, at a fold.
+    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``.
+    Limitation: a branch ends where it turns back, at a fold.
     """
-    integer("length", length, 1)
-    if drive_period(case.system(form), parameter) is None:
-        remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
-        raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-    if parameter not in PARAMETERS and not is_path(parameter):
-        rule = "be one of the system, a branch is one of the exact solution"
-        raise InputError("parameter", parameter, rule, near(parameter, PARAMETERS))
-    texts = _texts(couple)
-    diagram = sweep.points(
-        case, parameter=parameter, values=values, couple=texts or None, method=method, form=form, contact=contact,
-        dt=dt, count=count, periods=periods, transient=transient,
-    )  # fmt: skip
-    along = [float(each[0]) for part in diagram for each in part["values"]]
-    if min(along) == max(along):
-        raise InputError("values", values, "span a range", "for example 8:14:60")
-    branch = {
-        "kind": "branch", "parameter": parameter, "couple": texts, "form": form, "length": length,
-        "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
-    }  # fmt: skip
-    for end in (min(along), max(along)):
-        require_periodic(*_maker(case, branch)(end))
-    return [branch, *diagram]
+
+    parameter: str = option(
+        "frequency",
+        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping",
+    )
+    values: common.Values = option(None, common.VALUES)
+    couple: common.Couple = option(None, common.COUPLE)
+    length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
+    method: str = option(EXACT, "method of the diagram below the branch: exact, or a scheme")
+    form: str | None = common.form()
+    contact: str = common.treatment()
+    periods: int = option(16, "periods of the drive in the diagram", least=1)
+    transient: int = option(32, "periods of the drive before those of the diagram", least=0)
+    count: int = option(40, "number of drive frequencies if no values are given", least=1)
+
+    smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
+    named_by: ClassVar = ("parameter",)
+    height: ClassVar = 8.8
+
+    def points(self, case: Case) -> list[Row]:
+        """The branch, and the points of the diagram."""
+        if drive_period(case.system(self.form), self.parameter) is None:
+            remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
+            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
+        if self.parameter not in PARAMETERS and not is_path(self.parameter):
+            rule = "be one of the system, a branch is one of the exact solution"
+            raise InputError("parameter", self.parameter, rule, near(self.parameter, PARAMETERS))
+        texts = _texts(self.couple)
+        diagram = self._diagram().points(case)
+        along = [float(each[0]) for part in diagram for each in part["values"]]
+        if min(along) == max(along):
+            raise InputError("values", along, "span a range", "for example 8:14:60")
+        branch: Row = {
+            "kind": "branch", "parameter": self.parameter, "couple": texts, "form": self.form or case.forms[0],
+            "length": self.length, "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
+        }  # fmt: skip
+        for end in (min(along), max(along)):
+            require_periodic(*_maker(case, branch)(end))
+        return [branch, *diagram]
+
+    def _diagram(self) -> Sweep:
+        return Sweep(
+            parameter=self.parameter, values=self.values, couple=_texts(self.couple) or None, method=self.method,
+            form=self.form, contact=self.contact, count=self.count, periods=self.periods, transient=self.transient,
+        )  # fmt: skip
+
+    def run(self, case: Case, **point: Any) -> list[Row]:
+        """Rows of the branch with its changes of stability, or the section at some values."""
+        if point.get("kind") != "branch":
+            rows = self._diagram().run(case, **point)
+            return [row for row in rows if row.get("kind") == "section" or "lost" in row]
+        make, name, (low, high) = _maker(case, point), point["parameter"], point["limits"]
+        grid, reason = np.linspace(low, high, point["steps"]).tolist(), ""
+        for value, first in _starts(make, np.linspace(low, high, 3)[[1, 0, 2]].tolist()):
+            if isinstance(first, str):
+                reason = reason or first
+                continue
+            # From the first orbit to both ends of the range.
+            down, *ends = follow(make, [value, *(x for x in reversed(grid) if x < value)], first)
+            up, end = follow(make, [value, *(x for x in grid if x > value)], first)
+            branch = [*reversed(down[1:]), *up]
+            rows = [row for k, (x, orbit) in enumerate(branch) for row in _rows(name, k, x, orbit, point["length"])]
+            rows += [{"kind": "change", name: x, **rest} for x, rest in _changes(make, branch)]
+            return rows + [{"kind": "end", "reason": text} for text in (*ends, end) if text]
+        return [{"kind": "end", "reason": reason}]
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """The values at which the orbit gains or loses its stability, where the branch ends, and a table of them."""
+        orbits, changes = (_of_kind(table, kind) for kind in ("orbit", "change"))
+        ends = [row["reason"] for row in _of_kind(table, "end")]
+        if not orbits:
+            return Answer(f"No orbit was found: {'; '.join(ends)}.")
+        name, first = self.parameter, [row for row in orbits if row["phase"] == 0]
+        units, quantity, length = case.units, quantity_of(case, name), self.length
+
+        def value(row: Row, digits: int) -> str:
+            return units.measure(f"{row[name]:.{digits if row['located'] else 4}g}", quantity)
+
+        small = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
+        said = "; ".join(
+            f"{row['what']} {'at' if row['located'] else 'near'} {value(row, 6)}: {_said(row)}"
+            for row in changes[:TOLD]
+        )
+        said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
+        low, high = (pick(row[name] for row in first) for pick in (min, max))
+        return Answer(
+            f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
+            f"{units.measure(f'{low:g} to {high:g}', quantity)}: {said or first[0]['stability'] + ' all along'}.",
+            pd.DataFrame(small),
+            " ".join(f"The branch ends {reason}." for reason in ends),
+        )
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """The branch over the section; the multipliers in the complex plane."""
+        name, orbits, section = self.parameter, table[table.kind == "orbit"], table[table.kind == "section"]
+        above, plane = figure.subplots(2, 1, height_ratios=(1.35, 1.0))
+        if len(section):
+            label = f"section, {section.method.iloc[0]}"
+            above.plot(section[name], section.tip, ".", ms=3.4, mew=0.0, color="0.35", alpha=0.6, label=label)
+        for kind, rows in orbits.groupby("stability", sort=False) if len(orbits) else ():
+            above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
+        for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
+            above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
+        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        title = "orbits and the tip once a period $T$ of the drive"
+        above.set(title=title, xlabel=named(case, name), ylabel=tip)
+        panel_legend(above, below=True)
+        angle = np.linspace(0.0, 2.0 * np.pi, 181)
+        plane.plot(np.cos(angle), np.sin(angle), color="0.5", lw=0.9)
+        for kind, rows in orbits[orbits.phase == 0].groupby("stability") if len(orbits) else ():
+            for part in ("", "second_"):
+                plane.plot(rows[f"{part}real"], rows[f"{part}imag"], ".", ms=4, color=COLOUR[str(kind)], alpha=0.7)
+        plane.set(
+            title="two leading multipliers", xlabel="real part", ylabel="imaginary part", xlim=(-1.8, 1.8),
+            ylim=(-1.2, 1.2), aspect="equal",
+        )  # fmt: skip
+
+
+def _of_kind(table: pd.DataFrame, kind: str) -> list[Row]:
+    rows = table[table.kind == kind]
+    return rows.dropna(axis="columns", how="all").to_dict("records")
 
 
 def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
@@ -112,7 +199,7 @@ def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
     return [couple] if isinstance(couple, str) else list(couple or ())
 
 
-def _maker(case: Case, point: Point) -> Maker:
+def _maker(case: Case, point: Row) -> Maker:
     system, rules = case.system(point["form"]), couplings(point["couple"])
     shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
 
@@ -121,26 +208,6 @@ def _maker(case: Case, point: Point) -> Maker:
         return setup.system, point["length"] * setup.period
 
     return make
-
-
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of the branch with its changes of stability, or the section at some values."""
-    if point.get("kind") != "branch":
-        return [row for row in sweep.evaluate(case, point) if row.get("kind") == "section" or "refused" in row]
-    make, name, (low, high) = _maker(case, point), point["parameter"], point["limits"]
-    grid, reason = np.linspace(low, high, point["steps"]).tolist(), ""
-    for value, first in _starts(make, np.linspace(low, high, 3)[[1, 0, 2]].tolist()):
-        if isinstance(first, str):
-            reason = reason or first
-            continue
-        # From the first orbit to both ends of the range.
-        down, *ends = follow(make, [value, *(x for x in reversed(grid) if x < value)], first)
-        up, end = follow(make, [value, *(x for x in grid if x > value)], first)
-        branch = [*reversed(down[1:]), *up]
-        rows = [row for k, (x, orbit) in enumerate(branch) for row in _rows(name, k, x, orbit, point["length"])]
-        rows += [{"kind": "change", name: x, **rest} for x, rest in _changes(make, branch)]
-        return rows + [{"kind": "end", "reason": text} for text in (*ends, end) if text]
-    return [{"kind": "end", "reason": reason}]
 
 
 def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit | str]]:
@@ -263,75 +330,6 @@ def _said(row: Row) -> str:
     return f"{below} on both sides" if below == above else f"{below} below, {above} above"
 
 
-def answer(rows: Rows, case: Case) -> Answer:
-    """The values at which the orbit gains or loses its stability, where the branch ends, and a table of the changes."""
-    kinds = groups([row for row in rows if "kind" in row], "kind")
-    orbits, ends = kinds.get("orbit", []), [row["reason"] for row in kinds.get("end", [])]
-    if not orbits:
-        return Answer(f"No orbit was found: {'; '.join(ends)}.")
-    name, first = orbits[0]["parameter"], [row for row in orbits if row["phase"] == 0]
-    units, quantity, length = case.units, quantity_of(case, name), orbits[0]["length"]
-
-    def value(row: Row, digits: int) -> str:
-        return units.measure(f"{row[name]:.{digits if row['located'] else 4}g}", quantity)
-
-    changes = kinds.get("change", [])
-    table = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
-    said = "; ".join(
-        f"{row['what']} {'at' if row['located'] else 'near'} {value(row, 6)}: {_said(row)}" for row in changes[:TOLD]
-    )
-    said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
-    low, high = (pick(row[name] for row in first) for pick in (min, max))
-    return Answer(
-        f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
-        f"{units.measure(f'{low:g} to {high:g}', quantity)}: {said or first[0]['stability'] + ' all along'}.",
-        table,
-        " ".join(f"The branch ends {reason}." for reason in ends),
-    )
-
-
 def named_plainly(name: str) -> str:
     """A parameter in a sentence."""
     return name if is_path(name) else name.replace("-", " ")
-
-
-def picture(records: Records) -> Picture:
-    """The branch over the section; the multipliers in the complex plane."""
-    rows, case = records.numbers, records.case
-    kinds = groups([row for row in rows if "kind" in row], "kind")
-    orbits, section = kinds.get("orbit", []), kinds.get("section", [])
-    name = (orbits or section or rows)[0]["parameter"]
-    dots = {"linestyle": "", "marker": ".", "ms": 3.4, "mew": 0.0, "color": "0.35", "alpha": 0.6, "rasterized": True}
-    marks: list[Mark] = []
-    if section:
-        marks.append(Curve.over(section, name, "tip", f"section, {section[0].get('method', EXACT)}", dots))
-    for kind, group in groups(orbits, "stability").items():
-        style = {"linestyle": "", "marker": ".", "ms": 5, "color": COLOUR[str(kind)]}
-        marks.append(Curve.over(group, name, "tip", str(kind), style))
-    for kind, group in groups(kinds.get("change", []), "what").items():
-        style = {"linestyle": "", "marker": MARKER[str(kind)], "color": "black", "ms": 6, "zorder": 4, "mfc": "none"}
-        marks.append(Curve.over(group, name, "tip", str(kind), style))
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    plane: list[Mark] = [Curve(np.cos(angle), np.sin(angle), look={"color": "0.5", "lw": 0.9}),
-                         Level(0.0, look={"color": "0.85"}), Level(0.0, of="x", look={"color": "0.85"})]  # fmt: skip
-    for kind, group in groups([row for row in orbits if row["phase"] == 0], "stability").items():
-        style = {"linestyle": "", "marker": ".", "ms": 4, "color": COLOUR[str(kind)], "alpha": 0.7}
-        both: list[Array] = [
-            np.concatenate([column(group, f"{x}{part}") for x in ("", "second_")]) for part in ("real", "imag")
-        ]
-        plane.append(Curve(both[0], both[1], look=style))
-    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
-    title = "orbits and the tip once a period $T$ of the drive"
-    circle = Panel("two leading multipliers", Axis("real part", limits=(-1.8, 1.8)),
-                   Axis("imaginary part", limits=(-1.2, 1.2)), plane, empty="no orbit", equal=True)  # fmt: skip
-    return Picture(
-        [[Panel(title, Axis(named(case, name)), tip, marks, legend="below")], [circle]], 8.8, heights=(1.35, 1.0)
-    )
-
-
-STUDY = declared(
-    __name__,
-    "Which periodic orbits are there over a parameter, stable or not, and where do they change?",
-    named_by=("parameter",),
-    smoke={"count": 4, "periods": 3, "transient": 1},
-)

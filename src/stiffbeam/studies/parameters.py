@@ -6,7 +6,7 @@ import ast
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +20,10 @@ from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Drive, Harmonic
 from ..schemes import Scheme
-from .common import scheme_of
-from .interface import Point
+from .base import Row
+from .common import chosen_schemes
 
 EXACT = "exact"
-
-# Options that ``sweep`` and ``orbits`` share.
-Values = Annotated[
-    Sequence[float] | None, "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
-]
 
 
 def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
@@ -127,22 +122,22 @@ def is_path(parameter: str) -> bool:
     return "." in parameter or "[" in parameter
 
 
-def parameters_of(method: str) -> list[str]:
-    """The names that can be varied with this method."""
-    if method == EXACT:
+def parameters_of(scheme: Scheme | None) -> list[str]:
+    """The names that can be varied with this method; None: the exact solution."""
+    if scheme is None:
         return list(PARAMETERS)
-    parameters = scheme_of(method).parameters
-    return [*PARAMETERS, "dt", *(name for name, value in parameters.items() if not isinstance(value, bool))]
+    own = (name for name, value in scheme.parameters.items() if not isinstance(value, bool))
+    return [*PARAMETERS, "dt", *own]
 
 
-def method_of(point: Point) -> Scheme | None:
-    """The scheme of a point, None for the exact solution."""
-    return None if point["method"] == EXACT else scheme_of(point["method"])
+def scheme_of(case: Case, method: Any) -> Scheme | None:
+    """The scheme of a method, None for the exact solution."""
+    return None if method == EXACT else next(iter(chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, point: Point, value: Sequence[float], scheme: Scheme | None) -> Setup:
-    """Setup with one value on the case's system; scheme: ``method_of`` the point. Raises InputError for an impossible
-    value."""
+def setup_of(system: System, point: Row, value: Sequence[float], scheme: Scheme | None) -> Setup:
+    """Setup with one value on the case's system; scheme: None for the exact solution. Raises InputError for a value
+    that is not possible."""
     dt = point["dt"]
     for name, x in zip(names_of(point), value, strict=True):
         if name in PARAMETERS:
@@ -169,7 +164,7 @@ def setup_of(system: System, point: Point, value: Sequence[float], scheme: Schem
     return Setup(system, scheme, period / round(period / dt), period)
 
 
-def names_of(point: Point) -> list[str]:
+def names_of(point: Row) -> list[str]:
     """The names of a value's numbers: the parameters, then what is coupled to the first."""
     names = [point["parameter"], point["second"]]
     return [name for name in names if name is not None] + point["coupled"]
@@ -192,10 +187,6 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 
 
 Coupling = str | Callable[[float], float]
-Couple = Annotated[
-    Mapping[str, Coupling] | Sequence[str] | None,
-    'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"',
-]
 
 
 def couplings(couple: Mapping[str, Coupling] | Sequence[str] | None) -> dict[str, Callable[[float], float]]:
@@ -203,8 +194,7 @@ def couplings(couple: Mapping[str, Coupling] | Sequence[str] | None) -> dict[str
 
     couple: a mapping of name to text or function, or texts "name=text". Raises InputError.
     """
-    if isinstance(couple, str):
-        couple = [couple]
+    couple = [couple] if isinstance(couple, str) else couple
     if not isinstance(couple, Mapping):
         pairs = [text.partition("=") for text in couple or ()]
         couple = {name.strip(): text for name, _, text in pairs}

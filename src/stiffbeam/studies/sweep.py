@@ -18,17 +18,17 @@ begin anew. Coexisting motions then appear as two branches, one for each directi
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 
 from ..basics.arrays import Array, content
-from ..basics.validation import InputError, integer, near, number, one_of, positive
-from ..figures.chart import COLOURS, Axis, Curve, Map, Panel, Picture, column, dashed, look, tip_name, tip_symbol
+from ..basics.validation import InputError, near, number, one_of
+from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..march.integrate import Plan
@@ -40,28 +40,32 @@ from ..model.time_functions import Drive, covered
 from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.piecewise import refuse
+from ..schemes import Scheme
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
-from .common import Form, Treatment, label_of, scheme_of
-from .interface import Answer, Point, Records, Row, Rows, Selection, by_contact, declared
+from . import common
+from .base import Answer, Row, Study, option
 from .parameters import (
     EXACT,
     IN_STEP,
-    Couple,
     Setup,
-    Values,
     couplings,
     drive_period,
     is_path,
-    method_of,
     named,
     names_of,
     parameters_of,
     quantity_of,
+    scheme_of,
     setup_of,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
@@ -76,34 +80,12 @@ STARTS = ("case", "last")
 LAST, WAYS = "last", ("there", "back")
 
 
-def points(
-    case: Case,
-    *,
-    parameter: Annotated[
-        str,
-        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
-        "stops[0].damping",
-    ] = "frequency",
-    values: Values = None,
-    second: Annotated[str | None, "another parameter: impacts and forces on a grid"] = None,
-    second_values: Annotated[Sequence[float] | None, "as --values"] = None,
-    couple: Couple = None,
-    method: Annotated[
-        str | None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
-    ] = None,
-    form: Form,
-    contact: Treatment = "implicit",
-    dt: Annotated[float, "time step, rounded to one that divides the period; default: the case's"],
-    periods: Annotated[int | None, "periods of the drive to record; default: 60, fewer if these take long"] = None,
-    transient: Annotated[int | None, "periods of the drive before the recorded ones; default: 100, or fewer"] = None,
-    count: Annotated[int, "number of drive frequencies if no values are given"] = 200,
-    start: Annotated[
-        str, 'first state at each value: "case", or "last", that of the value before, through the values and back'
-    ] = "case",
-) -> list[Point]:
-    """One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram.
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Study):
+    """How does the motion change with a parameter: periodicity, number of impacts, forces?
 
-    The ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
+    One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram. The
+    ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
     case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
     after 100, or as many as take about 20 s of processor time, at least 10 after 10. If several frequencies drive the
     system, the period is that of the drive whose parameter is varied. By ``couple`` other parameters follow the first:
@@ -111,48 +93,239 @@ def points(
     their order and back, each from the last state of the one before. Limitation: drives of other frequencies begin anew
     at every value.
     """
-    one_of("start", start, STARTS)
+
+    parameter: str = option(
+        "frequency",
+        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
+        "stops[0].damping",
+    )
+    values: common.Values = option(None, common.VALUES)
+    second: str | None = option(None, "another parameter: impacts and forces on a grid")
+    second_values: common.Values = option(None, "as for the first parameter")
+    couple: common.Couple = option(None, common.COUPLE)
+    method: str | None = option(
+        None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
+    )
+    form: str | None = common.form()
+    contact: str = common.treatment()
+    periods: int | None = option(None, "periods of the drive to record; default: 60, fewer if these take long", least=1)
+    transient: int | None = option(
+        None, "periods of the drive before the recorded ones; default: 100, or fewer", least=0
+    )
+    count: int = option(200, "number of drive frequencies if no values are given", least=1)
+    start: str = option(
+        "case", 'first state at each value: "case", or "last", that of the value before, through the values and back'
+    )
+
+    smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
+    named_by: ClassVar = ("parameter", "second")
+    height: ClassVar = 8.2
+
+    def points(self, case: Case) -> list[Row]:
+        """Batches of values that march together."""
+        return plan(self, case)
+
+    def run(self, case: Case, values: list[list[float]], **point: Any) -> list[Row]:
+        """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
+        system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
+        if self.start == LAST:
+            return _continued(system, point, values, scheme)
+        rows: list[Row] = []
+        groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
+        decays: dict[tuple[Any, ...], float] = {}
+        for value in values:
+            named = dict(zip(names_of(point), value, strict=True))
+            try:
+                setup = setup_of(system, point, value, scheme)
+                row = named | ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
+                groups.setdefault(setup.kind, []).append((row, setup))
+            except InputError as error:
+                rows.append(named | {"lost": str(error)})
+        for group in groups.values():
+            try:
+                many = _march(point, [setup for _, setup in group])
+                rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
+            except (InputError, SolverFailure) as error:
+                rows += [named | {"lost": str(error)} for named, _ in group]
+        return rows
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """The range of impact counts and peak forces over the values, and where the motion is periodic."""
+        units, first, names = case.units, table.iloc[0], self._names()
+
+        def value(name: str, text: str) -> str:
+            return f"{name} {units.measure(text, quantity_of(case, name))}"
+
+        counted, over = self._rate(table, case)
+        columns = [("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01)]
+        small = list[Row]()
+        for place, contacts in _places(table[table.kind == "contact"]):
+            force = [] if _rigid(case.system(self.form), contacts) else [("peak_force", "largest force", "force", 1.0)]
+            for name, words, quantity, scale in [*columns, *force]:
+                known = contacts[contacts[name].notna()]
+                ends = [known.loc[x] for x in (known[name].idxmin(), known[name].idxmax())] if len(known) else []
+                texts = [
+                    f"{units.measure(row[name] / scale, quantity, '.4g')} at "
+                    + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
+                    for row in ends
+                ]
+                small += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
+        notes = f"{first.periods:g} periods of the drive after {first.transient:g}."
+        if "t_end" in table:
+            notes = f"Single runs, t = 0 to {units.measure(first.t_end, 'time', 'g')}."
+        if "lossless" in table:
+            free = table.drop_duplicates(names)
+            if (lossless := int(free.lossless.sum())) > 0:
+                where = "" if lossless == len(free) else f" at {lossless} of {len(free)} values"
+                notes += (
+                    f" Nothing damps this system{where}, so its transient never ends: another start gives another"
+                    " answer."
+                )
+            if free.left.max() > SAME:
+                notes += (
+                    f" Without contact {percent(free.left.max())} of a free vibration is left after that transient, so"
+                    " slow changes may look like longer periods: raise transient."
+                )
+        most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
+        ranges = (value(x, f"{table[x].min():g} to {table[x].max():g}") for x in names)
+        verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
+        return Answer(f"{first.method} over {' and '.join(ranges)}: {verdict}.", pd.DataFrame(small), notes)
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
+        contacts = table[table.kind == "contact"]
+        if self.second is not None:
+            places = list(_places(contacts))
+            figure.set_figheight(4.4 * len(places))
+            for i, (place, group) in enumerate(places):
+                self._maps(figure, i, len(places), group, place, case)
+            return
+        sections = table[table.kind == "section"]
+        counted, over = self._rate(table, case)
+        measures = [("count", counted, "", "impacts")]
+        if not len(sections):
+            measures.append(("fraction", "share of the time", "", "time in contact"))
+        if not all(contact.stops.rigid for contact in case.system(self.form).contacts):
+            measures.append(("peak_force", r"peak $|\sigma|$", "force", "largest contact force"))
+        measures = measures if len(contacts) else []
+        heights = ([3.0] if len(sections) else []) + [1.0] * len(measures)
+        axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        if len(sections):
+            self._section(axes[0], sections, case)
+        for axis, (quantity, label, unit, title) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
+            self._measure(axis, contacts, quantity, over)
+            axis.set(title=title, ylabel=case.units.label(label, unit))
+            axis.set_ylim(bottom=0.0)
+        axes[-1].set_xlabel(named(case, self.parameter))
+        if _spaced_by_a_factor(table[self.parameter]):
+            log_scale(axes[-1], y=False)
+
+    def _section(self, axis: Axes, sections: pd.DataFrame, case: Case) -> None:
+        """The tip once a period. The fainter the more points there are, so that bands and curves can be told apart."""
+        colour = look(str(sections.method.iloc[0]))["color"]
+        colours = [colour, *(other for other in COLOURS if other != colour)]
+        alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
+        ways = list(_ways(sections))
+        for (way, rows), colour in zip(ways, colours, strict=False):
+            dots: dict[str, Any] = {"ms": 3.0, "mew": 0.0, "color": colour, "alpha": alpha, "rasterized": True}
+            axis.plot(rows[self.parameter], rows.tip, ".", label=way or None, **dots)
+        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
+        if len(ways) > 1:
+            axis.legend(frameon=False, fontsize=8)
+
+    def _measure(self, axis: Axes, contacts: pd.DataFrame, quantity: str, over: float) -> None:
+        colour = look(str(contacts.method.iloc[0]))["color"]
+        colours = [colour, *(other for other in COLOURS if other != colour)]
+        width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
+        parts = [(f"{place} {way}".strip(), rows) for place, group in _places(contacts) for way, rows in _ways(group)]
+        for i, (label, rows) in enumerate(parts):
+            rows = rows.sort_values(self.parameter)
+            style: dict[str, Any] = {"lw": width, "marker": ".", "ms": 3.0 if width else 1.5, "ls": dashed(i)}
+            y = rows[quantity] / (over if quantity == "count" else 1.0)
+            axis.plot(rows[self.parameter], y, color=colours[i % len(colours)], label=label, **style)
+        if len(parts) > 1:
+            axis.legend(frameon=False, fontsize=8)
+
+    def _maps(self, figure: Figure, i: int, lines: int, group: pd.DataFrame, place: str, case: Case) -> None:
+        """Colours on the grid of both parameters; logarithmic where the values are decades apart."""
+        from matplotlib.colors import LogNorm
+
+        counted, over = self._rate(group, case)
+        quantities = [("count", counted), ("fraction", "share of time in contact")]
+        if not _rigid(case.system(self.form), group):
+            quantities.append(("peak_force", case.units.label(r"peak force $|\sigma|$", "force")))
+        for j, (quantity, label) in enumerate(quantities):
+            axis = figure.add_subplot(lines, len(quantities), i * len(quantities) + j + 1)
+            grid = group.pivot(index=self.second, columns=self.parameter, values=quantity)
+            values = grid.to_numpy(float) / (over if quantity == "count" else 1.0)
+            known = values[np.isfinite(values)]
+            if len(known):
+                norm = LogNorm() if 0.0 < LOG_RANGE * np.min(known) < np.max(known) else None
+                x, y = grid.columns.to_numpy(float), grid.index.to_numpy(float)
+                drawn = axis.pcolormesh(x, y, values, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
+                figure.colorbar(drawn, ax=axis, label=label)
+            axis.set(title=label + place, xlabel=named(case, self.parameter), ylabel=named(case, str(self.second)))
+            log_scale(
+                axis, x=_spaced_by_a_factor(group[self.parameter]), y=_spaced_by_a_factor(group[str(self.second)])
+            )
+
+    def _names(self) -> list[str]:
+        return [self.parameter] if self.second is None else [self.parameter, self.second]
+
+    def _rate(self, table: pd.DataFrame, case: Case) -> tuple[str, float]:
+        """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
+        if "t_end" not in table:
+            return "impacts per period", float(table.periods.iloc[0])
+        return f"impacts per {case.units.time if case.units.known else 'unit of time'}", float(table.t_end.iloc[0])
+
+
+def plan(study: Sweep, case: Case) -> list[Row]:
+    """Batches of values, after the checks of the options."""
+    one_of("start", study.start, STARTS)
+    parameter, second, values, form = study.parameter, study.second, study.values, study.form
+    periods, transient, base = study.periods, study.transient, case.system(study.form)
+    method = study.method
     if method is None:
-        runs = [label_of(run) for run, *_ in case.runs]
-        rigid = case.system(form).rigid
-        method = next((run for run in runs if not rigid or isinstance(scheme_of(run), RigidScheme)), EXACT)
-    method = method if method == EXACT else label_of(method)
-    for name, periods_given, least in (("periods", periods, 1), ("transient", transient, 0)):
-        if periods_given is not None:
-            integer(name, periods_given, least)
+        runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
+        method = runs[0] if runs else EXACT
+    scheme = scheme_of(case, method)
+    method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
     # Without a period of the drive, every value is one run from 0 to t_end, without sections.
-    period = drive_period(case.system(form), parameter)
+    period = drive_period(base, parameter)
     once = period is None
     if once:
-        covered(case.system(form).time_functions, case.t_end)
+        covered(base.time_functions, case.t_end)
         for name, stated in (("periods", periods), ("transient", transient)):
             if stated is not None:
                 remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
                 raise InputError(name, stated, "be left out for a case without a period", remedy)
         if parameter == "frequency" and values is None:
-            paths = sorted(paths_of(case.system(form)), key=lambda path: "[" not in path)  # loads and contacts
+            paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
             known = ", ".join(paths[:3])
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {known}"
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
     if values is None and parameter == "frequency":
         assert period is not None  # refused above
         drive = 2.0 * np.pi / period
-        values = np.linspace(0.7 * drive, 1.3 * drive, count).tolist()
-    if second is None and second_values is not None:
-        raise InputError("second_values", second_values, "be left out without second", "name the second parameter")
-    axes = {parameter: values} if second is None else {parameter: values, second: second_values}
+        values = np.linspace(0.7 * drive, 1.3 * drive, study.count).tolist()
+    if second is None and study.second_values is not None:
+        raise InputError(
+            "second_values", study.second_values, "be left out without second", "name the second parameter"
+        )
+    axes = {parameter: values} if second is None else {parameter: values, second: study.second_values}
     if second is not None and not case.has_stops:
         remedy = "vary one parameter only, or give the case stops"
         raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
-    if start == LAST and (second is not None or once or parameter == "cells"):
+    if study.start == LAST and (second is not None or once or parameter == "cells"):
         rule = "be used with one parameter of a driven case, on one grid"
-        raise InputError("start", start, rule, f"leave it out, or start={STARTS[0]}")
+        raise InputError("start", study.start, rule, f"leave it out, or start={STARTS[0]}")
     if second == parameter:
         raise InputError("second", second, "be another parameter", "give the grid two different parameters")
-    follow = couplings(couple)
+    follow = couplings(study.couple)
     if twice := [name for name in follow if name in axes]:
         raise InputError("couple", twice[0], "be another parameter than those varied", "leave it out of couple")
-    known = parameters_of(method)
+    known = parameters_of(scheme)
     for name in (*axes, *follow):
         if name not in known and not is_path(name):
             remedy = f"{near(name, known)}, or a path such as stops[0].upper"
@@ -163,16 +336,14 @@ def points(
     grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
     shared = {
         "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
-        "form": form, "contact": contact,
-        "dt": None if method == EXACT else positive("dt", dt),
+        "form": form or case.forms[0], "contact": study.contact,
+        "dt": None if method == EXACT else case.dt,
     } | ({"t_end": case.t_end} if once else {})  # fmt: skip
-    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-    base = case.system(form)
 
+    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     def whole(value: Sequence[float]) -> list[float]:
         return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
 
-    scheme = method_of(shared)
     ends = [
         setup_of(base, shared, whole(value), scheme) for value in product(*([min(axis), max(axis)] for axis in grid))
     ]
@@ -196,7 +367,7 @@ def points(
         wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
     else:
         wanted = [whole(value) for value in product(*grid)]
-    if start == LAST:
+    if study.start == LAST:
         return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
     # Batches of about BATCH seconds, and at least BATCHES of them.
     size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
@@ -211,41 +382,15 @@ def _seconds(setup: Setup, periods: int) -> float:
     return STEP[rigid] * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
-def evaluate(case: Case, point: Point) -> list[Row]:
-    """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
-    rows: list[Row] = []
-    groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
-    system, scheme = case.system(point["form"]), method_of(point)
-    if point.get("start") == LAST:
-        return _continued(system, point)
-    decays: dict[tuple[Any, ...], float] = {}
-    for value in point["values"]:
-        named = dict(zip(names_of(point), value, strict=True))
-        try:
-            setup = setup_of(system, point, value, scheme)
-            row = named | ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
-            groups.setdefault(setup.kind, []).append((row, setup))
-        except InputError as error:
-            rows.append(named | {"refused": str(error)})
-    for group in groups.values():
-        try:
-            many = _march(point, [setup for _, setup in group])
-            rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
-        except (InputError, SolverFailure) as error:
-            word = "refused" if isinstance(error, InputError) else "failed"
-            rows += [named | {word: str(error)} for named, _ in group]
-    return rows
-
-
-def _continued(system: System, point: Point) -> list[Row]:
+def _continued(system: System, point: Row, values: list[list[float]], scheme: Scheme | None) -> list[Row]:
     """Rows of the values one after the other, each from the last state of the one before."""
     rows: list[Row] = []
     decays: dict[tuple[Any, ...], float] = {}
     state: tuple[Array, Array] | None = None
-    for k, value in enumerate(point["values"]):
-        row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(point["values"])]}
+    for k, value in enumerate(values):
+        row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(values)]}
         try:
-            setup = setup_of(system, point, value, method_of(point))
+            setup = setup_of(system, point, value, scheme)
             # The state is that at the end of the value before; the first value starts as the case does.
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
@@ -255,11 +400,11 @@ def _continued(system: System, point: Point) -> list[Row]:
             if np.isnan(many.diverged[0]):
                 state = _last(point, setup, float(many.t[-1]))
         except (InputError, SolverFailure) as error:
-            rows.append(row | {"refused" if isinstance(error, InputError) else "failed": str(error)})
+            rows.append(row | {"lost": str(error)})
     return rows
 
 
-def _free(setup: Setup, point: Point, decays: dict[tuple[Any, ...], float]) -> Row:
+def _free(setup: Setup, point: Row, decays: dict[tuple[Any, ...], float]) -> Row:
     """Entries of a row on free motions: ``lossless`` where nothing damps the system, and ``left``, the share of the
     amplitude of the slowest that is left after the transient, 0 where no motion is damped.
 
@@ -281,7 +426,7 @@ def _free(setup: Setup, point: Point, decays: dict[tuple[Any, ...], float]) -> R
     return {"lossless": False, "left": float(np.exp(-decays[linear] * setup.period * point["transient"]))}
 
 
-def _last(point: Point, setup: Setup, end: float) -> tuple[Array, Array]:
+def _last(point: Row, setup: Setup, end: float) -> tuple[Array, Array]:
     """(q, q') at the end of the run of a setup."""
     if setup.scheme is None:
         state_at = best_reference(setup.system, end).state_at
@@ -293,7 +438,7 @@ def _last(point: Point, setup: Setup, end: float) -> tuple[Array, Array]:
     return q[-1], v[-1]
 
 
-def _march(point: Point, setups: list[Setup]) -> Ensemble:
+def _march(point: Row, setups: list[Setup]) -> Ensemble:
     """Setups of one kind, with the tip at every period."""
     first, systems = setups[0], [setup.system for setup in setups]
     t = first.period * np.arange(point["transient"] + point["periods"] + 1)
@@ -305,10 +450,10 @@ def _march(point: Point, setups: list[Setup]) -> Ensemble:
     return integrate_ensemble(first.system, first.scheme, first.dt, float(t[-1]), systems, contact, every, since=since)
 
 
-def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
+def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     """Return the rows of member i after the transient."""
     if np.isfinite(many.diverged[i]):
-        return [named | {"failed": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
+        return [named | {"lost": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
     for place, seen in enumerate(many.contacts, 1):
         statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
@@ -322,35 +467,34 @@ def _rows(point: Point, named: Row, many: Ensemble, i: int) -> list[Row]:
     return rows
 
 
-def _rigid(system: System, contacts: Rows) -> bool:
+def _rigid(system: System, contacts: pd.DataFrame) -> bool:
     """True for the rows of a rigid stop, which has impulses and no largest force: 0 where nothing touches it."""
-    return bool(contacts) and system.contacts[int(contacts[0]["contact_number"]) - 1].stops.rigid
+    return bool(len(contacts)) and system.contacts[int(contacts.contact_number.iloc[0]) - 1].stops.rigid
 
 
-def _ways(rows: Rows) -> Mapping[str, Rows]:
+def _places(contacts: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """The rows of each contact under its place, "" for the only one."""
+    groups = [(n, rows) for n, rows in contacts.groupby("contact_number")] if len(contacts) else []
+    return [("" if len(groups) == 1 else f" at contact {n:g}", rows) for n, rows in groups]
+
+
+def _ways(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """The rows of each direction of a continued sweep; all of them under "" otherwise."""
-    ways = {way: [row for row in rows if row.get("direction") == way] for way in WAYS}
-    return ways if any(ways.values()) else {"": rows}
+    if "direction" not in table:
+        return [("", table)]
+    return [(way, table[table.direction == way]) for way in WAYS if way in set(table.direction)]
 
 
-def sections(rows: Rows) -> dict[float, Array]:
+def sections(table: pd.DataFrame, parameter: str) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
-    tips: dict[float, array[float]] = {}
-    for row in rows:
-        if row["kind"] == "section":
-            tips.setdefault(row[row["parameter"]], array("d")).append(row["tip"])
-    return {value: np.array(tips[value]) for value in sorted(tips)}
+    rows = table[table.kind == "section"] if "kind" in table else table[:0]
+    return {float(value): group.tip.to_numpy(float) for value, group in rows.groupby(parameter)}
 
 
-def sizes(rows: Rows) -> dict[float, float]:
+def sizes(table: pd.DataFrame, parameter: str) -> dict[float, float]:
     """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
-    every: dict[float, float] = {}
-    for row in rows:
-        if row["kind"] == "section":
-            size = row["size"] if "size" in row else abs(row["tip"])  # journals of former versions
-            every[row[row["parameter"]]] = max(size, every.get(row[row["parameter"]], 0.0))
-    least = REST * max(every.values(), default=0.0)
-    return {value: max(size, least) for value, size in every.items()}
+    every = table[table.kind == "section"].groupby(parameter)["size"].max()
+    return np.maximum(every, REST * every.max()).to_dict()
 
 
 def repeats_after(section: Array, size: float) -> int | None:
@@ -362,63 +506,21 @@ def repeats_after(section: Array, size: float) -> int | None:
     return 0 if len(section) > LONGEST else None
 
 
-def answer(rows: Rows, case: Case) -> Answer:
-    """The range of impact counts and peak forces over the values, and where the motion is periodic."""
-    units, first = case.units, rows[0]
-    names = [name for name in (first["parameter"], first["second"]) if isinstance(name, str)]
-
-    def value(name: str, text: str) -> str:
-        return f"{name} {units.measure(text, quantity_of(case, name))}"
-
-    counted, over = _rate(rows, case)
-    columns = (
-        ("count", counted, "", over),
-        ("fraction", "time in contact, %", "", 0.01),
-        ("peak_force", "largest force", "force", 1.0),
-    )
-    table, system = [], case.system(first["form"])
-    for place, contacts in by_contact([r for r in rows if r["kind"] == "contact"]).items():
-        for name, words, quantity, scale in columns[: 2 if _rigid(system, contacts) else 3]:
-            known = [r for r in contacts if np.isfinite(r[name])]
-            ends = [pick(known, key=lambda r: r[name]) for pick in (min, max)] if known else []
-            texts = [
-                f"{units.measure(row[name] / scale, quantity, '.4g')} at "
-                + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
-                for row in ends
-            ]
-            table += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
-    notes = f"{first['periods']:g} periods of the drive after {first['transient']:g}."
-    if "t_end" in first:
-        notes = f"Single runs, t = 0 to {units.measure(first['t_end'], 'time', 'g')}."
-    free = {tuple(row[name] for name in names): (row.get("lossless"), row.get("left", 0.0)) for row in rows}
-    lossless, left = (list(x) for x in zip(*free.values(), strict=True))
-    if any(lossless):
-        where = "" if all(lossless) else f" at {sum(map(bool, lossless))} of {len(free)} values"
-        notes += f" Nothing damps this system{where}, so its transient never ends: another start gives another answer."
-    if max(left) > SAME:
-        notes += (
-            f" Without contact {percent(max(left))} of a free vibration is left after that transient, so slow changes"
-            " may look like longer periods: raise transient."
-        )
-    most = [f"most {x['over all values']}: {x['most']}" for x in table if "impacts" in x["over all values"]]
-    ranges = (value(x, f"{min(r[x] for r in rows):g} to {max(r[x] for r in rows):g}") for x in names)
-    verdict = "; ".join(_periodicity(rows) or most) or "no contact"
-    return Answer(f"{first['method']} over {' and '.join(ranges)}: {verdict}.", table, notes)
-
-
-def _periodicity(rows: Rows) -> list[str]:
+def _periodicity(table: pd.DataFrame, parameter: str) -> list[str]:
     """Sentence with the number of values at which the tip repeats itself; empty without sections."""
-    if len(ways := _ways(rows)) > 1:
-        up, down = (sections(ways[way]) for way in WAYS)
+    if len(ways := _ways(table)) > 1:
+        up, down = (sections(rows, parameter) for _, rows in ways)
         both = [value for value in up if value in down]
-        size = sizes(rows)
+        size = sizes(table, parameter)
         apart = sum(_apart(up[value], down[value]) > SAME * size[value] for value in both)
         words = f"there and back the last periods differ at {apart} of {len(both)} values"
-        return [words, *(f"{way}: {text}" for way in WAYS for text in _periodicity(_bare(ways[way])))]
-    by_value = sections(rows)
+        each = (f"{way}: {text}" for way, rows in ways
+                for text in _periodicity(rows.drop(columns="direction"), parameter))  # fmt: skip
+        return [words, *each]
+    by_value = sections(table, parameter)
     if not by_value:
         return []
-    size = sizes(rows)
+    size = sizes(table, parameter)
     repeats = [repeats_after(section, size[value]) for value, section in by_value.items()]
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
@@ -426,12 +528,8 @@ def _periodicity(rows: Rows) -> list[str]:
         f"{LONGEST} periods at {several}, and not at all at {repeats.count(0)} (to {SAME:g})"
     ]
     if short:
-        words.append(f"{rows[0]['periods']:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
+        words.append(f"{table.periods.iloc[0]:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
-
-
-def _bare(rows: Rows) -> list[Row]:
-    return [{name: x for name, x in row.items() if name != "direction"} for row in rows]
 
 
 def _apart(one: Array, other: Array) -> float:
@@ -440,90 +538,10 @@ def _apart(one: Array, other: Array) -> float:
     return float(max(np.max(np.min(distance, axis=0)), np.max(np.min(distance, axis=1))))
 
 
-def _rate(rows: Rows, case: Case) -> tuple[str, float]:
-    """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
-    if "t_end" not in rows[0]:
-        return "impacts per period", rows[0]["periods"]
-    return f"impacts per {case.units.time if case.units.known else 'unit of time'}", rows[0]["t_end"]
-
-
-def picture(records: Records) -> Picture:
-    """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
-    rows, case = records.numbers, records.case
-    contacts = [row for row in rows if row["kind"] == "contact"]
-    if isinstance(rows[0]["second"], str):
-        lines = [_maps(group, place, case) for place, group in by_contact(contacts).items()]
-        return Picture(lines, 4.4 * len(lines))
-    name, colour = rows[0]["parameter"], look(rows[0]["method"])["color"]
-    points = Selection(rows, lambda row: row["kind"] == "section")
-    across = Axis(named(case, name), scale=_scale(column(rows, name)))
-    # The fainter the more points there are, so that dense bands and single curves can be told apart.
-    faint = {"alpha": float(np.clip(2e4 / max(1, len(points)), 0.15, 0.9)), "rasterized": True}
-    dots = {"linestyle": "", "marker": ".", "ms": 3.0, "mew": 0.0, "color": colour}
-    colours = [colour, *(other for other in COLOURS if other != colour)]
-    section = [
-        Curve.over(group, name, "tip", way, look=dots | faint | {"color": colours[i]})
-        for i, (way, group) in enumerate(_ways(points).items())
-    ]
-    tip = Axis(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
-    line = 0.7 if len({row[name] for row in contacts}) <= 400 else 0.0  # more points than that are a band
-    once, (counted, over) = "t_end" in rows[0], _rate(rows, case)
-    legend = "inside" if len(section) > 1 else ""
-    title = "the tip once in every period $T$ of the drive"
-    panels = [] if once else [[Panel(title, across, tip, section, legend=legend)]]
-    rigid = all(contact.stops.rigid for contact in case.system(rows[0]["form"]).contacts)
-    measures = [("count", counted, "", "impacts")]
-    measures += [("fraction", "share of the time", "", "time in contact")] if once else []
-    measures += [] if rigid else [("peak_force", r"peak $|\sigma|$", "force", "largest contact force")]
-    for quantity, label, unit, title in measures:
-        marks = []
-        lines = [
-            (f"{place} {way}", part)
-            for place, group in by_contact(contacts).items()
-            for way, part in _ways(group).items()
-        ]
-        for i, (place, group) in enumerate(lines):
-            ordered = sorted(group, key=lambda row: row[name])
-            style = {"lw": line, "linestyle": dashed(i), "marker": ".", "ms": 3.0 if line else 1.5}
-            marks.append(Curve(column(ordered, name), _measured(ordered, quantity, over), place.strip(),
-                               style | {"color": colours[i % len(colours)]}))  # fmt: skip
-        panels.append([Panel(title, across, Axis(label, unit, limits=(0.0, None)), marks, empty="no contact",
-                             legend="inside" if len(marks) > 1 else "")])  # fmt: skip
-    return Picture(panels, 8.2, heights=(1.0 if once else 3.0, *[1.0] * (len(panels) - 1)), shared_x=True)
-
-
-def _maps(group: list[Row], place: str, case: Case) -> list[Panel]:
-    names = (group[0]["parameter"], group[0]["second"])
-    x, y = (column(group, name) for name in names)
-    across, up = (Axis(named(case, name), scale=_scale(values)) for name, values in zip(names, (x, y), strict=True))
-    force = case.units.label(r"peak force $|\sigma|$", "force")
-    counted, over = _rate(group, case)
-    quantities = [("count", counted), ("fraction", "share of time in contact")]
-    quantities += [] if _rigid(case.system(group[0]["form"]), group) else [("peak_force", force)]
-    return [
-        Panel(label + place, across, up, [Map(x, y, _measured(group, quantity, over), label)])
-        for quantity, label in quantities
-    ]
-
-
-def _measured(rows: Rows, quantity: str, over: float) -> Array:
-    """A column of the contact's rows, impacts divided by ``over``."""
-    return column(rows, quantity) / (over if quantity == "count" else 1.0)
-
-
-def _scale(values: Array) -> str:
-    """Logarithmic for values that are spaced by a factor."""
-    values = np.unique(values[np.isfinite(values)])
-    if len(values) < 3 or values[0] <= 0.0:
-        return "linear"
-    ratios, steps = np.diff(np.log(values)), np.diff(values)
-    even = np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps)
-    return "log" if even else "linear"
-
-
-STUDY = declared(
-    __name__,
-    "How does the motion change with a parameter: periodicity, number of impacts, forces?",
-    named_by=("parameter", "second"),
-    smoke={"count": 4, "periods": 3, "transient": 1},
-)
+def _spaced_by_a_factor(values: pd.Series) -> bool:
+    """True for values on a logarithmic grid."""
+    x = np.unique(values.dropna())
+    if len(x) < 3 or x[0] <= 0.0:
+        return False
+    ratios, steps = np.diff(np.log(x)), np.diff(x)
+    return bool(np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps))

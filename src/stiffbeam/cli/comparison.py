@@ -1,42 +1,22 @@
-"""Commands that run schemes beside references: ``stiffbeam compare``, the main one, and ``animate``, their film;
-``advise``, the scheme and time step for a given error; ``doubt``, how sure results are."""
+"""``stiffbeam compare``: runs, tables, rates and pictures of schemes beside references."""
 
 from __future__ import annotations
 
-import json
+import json as json_module
 import shlex
 import sys
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING
 
 from ..basics.resources import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
-from ..references.registry import BUDGET, COMPARED, REFERENCES
-from .application import (
-    Case,
-    Dt,
-    Form,
-    Json,
-    TEnd,
-    app,
-    check_json,
-    console,
-    default_folder,
-    file_name,
-    json_text,
-    make_folder,
-    option,
-    say,
-    write_json,
-)
+from ..references.registry import BUDGET, REFERENCES
+from .output import Json, check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from rich.console import RenderableType
 
@@ -48,36 +28,50 @@ if TYPE_CHECKING:
     from ..trajectory.trajectory import Reference, Trajectory
 
 
-SCHEMES = (
-    "comma-separated schemes, solvers and functions module:function, e.g. "
-    "'BDF2,HHT(alpha=-0.2)@displacement,SDIRK.printed,mymodule:radau'"
-)
-MAIN = (
-    "comma-separated; the first that supports the case is the main one; default: "
-    f"those of {','.join(COMPARED)} that support it"
-)
-
-
-@app.command()
 def compare(
-    case: Case,
-    schemes: Annotated[str | None, option(SCHEMES, "integrators")] = None,
-    references: Annotated[str | None, option(MAIN, "methods")] = None,
-    contact: Annotated[str, option("implicit, conserving, or extrapolated as in the paper", "contact")] = ("implicit"),
-    dt: Dt = None,
-    t_end: TEnd = None,
-    out: Annotated[
-        Path | None, option("folder for picture, trajectories and table; default: stiffbeam-output/CASE")
-    ] = None,
-    json_file: Json = None,
-    cache: Annotated[bool, option("store references and use stored ones, or compute all anew")] = True,
-    budget: Annotated[float, option("seconds for each reference; one that needs more ends earlier")] = BUDGET,
-    rates: Annotated[
-        bool,
-        typer.Option("--rates", help="add rates of impacts, impulse and work at every stop, and all impacts as CSV"),
-    ] = False,
-) -> None:
-    """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories."""
+    case: str,
+    *,
+    schemes: str | None = None,
+    references: str | None = None,
+    contact: str = "implicit",
+    dt: float | None = None,
+    t_end: float | None = None,
+    out: Path | None = None,
+    json: Json = None,
+    cache: bool = True,
+    budget: float = BUDGET,
+    rates: bool = False,
+) -> int:
+    """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories.
+
+    Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
+
+    Parameters
+    ----------
+    case
+        table1 .. table17, a case file, or file.toml:name.
+    schemes
+        Comma-separated schemes, solvers and functions module:function, such as 'BDF2,SDIRK.printed,mymodule:radau'.
+    references
+        Comma-separated; the first that supports the case is the main one. By default those that support it.
+    contact
+        implicit, conserving, or extrapolated as in the paper.
+    dt
+        Time step in place of the case's.
+    t_end
+        End time in place of the case's.
+    out
+        Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
+    json
+        Write the records to this file, - for stdout.
+    cache
+        Store references and use stored ones.
+    budget
+        Seconds for each reference; one that needs more ends earlier.
+    rates
+        Add rates of impacts, impulse and work at every stop, and all impacts as CSV.
+    """
+    json_file = json
     from ..files.cases import compared_runs, find_case
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
@@ -122,7 +116,8 @@ def compare(
         _print_files(written, earlier)
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     if failed_runs or not result.references:
-        raise typer.Exit(1)
+        return 1
+    return 0
 
 
 def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
@@ -179,7 +174,7 @@ def _clear(folder: Path) -> list[str]:
     try:
         if earlier.is_file():
             try:
-                names = list(json.loads(earlier.read_text(encoding="utf-8"))["files"])
+                names = list(json_module.loads(earlier.read_text(encoding="utf-8"))["files"])
             except (ValueError, KeyError, TypeError):
                 names = []
             for name in names:
@@ -255,145 +250,3 @@ def _print_files(written: list[Path], earlier: list[str]) -> None:
     files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
     say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
     say(f"Written: {files}{replaced}")
-
-
-@app.command()
-def animate(
-    case: Case,
-    schemes: Annotated[str | None, option("comma-separated; default: the case's first run", "schemes")] = None,
-    dt: Dt = None,
-    t_end: TEnd = None,
-    seconds: Annotated[float, option("length of the film")] = 8.0,
-    out: Annotated[Path | None, option(".gif or .mp4; default: stiffbeam-output/CASE/animation.gif")] = None,
-    json_file: Json = None,
-) -> None:
-    """Film of the beam between its stops: schemes beside the exact motion, with a flash at each impact."""
-    from ..figures.animation import animate as film
-    from ..files.cases import find_case
-    from ..march.integrate import integrate
-    from ..references import best_reference
-    from ..schemes.labels import parse_run, split_runs
-
-    check_json(json_file)
-    chosen = find_case(case)
-    form = chosen.forms[0]
-    runs = [chosen.runs[0]] if schemes is None else [parse_run(text, form) for text in split_runs(schemes)]
-    if len({form for _, form in runs}) != 1:
-        remedy = "name the form behind each scheme, as in hht@displacement"
-        raise InputError("--schemes", schemes, "be of one form: the film shows one system", remedy)
-    system, end = chosen.system(runs[0][1]), chosen.t_end if t_end is None else t_end
-    file = out if out is not None else default_folder(chosen.name) / "animation.gif"
-    with progress() as show:
-        show("reference", 0, 0)
-        motions: list[Trajectory] = [best_reference(system, end, progress=show)]
-        for scheme, _ in runs:
-            show(str(scheme), 0, 0)
-            motions.append(integrate(system, scheme, chosen.dt if dt is None else dt, end))
-        film(motions, file, seconds, show=show)
-    records = {"case": chosen.name, "motions": [motion.label for motion in motions], "t_end": end, "file": str(file)}
-    if not write_json("animate", records, json_file):
-        say(f"Written: {file}")
-
-
-@app.command()
-def advise(
-    case: Case,
-    want: Annotated[
-        str | None,
-        option(
-            "admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; "
-            "default: tip=1e-3,impacts=0.05,peak_force=0.05"
-        ),
-    ] = None,
-    schemes: Annotated[str | None, option("comma-separated; default: all", "schemes")] = None,
-    form: Form = None,
-    t_end: TEnd = None,
-    most_steps: Annotated[int | None, option("largest number of steps of a run; the search ends there")] = None,
-    members: Annotated[int, option("perturbed runs per mean, past the horizon")] = 48,
-    out: Annotated[Path | None, option("folder for the journal; default: stiffbeam-output/CASE")] = None,
-    json_file: Json = None,
-) -> None:
-    """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
-
-    After every refinement a line on stderr states the smallest errors so far. An interrupted search continues when the
-    command runs again.
-    """
-    from ..files.cases import find_case
-    from ..schemes.labels import parse_run, split_runs
-    from ..studies.advice import advise as find
-    from ..studies.runner import Journal
-
-    chosen = find_case(case)
-    wanted = None if want is None else _read("--want", want, float, "quantity=error", "tip=1e-3")
-    parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
-    check_json(json_file)
-    end = chosen.t_end if t_end is None else t_end
-    folder = make_folder(out if out is not None else default_folder(chosen.name))
-
-    def tell(line: str) -> None:
-        if not TALK.quiet:
-            print(line, file=sys.stderr, flush=True)
-
-    with progress() as show, Journal(folder / "journal", "advise", chosen) as journal:
-        advice = find(
-            chosen.system(form), wanted, end, parsed, most_steps=most_steps, members=members, progress=show, tell=tell,
-            journal=journal,
-        )  # fmt: skip
-    if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json_file):
-        say(str(advice))
-    if advice.recommendation is None:
-        raise typer.Exit(1)
-
-
-@app.command()
-def doubt(
-    case: Case,
-    uncertain: Annotated[str | None, option("path=low:high,...; default: the ranges of the case file")] = None,
-    scheme: Annotated[str | None, option("scheme to examine; default: the case's first", "schemes")] = None,
-    dt: Dt = None,
-    t_end: TEnd = None,
-    members: Annotated[int, option("number of systems with random parameters, at least 8")] = 48,
-    seed: Annotated[int, option("seed of the random systems")] = 1,
-    tolerance: Annotated[float, option("tolerance of the data horizon, relative to the largest |u|")] = 0.05,
-    json_file: Json = None,
-) -> None:
-    """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
-
-    The ranges of the data are those of the case file, in its table case.uncertain. For matrices the table
-    case.finer holds a finer model. The result names the largest source of each quantity.
-    """
-    from ..files.cases import find_case
-    from ..schemes.labels import parse_run
-    from ..studies.doubt import doubt as find
-
-    chosen = find_case(case)
-    if uncertain is not None:
-        chosen = replace(
-            chosen, uncertain=_read("--uncertain", uncertain, _range, "path=low:high", "stiffness=270:330")
-        )
-    check_json(json_file)
-    parsed = None if scheme is None else parse_run(scheme)[0]
-    with progress() as show:
-        result = find(chosen, parsed, dt, members, seed, tolerance, show, t_end=t_end)
-    if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json_file):
-        say(str(result))
-
-
-def _range(text: str) -> tuple[float, float]:
-    """Two numbers of "low:high". Raises ValueError."""
-    low, high = map(float, text.split(":"))
-    return low, high
-
-
-def _read(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
-    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
-    read: dict[str, Any] = {}
-    for item in filter(None, text.split(",")):
-        name, _, value = (part.strip() for part in item.rpartition("="))
-        if name in read:
-            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
-        try:
-            read[name] = value_of(value)
-        except ValueError:
-            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
-    return read

@@ -1,0 +1,571 @@
+"""Commands beside ``compare``: studies, advise, doubt, reference, score, cases, doctor. Docstrings are their help."""
+
+from __future__ import annotations
+
+import platform
+import re
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields, replace
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from ..basics.resources import TALK, cores, progress
+from ..basics.validation import InputError
+from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
+from .comparison import compare
+from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
+
+if TYPE_CHECKING:
+    from ..basics.resources import Show
+    from ..studies.base import Study
+
+HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
+
+Every command takes --quiet (-q: print nothing but errors and --json) and --verbose (-v: one line on stderr per phase).
+Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
+"""
+OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
+    "converge": "Orders, work, time, impacts, energy lost and misprints of every integrator over the time step.",
+    "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
+    "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
+}
+
+
+def application(first: str = "") -> App:
+    """The application. ``first``: the command that is asked for; studies are imported only where their help is."""
+    app = App(
+        name="stiffbeam", help=HELP, version=f"stiffbeam {version('stiffbeam')}",
+        default_parameter=Parameter(negative_iterable=(), negative_none=()), result_action="return_value",
+    )  # fmt: skip
+    for command in (compare, advise, doubt, reference, score, cases, doctor):
+        app.command(command)
+    for name, line in OWN.items():
+        if first == name:
+            from ..studies import find_study
+
+            app.command(study_command(find_study(name)), name=name)
+        else:
+            app.command(_not_loaded, name=name, help=line)
+    group = App(name="study", help="Run a study: stiffbeam study NAME CASE.")
+    if first == "study":
+        from ..studies import studies
+
+        for name, kind in studies().items():
+            if name not in OWN:
+                group.command(study_command(kind), name=name)
+    app.command(group)
+    return app
+
+
+def _not_loaded() -> None:
+    raise AssertionError("application() loads the study that is asked for")
+
+
+def study_command(kind: type[Study]) -> Callable[..., int]:
+    """The command of a study; its options are the fields of the dataclass."""
+
+    def run(
+        case: str = "table10", /, *, options: Any = None, dt: float | None = None, t_end: float | None = None,
+        out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
+    ) -> int:  # fmt: skip
+        from ..files.cases import find_case
+        from ..studies.base import perform
+
+        check_json(json)
+        chosen, options = find_case(case), kind() if options is None else options
+        if dt is not None or t_end is not None:
+            chosen = replace(chosen, dt=chosen.dt if dt is None else dt, t_end=chosen.t_end if t_end is None else t_end)
+        if smoke:
+            plain = kind()
+            small = kind.smoke_options(chosen).items()
+            options = replace(options, **{x: y for x, y in small if getattr(options, x) == getattr(plain, x)})
+        folder = make_folder(out if out is not None else default_folder(chosen.name))
+        if jobs is None:
+            jobs = 1 if kind.all_cores else cores()
+        with progress() as show:
+            records = perform(options, chosen, jobs, folder / "points", show)
+            written: list[Path] = []
+            if len(records.found):
+                show("drawing", 0, 0)
+                written = records.save(folder)
+        if not write_json(records.name, records.to_dict(), json):
+            say(records.text(shutil.get_terminal_size().columns if sys.stdout.isatty() else 160))
+            say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
+        return 0 if written else 1
+
+    names = ", ".join(f.name for f in fields(kind))
+    run.__doc__ = (kind.__doc__ or "") + _SHARED
+    run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*", help=names)]
+    return run
+
+
+_SHARED = """
+    Parameters
+    ----------
+    case
+        table1 .. table17, a case file, or file.toml:name.
+    dt
+        Time step in place of the case's.
+    t_end
+        End time in place of the case's.
+    out
+        Folder for table, text, picture and finished points; by default stiffbeam-output/CASE.
+    jobs
+        Processes; by default one per core.
+    smoke
+        Small configuration: seconds instead of minutes.
+    json
+        Write the records to this file, - for stdout.
+    """
+
+
+def advise(
+    case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
+    t_end: float | None = None, most_steps: int | None = None, members: int = 48, out: Path | None = None,
+    json: Json = None,
+) -> int:  # fmt: skip
+    """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
+
+    After every refinement a line on stderr states the smallest errors so far. An interrupted search continues when the
+    command runs again.
+
+    Example: stiffbeam advise table10 --want tip=1e-3,impacts=0.05
+
+    Parameters
+    ----------
+    case
+        table1 .. table17, a case file, or file.toml:name.
+    want
+        Admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; by default
+        tip=1e-3,impacts=0.05,peak_force=0.05.
+    schemes
+        Comma-separated; by default all.
+    form
+        displacement, velocity-curvature or hermite.
+    t_end
+        In place of the case's.
+    most_steps
+        Largest number of steps of a run; the search ends there.
+    members
+        Perturbed runs per mean, past the horizon.
+    out
+        Folder of finished runs; by default stiffbeam-output/CASE.
+    json
+        Write the records to this file, - for stdout.
+    """
+    from ..files.cases import find_case
+    from ..schemes.labels import parse_run, split_runs
+    from ..studies.advice import advise as find
+    from ..studies.base import Store
+
+    chosen = find_case(case)
+    wanted = None if want is None else named_values("--want", want, float, "quantity=error", "tip=1e-3")
+    parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
+    check_json(json)
+    folder = make_folder(out if out is not None else default_folder(chosen.name))
+
+    def tell(line: str) -> None:
+        if not TALK.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    with progress() as show:
+        advice = find(
+            chosen.system(form), wanted, chosen.t_end if t_end is None else t_end, parsed, most_steps=most_steps,
+            members=members, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
+        )  # fmt: skip
+    if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json):
+        say(str(advice))
+    return 0 if advice.recommendation is not None else 1
+
+
+def doubt(
+    case: str, *, uncertain: str | None = None, scheme: str | None = None, dt: float | None = None,
+    t_end: float | None = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Json = None,
+) -> None:  # fmt: skip
+    """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
+
+    The ranges of the data are those of the case file, in its table case.uncertain. For matrices the table
+    case.finer holds a finer model. The result names the largest source of each quantity.
+
+    Example: stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'
+
+    Parameters
+    ----------
+    case
+        table1 .. table17, a case file, or file.toml:name.
+    uncertain
+        path=low:high,...; by default the ranges of the case file.
+    scheme
+        Scheme to examine; by default the case's first.
+    dt
+        Time step in place of the case's.
+    t_end
+        End time in place of the case's.
+    members
+        Number of systems with random parameters, at least 8.
+    seed
+        Seed of the random systems.
+    tolerance
+        Tolerance of the data horizon, relative to the largest |u|.
+    json
+        Write the records to this file, - for stdout.
+    """
+    from ..files.cases import find_case
+    from ..schemes.labels import parse_run
+    from ..studies.doubt import doubt as find
+
+    chosen = find_case(case)
+    if uncertain is not None:
+        ranges = named_values("--uncertain", uncertain, _range, "path=low:high", "stiffness=270:330")
+        chosen = replace(chosen, uncertain=ranges)
+    check_json(json)
+    parsed = None if scheme is None else parse_run(scheme)[0]
+    with progress() as show:
+        result = find(chosen, parsed, dt, members, seed, tolerance, show, t_end=t_end)
+    if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json):
+        say(str(result))
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Two numbers of "low:high". Raises ValueError."""
+    low, high = map(float, text.split(":"))
+    return low, high
+
+
+def reference(
+    case: str | None = None, *, method: str | None = None, form: str | None = None, digits: str = "auto",
+    rtol: float | None = None, t_end: float | None = None, out: Path | None = None, check: Path | None = None,
+    remake: Path | None = None, cache: bool = False, doubles: bool = False, json: Json = None,
+) -> int:  # fmt: skip
+    """Compute, freeze and verify reference solutions.
+
+    Example: stiffbeam reference table10 --method multiprecision --t-end 1 --out exact.nc
+
+    Parameters
+    ----------
+    case
+        table1 .. table17, a case file, or file.toml:name.
+    method
+        exact, multiprecision or an adaptive solver; by default the best for the case.
+    form
+        displacement, velocity-curvature or hermite.
+    digits
+        Digits of multiprecision: a number, or auto.
+    rtol
+        Relative tolerance of the adaptive solvers; by default 1e-10.
+    t_end
+        In place of the case's.
+    out
+        netCDF file to write.
+    check
+        Verify a frozen reference, or a folder with a manifest.
+    remake
+        Compute the missing frozen references of the paper in this folder.
+    cache
+        Store the reference, and use a stored one.
+    doubles
+        Read decimals as the nearest doubles.
+    json
+        Write the records to this file, - for stdout.
+    """
+    if sum(x is not None for x in (case, check, remake)) != 1:
+        remedy = "give exactly one of them"
+        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
+    if case is None:
+        options = {
+            "--method": method, "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
+            "--t-end": t_end, "--cache": cache, "--doubles": doubles,
+        }  # fmt: skip
+        for flag, value in options.items():
+            if value:
+                alone = "--check" if remake is None else "--remake"
+                raise InputError(flag, str(value), f"be left out with {alone}", "it is an option of CASE")
+    check_json(json)
+    with progress() as show:
+        if check is not None:
+            from ..studies.references import check as check_files
+
+            records = check_files(check, show)
+        elif remake is not None:
+            from ..studies.references import remake as remake_files
+
+            make_folder(remake, "--remake")
+            records = [{"file": name, "written": True} for name in remake_files(remake, show)]
+        else:
+            assert case is not None
+            records = [_reference(case, method, form, digits, rtol, t_end, out, cache, doubles, show)]
+    if not write_json("reference", {"references": records}, json):
+        for record in records:
+            say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
+        if not records:
+            say("nothing to do: every reference is there and whole")
+    return int(any(record.get("problem") for record in records))
+
+
+def _reference(
+    name: str, asked: str | None, form: str | None, digits: str, rtol: float | None, t_end: float | None,
+    out: Path | None, cache: bool, doubles: bool, show: Show,
+) -> dict[str, Any]:  # fmt: skip
+    """Record of one reference, saved where asked."""
+    from ..basics.validation import as_doubles
+    from ..files.cases import case_text, find_case
+    from ..files.reference_cache import cached_reference
+    from ..measures.errors import impact_times
+    from ..references import reference, substitute
+
+    case = find_case(name)
+    end = case.t_end if t_end is None else t_end
+    method = asked or (BEST[1] if substitute(case.system(form), end) else BEST[0])
+    kind = REFERENCES[method].kind if method in REFERENCES else ""
+    used = {
+        "--digits": digits == "auto" or kind == MULTIPRECISION,
+        "--rtol": rtol is None or kind == ADAPTIVE,
+    }
+    for flag, fits in used.items():
+        if not fits and kind:
+            raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
+    if doubles:
+        if out is not None:
+            raise InputError("--doubles", "with --out", "be left out here", "a frozen case is read as decimals")
+        case = replace(case, problem=as_doubles(case.problem))
+    if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
+        raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
+    system = case.system(form)
+    show(f"{method}@{system.form}", 0, 0)
+    if cache and out is not None and method == "multiprecision":
+        raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
+    solve, many = cached_reference if cache else reference, "auto" if digits == "auto" else int(digits)
+    solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
+    record = {
+        "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
+        "units": str(solution.units), "against": solution.provenance["horizon_against"],
+        "impacts": len(impact_times(solution)), "seconds": round(solution.work.seconds, 3),
+        "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
+    }  # fmt: skip
+    if out is not None:
+        from ..files.store import can_freeze, freeze
+
+        frozen = can_freeze(solution) and case.beam is not None
+        record["file"] = freeze(solution, case_text(name), out)["file"] if frozen else str(solution.save(out))
+    return record
+
+
+def score(
+    integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
+    show: Annotated[bool, Parameter(name="--list")] = False, latex: bool = False, out: Path | None = None,
+    json: Json = None,
+) -> int:  # fmt: skip
+    """Errors of integrators on problems with known answers.
+
+    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
+
+    Example: stiffbeam score BDF2,cvode --problem bilinear-gap
+
+    Parameters
+    ----------
+    integrators
+        Comma-separated schemes, solvers, functions module:function, such as 'HHT(alpha=-0.1),cvode'.
+    problem
+        Comma-separated names; by default all, in minutes for a function in Python.
+    trajectory
+        Score this file instead: columns t, u and, if known, v; repeat for other time steps.
+    show
+        List the problems, or print the file of one --problem.
+    latex
+        One --problem as a LaTeX table.
+    out
+        Folder for the page index.html, pictures and records.
+    json
+        Write the records to this file, - for stdout.
+    """
+    from ..schemes.labels import split_runs
+    from ..testset.measure import read_trajectory
+    from ..testset.problem import VERSION, folder, problems
+    from ..testset.problem import problem as find
+    from ..testset.score import score as score_all
+    from ..testset.score import score_trajectories
+
+    # What writes one thing takes no option that would be passed over.
+    alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
+    others = {
+        "INTEGRATORS": integrators, "--trajectory": trajectory and alone != "--trajectory",
+        "--latex": latex and alone != "--latex",
+        "--out": out if alone in ("--list", "--latex") else None,
+        "--json": json if alone in ("--list", "--latex") else None,
+    }  # fmt: skip
+    for name, value in others.items():
+        if alone is not None and value:
+            raise InputError(name, str(value), f"be left out with {alone}", "give one command for each")
+    check_json(json)
+    if out is not None:
+        make_folder(out)  # before the work begins
+    names = None if problem is None else [name.strip() for name in problem.split(",")]
+    if (trajectory or latex) and (names is None or len(names) != 1):
+        flag = "--latex" if latex else "--trajectory"
+        raise InputError("--problem", problem, f"name one problem for {flag}", ", ".join(problems()))
+    if latex:
+        from ..testset.scorecard import latex_table
+
+        say(latex_table(find(names[0])))  # type: ignore[index]
+        return 0
+    if show:
+        for name in names or []:
+            say(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8").rstrip("\n"))
+        if names is None:
+            say(f"Test set {VERSION}")
+            for each in problems().values():
+                say(f"  {each.name:<22}{each.title}")
+        return 0
+    if trajectory:
+        label = trajectory[0].name if len(trajectory) == 1 else f"{len(trajectory)} files"
+        assert names is not None
+        card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], label)
+    else:
+        with progress() as bar:
+            card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
+    written = [] if out is None else card.save(out)
+    if not write_json("score", card.to_dict(), json):
+        console(card.width).print(card.tables())
+        if written:
+            say(f"Written: {written[0]} and {len(written) - 1} files beside it")
+    return int(bool(card.flagged))
+
+
+def cases(*, show: str | None = None, json: Json = None) -> None:
+    """List the paper's cases.
+
+    Example: stiffbeam cases --show table10 > my-beam.toml
+
+    Parameters
+    ----------
+    show
+        Print one case as TOML, as a start for your own file.
+    json
+        Write the records to this file, - for stdout.
+    """
+    from ..files.paper import case_blocks, paper_entries, paper_text
+
+    check_json(json)
+    if show is not None:
+        text = case_blocks(paper_text()).get(show)
+        if text is None:
+            from ..files.cases import case_text  # loads SciPy
+
+            text = case_text(show)
+        say(text.rstrip())
+        return
+    names = ("name", "title", "cells", "dt", "t_end", "runs")
+    rows: list[dict[str, Any]] = [
+        {x: entry[x] for x in names} | {"published": entry.get("published", {}), "inferred": entry.get("inferred", [])}
+        for entry in paper_entries()
+    ]
+    if write_json("cases", {"cases": rows}, json):
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table("case", "title", "cells", "dt", "t_end", "runs", box=box.SIMPLE_HEAD, pad_edge=False)
+    for row in rows:
+        table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
+    console().print(table)
+    say("All are non-dimensional.")
+    say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
+
+
+def doctor(*, json: Json = None) -> int:
+    """Print versions and cache folders, and test every solver on a small problem.
+
+    Parameters
+    ----------
+    json
+        Write the records to this file, - for stdout.
+    """
+    check_json(json)
+    with progress() as show:
+        installed, places, solvers = _installed(), _places(), _solvers(show)
+    report = {"installed": installed, "places": places, "solvers": solvers}
+    if not write_json("doctor", report, json):
+        lines = {name: str(value) for name, value in (installed | places).items()}
+        lines |= {x["name"]: f"{'works' if x['agrees'] else 'fails'}, {x['said']}" for x in solvers}
+        width = max(map(len, lines))
+        for name, value in lines.items():
+            say(f"{name:<{width}}  {value}")
+    return 0 if all(solver["agrees"] for solver in solvers) else 1
+
+
+def _installed() -> dict[str, str]:
+    """Versions of Python, of this package and of what it depends on."""
+    import sksundae
+
+    versions = {"python": f"{platform.python_version()} on {platform.platform()}"}
+    needed = [
+        re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requires("stiffbeam") or [] if "extra ==" not in text
+    ]
+    for name in ["stiffbeam", *needed]:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "missing"
+    return versions | {"SUNDIALS": str(sksundae.SUNDIALS_VERSION)}
+
+
+def _places() -> dict[str, Any]:
+    """Caches, frozen references, threads, devices."""
+    from ..basics.resources import cores
+    from ..basics.storage import directory
+    from ..references.adaptive.diffrax import jax_devices
+    from ..studies.references import shipped
+
+    cache, frozen = directory(), shipped()
+    size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
+    try:
+        devices = ", ".join(str(device) for device in jax_devices())
+    except InputError as error:
+        devices = str(error)
+    return {
+        "cache": f"{cache}, {size / 1e6:.0f} MB",
+        "frozen references": "none" if frozen is None else f"{frozen}, {len(list(frozen.glob('*.nc')))} files",
+        "threads": cores(),
+        "JAX devices": devices,
+    }
+
+
+def _solvers(show: Show) -> list[dict[str, Any]]:
+    """Results of every reference and a scheme on a mass that meets a stop once, compared with the exact solution."""
+    import numpy as np
+
+    from ..march.integrate import integrate
+    from ..measures.errors import tip_error
+    from ..model.contact import Contact, Stops
+    from ..model.system import System
+    from ..references import reference
+    from ..references.registry import METHODS, REFERENCES
+    from ..schemes import SDIRK
+
+    system = System.from_matrices(
+        [[1.0]], [[10.0]], contacts=[Contact(np.ones(1), Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
+    )
+    end, rows = 0.5, []
+    times = np.arange(5001) * 1e-4
+    exact = reference(system, end, t_eval=times)
+    # An extra that is not installed is no fault.
+    chosen = [name for name in METHODS if REFERENCES[name].installed or not REFERENCES[name].extra]
+    for i, name in enumerate(["SDIRK", *chosen]):
+        show(name, i, 1 + len(chosen))
+        begun, solver = time.perf_counter(), {"name": name, "agrees": False}
+        try:
+            scheme = SDIRK() if name == "SDIRK" else None
+            run = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
+            error = tip_error(run.tip, exact.tip).max
+            solver |= {"agrees": bool(error < 1e-3), "error": error}
+            solver["said"] = f"within {error:.1e} of the exact solution in {time.perf_counter() - begun:.2g} s"
+        except Exception as failure:  # whatever is broken here is what the command is asked to say
+            solver["said"] = f"{type(failure).__name__}: {failure}"
+        rows.append(solver)
+    return rows

@@ -1,0 +1,107 @@
+"""Output of commands: the terminal, folders, JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ..basics.resources import TALK
+from ..basics.text import cut, plain
+from ..basics.validation import InputError, file_path
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Json = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # a file, or - for stdout
+
+
+def console(width: int | None = None) -> Console:
+    """The terminal, silent with --quiet; ``width``: for piped output. Names and messages may contain [/]."""
+    from rich.console import Console
+
+    wide = None if sys.stdout.isatty() else width
+    return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
+
+
+def say(text: str) -> None:
+    """Print a line unchanged, of any length; nothing with --quiet."""
+    if not TALK.quiet:
+        print(text)
+
+
+def default_folder(case: str) -> Path:
+    """stiffbeam-output/<case>."""
+    return Path("stiffbeam-output") / file_name(case)
+
+
+def file_name(label: str) -> str:
+    """The label without the characters that shells and file systems dislike, never a folder's name for another."""
+    plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
+    return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
+
+
+def make_folder(folder: Path, option: str = "--out") -> Path:
+    """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
+    file_path(option, folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError("no permission to write")
+    except OSError as error:
+        remedy = f"{error.strerror or error}: name another"
+        raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
+    return folder
+
+
+def check_json(file: Path | None) -> None:
+    """Raise InputError for a --json that cannot be a file, before anything is computed."""
+    if file is None or str(file) == "-":
+        return
+    file_path("--json", file)
+    if file.is_dir():
+        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
+    make_folder(file.parent, "--json")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+
+
+def json_text(command: str, records: Mapping[str, Any]) -> str:
+    """The records of a command as JSON, which has no NaN: its name and the version of the package come first."""
+    head = {"stiffbeam": version("stiffbeam"), "command": command}
+    return json.dumps(plain(head | dict(records)), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> bool:
+    """Write the records to the file of --json. Returns True if that is the standard output, which then has nothing
+    else."""
+    if file is None:
+        return False
+    text = json_text(command, records)
+    if str(file) == "-":
+        print(text)
+        return True
+    from ..basics.storage import write_whole
+
+    write_whole(file, text + "\n")
+    return False
+
+
+def named_values(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
+    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
+    read: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        name, _, value = (part.strip() for part in item.rpartition("="))
+        if name in read:
+            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
+        try:
+            read[name] = value_of(value)
+        except ValueError:
+            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
+    return read

@@ -1,0 +1,464 @@
+"""A study: a dataclass of options with points, run, answer and draw. Its records are a pandas DataFrame.
+
+A new study is one module with one subclass of ``Study``; the command line and ``stiffbeam.study`` find it by its name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..basics.resources import TALK, Show, cores, displayed
+from ..basics.storage import source_hash, write_whole
+from ..basics.text import plain
+from ..basics.validation import InputError, integer, one_of
+from ..files.cases import Case, case_of, find_case
+from ..model.system import System
+from ..model.time_functions import covered, stays_at_rest
+from ..references import substitute
+from ..schemes import Scheme
+from ..schemes.labels import user_source
+from ..trajectory.trajectory import Diverged, SolverFailure, Trajectory, Unfinished
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Row = dict[str, Any]
+STUDIES: dict[str, type[Study]] = {}  # by name, as far as their modules are imported
+NOTHING = "No point could be evaluated."
+
+
+class Answer(NamedTuple):
+    """A sentence that answers the question with numbers, the numbers behind it, and remarks on them."""
+
+    verdict: str
+    table: pd.DataFrame = pd.DataFrame()
+    notes: str = ""
+
+
+def option(default: Any, help: str, least: int | None = None) -> Any:
+    """A field of a study with its help; ``least``: of an integer option."""
+    return field(default=default, metadata={"help": help, "least": least})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Base of all studies: fields are options, the first line of the docstring is the question.
+
+    Class variables: ``smoke``, options of a run of seconds; ``all_cores``, True where a point uses every core;
+    ``needs_stops`` and ``needs_motion``;
+    ``free``, True where the motion touches no stop; ``named_by``, options in the names of files;
+    ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
+    """
+
+    smoke: ClassVar[Mapping[str, Any]] = {}
+    all_cores: ClassVar[bool] = False
+    needs_stops: ClassVar[bool] = False
+    needs_motion: ClassVar[bool] = False
+    free: ClassVar[bool] = False
+    named_by: ClassVar[tuple[str, ...]] = ()
+    height: ClassVar[float] = 6.0
+    labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
+
+    def __init_subclass__(cls) -> None:
+        STUDIES[cls.__name__.lower()] = cls
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value, least = getattr(self, each.name), each.metadata.get("least")
+            if isinstance(value, np.ndarray):
+                value = value.tolist()
+            if isinstance(value, (list, tuple)):
+                object.__setattr__(self, each.name, value := tuple(value))
+            if least is not None and value is not None:
+                for one in value if isinstance(value, tuple) else (value,):
+                    integer(each.name, one, least)
+
+    def points(self, case: Case) -> Iterable[Row]:
+        """Arguments of ``run``, by name."""
+        raise NotImplementedError
+
+    def run(self, case: Case, **point: Any) -> Row | list[Row]:
+        """One row or several; the numbers and texts of the point are added to each.
+
+        A row ``{"lost": sentence}`` has the reason why there is no result.
+        """
+        raise NotImplementedError
+
+    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+        """The answer from the rows that have results."""
+        raise NotImplementedError
+
+    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+        """Draw the rows that have results; ``table.attrs["labels"]`` has the labels of columns with their units."""
+        raise NotImplementedError
+
+    def axis_labels(self, case: Case) -> dict[str, str]:
+        """Labels of the columns, with the units of the case."""
+        return {column: case.units.label(*label) for column, label in self.labels.items()}
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Columns that are seconds of this machine, so that points run one by one."""
+        return ()
+
+    @classmethod
+    def smoke_options(cls, case: Case) -> dict[str, Any]:
+        """Options for a run of seconds on this case, with a scheme of its own where others do not support its stops."""
+        from .common import chosen_schemes, takes
+
+        name = next((x for x in ("schemes", "integrators") if x in cls.smoke), None)
+        if name is None or cls.free or all(takes(case, x) for x in chosen_schemes(case, cls.smoke[name]).values()):
+            return dict(cls.smoke)
+        return {**cls.smoke, name: [str(case.runs[0][0])]}
+
+    @classmethod
+    def question(cls) -> str:
+        """First line of the docstring."""
+        return (cls.__doc__ or "").splitlines()[0]
+
+    def require(self, case: Case) -> None:
+        """Raise InputError for a case without the stops or the motion that the study needs."""
+        if self.needs_stops and not case.has_stops:
+            raise InputError("case", case.name, "have stops", f"{type(self).__name__.lower()} is about contact")
+        if self.needs_motion and stays_at_rest(case.system()):
+            remedy = "give it a base motion, a load or initial data"
+            raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
+        if self.needs_motion or self.needs_stops:
+            covered(case.system().time_functions, case.t_end)
+
+
+@dataclass(frozen=True, repr=False)
+class Records:
+    """A study of a case with its table.
+
+    Parameters
+    ----------
+    study : Study
+    case : Case
+    table : pandas.DataFrame
+        One row a result, labels and units of the columns in ``attrs``. A row with a text in the column "lost" has the
+        reason why its point has no result.
+    """
+
+    study: Study
+    case: Case
+    table: pd.DataFrame
+
+    @property
+    def name(self) -> str:
+        """Name of the study."""
+        return type(self.study).__name__.lower()
+
+    @property
+    def found(self) -> pd.DataFrame:
+        """The rows with results."""
+        if "lost" not in self.table:
+            return self.table
+        return self.table[self.table["lost"].isna()].drop(columns="lost").dropna(axis="columns", how="all")
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Reasons of the points without a result, each with the number of its rows; those that differ in numbers alone
+        are one."""
+        counts: dict[str, tuple[str, int]] = {}
+        for reason in self.table["lost"].dropna() if "lost" in self.table else ():
+            alike = re.sub(r"[\d.]+(e[+-]?\d+)?", "", reason)
+            first, count = counts.get(alike, (reason, 0))
+            counts[alike] = first, count + 1
+        return dict(counts.values())
+
+    @property
+    def answer(self) -> Answer:
+        """Verdict, table and notes."""
+        if not len(self.found):
+            return Answer(NOTHING)
+        answer = self.study.answer(self.found, self.case)
+        other = substitute(self.case.system(), self.case.t_end) if not self.study.free else ""
+        return answer._replace(notes=f"{answer.notes} {other}".strip())
+
+    def text(self, width: int | None = None) -> str:
+        """Question, answer, table and lost points as text; a table wider than ``width`` is printed in parts."""
+        answer = self.answer
+        small = answer.table.fillna("–").to_string(index=False, line_width=width) if len(answer.table) else ""
+        lost = [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
+        return "\n".join(filter(None, [self.study.question(), answer.verdict, small, answer.notes, *lost]))
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def __repr__(self) -> str:
+        lost = sum(self.lost.values())
+        return f"<Records {self.name} of {self.case.name}: {len(self.table)} rows, {lost} lost>"
+
+    def _repr_html_(self) -> str:
+        answer = self.answer
+        small = answer.table.to_html(index=False, na_rep="–") if len(answer.table) else ""
+        return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
+
+    def _repr_png_(self) -> bytes:
+        from ..figures.chart import png
+
+        return png(self.figure())
+
+    def figure(self) -> Figure:
+        """The picture under the answer."""
+        from ..figures.chart import finish, heading, new_figure
+
+        figure, table = new_figure(self.study.height), self.found
+        if len(table):
+            table.attrs["labels"] = self.study.axis_labels(self.case)
+            self.study.draw(table, figure, self.case)
+        else:
+            figure.add_subplot()
+        finish(figure, heading(self.case, self.answer.verdict))
+        return figure
+
+    def to_dict(self) -> dict[str, Any]:
+        """Study, options, answer and rows as plain numbers and texts, for JSON; "measured" names what is timed."""
+        options = {f.name: _described(getattr(self.study, f.name)) for f in fields(self.study)}
+        answer = self.answer
+        return plain({
+            "measured": [f"rows.{column}" for column in self.study.measured],
+            "study": self.name, "question": self.study.question(), "case": self.case.name,
+            "units": asdict(self.case.units), "options": options,
+            "answer": answer.verdict, "notes": answer.notes, "table": answer.table.to_dict("records"),
+            "rows": self.table.to_dict("records"),
+        })  # fmt: skip
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write the table as CSV, the answer as text and the picture as PNG into ``folder``."""
+        from ..figures.chart import save_figure
+
+        named = [getattr(self.study, option) for option in self.study.named_by]
+        stem = "-".join([self.name, *(str(x).replace("/", "_") for x in named if x is not None)])
+        csv = write_whole(Path(folder) / f"{stem}.csv", self.table.to_csv(index=False))
+        text = write_whole(Path(folder) / f"{stem}.txt", f"{self}\n")
+        return [csv, text, save_figure(self.figure(), Path(folder) / f"{stem}.png")]
+
+
+def studies() -> dict[str, type[Study]]:
+    """Every study of the package and every other subclass of ``Study`` that is imported, by name."""
+    for module in iter_modules([str(Path(__file__).parent)]):
+        import_module(f".{module.name}", __package__)
+    return dict(sorted(STUDIES.items()))
+
+
+def find_study(name: str) -> type[Study]:
+    """The study with this name. Raises InputError for any other name."""
+    if name not in STUDIES and isinstance(name, str) and (Path(__file__).parent / f"{name}.py").is_file():
+        import_module(f".{name}", __package__)
+    known = STUDIES if name in STUDIES else studies()
+    return known[one_of("study", name, known, "be a study")]
+
+
+def study(
+    name: str,
+    case: Case | System | str = "table10",
+    *,
+    dt: float | None = None,
+    t_end: float | None = None,
+    jobs: int | None = None,
+    folder: str | Path | None = None,
+    progress: bool | Show = False,
+    **options: Any,
+) -> Records:
+    """Return the records of a study on a case or system.
+
+    Parameters
+    ----------
+    name : str
+        Such as "converge", "energy" or "sweep"; ``stiffbeam --help`` lists all.
+    case : str, Case or System
+        The label of a case, a case, or a system (with dt= and t_end=).
+    dt, t_end : float, optional
+        In place of the case's.
+    jobs : int, optional
+        Processes, by joblib: with ``joblib.parallel_config`` its backend runs the points, that of Dask too.
+    folder : path, optional
+        Folder of finished points: a second call with the same folder computes the missing ones only.
+    progress : bool or callable
+        True shows a bar on stderr.
+    **options
+        Options of the study, as its command lists them.
+
+    Returns
+    -------
+    Records
+        With ``answer``, ``table`` (a pandas DataFrame), ``figure()`` and ``save(folder)``.
+
+    Raises
+    ------
+    InputError
+        For an unknown study or option, and for a case that the study does not support.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> records = sb.study("modes", "table10", schemes=["BDF2", "HHT(alpha=-0.1)"], steps=400)
+    >>> "period_elongation" in records.table
+    True
+    """
+    kind = find_study(name)
+    for given in options:
+        one_of(f"option of {name}", given, [f.name for f in fields(kind)], "be one the study has")
+    if isinstance(case, System):
+        case = case_of(case, dt, t_end)
+    case = find_case(case) if isinstance(case, str) else case
+    if not isinstance(case, Case):
+        remedy = "for example 'table10'"
+        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
+    if dt is not None or t_end is not None:
+        case = replace(case, dt=case.dt if dt is None else dt, t_end=case.t_end if t_end is None else t_end)
+    return perform(kind(**options), case, jobs, folder, progress)
+
+
+def perform(
+    study: Study, case: Case, jobs: int | None = None, folder: str | Path | None = None, progress: bool | Show = False
+) -> Records:
+    """Run every point that ``folder`` does not hold and return the records, see ``study``."""
+    from joblib import Parallel, delayed
+
+    study.require(case)
+    if jobs is not None:
+        integer("jobs", jobs, 1)
+    name = type(study).__name__.lower()
+    with displayed(progress) as show:
+        show(f"{name}: planning", 0, 0)
+        store = Store(folder, _key(study, case))
+        points = list(study.points(case))
+        jobs = 1 if study.measured else jobs
+        threads = max(1, cores() // jobs) if jobs is not None else 0
+        work = (delayed(_numbered)(i, study, case, point, store, threads) for i, point in enumerate(points))
+        show(name, 0, len(points))
+        parts: list[tuple[int, list[Row]]] = []
+        with _processes():
+            for part in Parallel(jobs, return_as="generator_unordered", batch_size=1)(work):
+                parts.append(part)
+                show(name, len(parts), len(points))
+    rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
+    table = pd.DataFrame(rows)
+    table.attrs = {"study": name, "case": case.name, "units": asdict(case.units), "labels": study.axis_labels(case)}
+    return Records(study, case, table)
+
+
+@contextmanager
+def _processes() -> Iterator[None]:
+    """Raise Unfinished where the processes of joblib die."""
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
+    try:
+        yield
+    except BrokenProcessPool as error:
+        reason = "is there enough memory? Run it again; with a folder the finished points are kept"
+        raise Unfinished(f"a process of the study died: {reason}") from error
+
+
+def _numbered(i: int, study: Study, case: Case, point: Row, store: Store, threads: int) -> tuple[int, list[Row]]:
+    """The rows of point i, from the store if it has them. threads: of an ensemble in this process, 0: all."""
+    if threads and os.environ.get("STIFFBEAM_THREADS") is None and threads < cores():
+        os.environ["STIFFBEAM_THREADS"] = str(threads)
+    return i, store.rows(point, lambda: evaluate(study, case, point))
+
+
+def evaluate(study: Study, case: Case, point: Row) -> list[Row]:
+    """The rows of a point; a refusal, a run that overflowed and a solver that failed are a row with ``lost``."""
+    try:
+        rows = study.run(case, **point)
+    except (InputError, Diverged, SolverFailure) as error:
+        rows = {"lost": str(error)}
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        rows = {"lost": f"{type(error).__name__}: {error}"}
+    entries = {name: value for name, value in point.items() if not isinstance(value, (list, tuple, dict))}
+    return [entries | row for row in ([rows] if isinstance(rows, dict) else rows)]
+
+
+class Store:
+    """Finished points in a folder: one JSON file each, written in one step. A link is never read or followed.
+
+    Its files hold numbers and texts. Their names are hashes of the key and of the point, so that nothing in a file
+    selects what is run.
+    """
+
+    def __init__(self, folder: str | Path | None, key: Any) -> None:
+        self.folder, self.key = None if folder is None else Path(folder), key
+        if self.folder is not None:
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                if not os.access(self.folder, os.W_OK):
+                    raise PermissionError(13, "no permission to write")
+            except OSError as error:
+                rule = "be a folder that can be written to"
+                raise InputError("folder", str(folder), rule, f"{error.strerror}: name another") from None
+
+    def rows(self, point: Row, compute: Any) -> list[Row]:
+        """Rows of a point: those of its file, else those that ``compute()`` returns. Rows that lost something are not
+        kept."""
+        if self.folder is None:
+            return _plain_rows(compute())[0]
+        text = json.dumps([self.key, point], sort_keys=True, default=partial(_described, source=True))
+        file = self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
+        if file.is_file() and not file.is_symlink():
+            try:
+                rows = json.loads(file.read_text(encoding="utf-8"))
+                if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
+                    TALK.kept = True
+                    return rows
+            except ValueError:
+                pass  # a damaged file: its point is evaluated again
+        rows, written = _plain_rows(compute())
+        if not any("lost" in row for row in rows):
+            write_whole(file, written)
+            TALK.kept = True
+        return rows
+
+
+def _plain_rows(rows: list[Row]) -> tuple[list[Row], str]:
+    """Rows as a later run reads them, and their text. Floats keep every bit."""
+    text = json.dumps(rows, default=_described)
+    return json.loads(text), text
+
+
+def _key(study: Study, case: Case) -> list[Any]:
+    """All that the rows of a study depend on."""
+    systems = [case.system(form).fingerprint for form in case.forms]
+    runs = [f"{scheme}@{form}" for scheme, form in case.runs]
+    options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
+    uncertain = {path: repr(one) for path, one in case.uncertain.items()}
+    kind = f"{type(study).__module__}:{type(study).__qualname__}"
+    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]
+
+
+def _described(value: Any, source: bool = False) -> Any:
+    """Text of an option: the label of an integrator, with its ``source`` a hash of a user's module or of arrays."""
+    if isinstance(value, Mapping):
+        return {str(name): _described(x, source) for name, x in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_described(x, source) for x in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Trajectory):
+        arrays = hashlib.sha256(value.t.tobytes() + value.tip.tobytes()).hexdigest() if source else ""
+        return f"{value.label} {arrays}".strip()
+    if isinstance(value, Scheme) or callable(value):
+        kind = type(value) if isinstance(value, Scheme) else value
+        name = f"{kind.__module__}:{getattr(kind, '__qualname__', kind)}"
+        label = str(value) if isinstance(value, Scheme) else name
+        return f"{label} {name} {user_source(name)}" if source else label
+    if isinstance(value, str) and source and ":" in value:
+        return f"{value} {user_source(value)}".strip()
+    return value

@@ -1,0 +1,66 @@
+"""Every study on every system that a user may bring: numbers with labels on every axis, or a refusal named here."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from every_system import BENCHES
+
+import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
+from stiffbeam.files.cases import case_of
+from stiffbeam.studies import find_study
+
+# What may be refused, by the study that may refuse it: no other reason is good enough.
+REFUSED = {
+    "space": "be a beam with a grid",
+    "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
+    "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
+    "orbits": "a linear law|one drive frequency|exactly one Harmonic drive|be a multiple of 2 pi",
+    "converge": "keep the printed",  # some misprints grow at some steps
+    "modes": "does not oscillate|no mode oscillates",  # over-damped, or without any stiffness beside the stops
+    "chaos": "neighbouring motions become equal",  # by blows with e = 0, after which nothing of a neighbour is left
+}
+NAMES = ("chaos", "converge", "energy", "ensemble", "modes", "orbits", "rigid", "space", "sweep")
+OPTIONS = {  # beside the smoke options: longer where these are too short, else cheaper
+    "modes": {"steps": 4000},
+    "ensemble": {"members": 4},
+    "orbits": {"starts": 3},  # without damping some lead to no branch, by their rounding
+}
+FAST = {("modes", "feeder"), ("converge", "feeder"), ("chaos", "feeder"), ("energy", "chain"),
+        ("sweep", "two bodies with a dashpot between"), ("ensemble", "rigid impact damper")}  # fmt: skip
+
+
+def cells() -> list:
+    """Every study times every system: FAST, else every second one slow as on a chessboard, or a campaign."""
+    return [
+        pytest.param(study, name, id=f"{study}-{name.replace(' ', '-')}",
+                     marks=[] if (study, name) in FAST else [pytest.mark.slow if (i + j) % 2 else pytest.mark.campaign])
+        for i, study in enumerate(NAMES)
+        for j, name in enumerate(BENCHES)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("study", "name"), cells())
+def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
+    system, dt, t_end = BENCHES[name]()
+    allowed = REFUSED.get(study, "(?!)") + ("" if system.contacts else "|have stops")
+    options = find_study(study).smoke_options(case_of(system, dt, t_end)) | OPTIONS.get(study, {})
+    refused = ""
+    try:
+        records = sb.study(study, system, dt=dt, t_end=t_end, **options)
+    except InputError as error:
+        refused = str(error)
+    if refused:
+        assert re.search(allowed, refused), refused
+        return
+    for reason in records.lost:
+        assert re.search(allowed, reason), reason
+    if not len(records.found):
+        assert records.lost
+        return
+    assert any(c.isdigit() for c in records.answer.verdict + records.answer.notes)
+    for axis in records.figure().axes:
+        drawn = axis.get_xlabel() or any("could be" in text.get_text() for text in axis.texts)
+        assert drawn or axis.get_label() == "<colorbar>" or axis.get_shared_x_axes().get_siblings(axis) != [axis]
