@@ -26,7 +26,7 @@ from ..references.exact.continuation import Bifurcation, Branch, continuation
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 from .parameters import (
     EXACT,
     PARAMETERS,
@@ -123,7 +123,7 @@ class Orbits(Study):
             return [row for row in rows if row.get("kind") == "section" or "lost" in row]
         return _branches(case, point)
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The bifurcations at which the orbit gains or loses its stability, and a table of all."""
         orbits, ends, bifurcations = (_rows(table, kind) for kind in ("orbit", "end", "bifurcation"))
         if not orbits:
@@ -180,7 +180,7 @@ class Orbits(Study):
             " ".join(notes),
         )
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The branches over the section; the multipliers in the complex plane; portraits of a few orbits."""
         name, orbits, section = self.parameter, table[table.kind == "orbit"], table[table.kind == "section"]
         grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
@@ -215,7 +215,7 @@ class Orbits(Study):
         panel_legend(portraits, below=True)
 
 
-def _rows(table: pd.DataFrame, kind: str) -> list[Row]:
+def _rows(table: Table, kind: str) -> list[Row]:
     rows = table[table.kind == kind]
     return rows.dropna(axis="columns", how="all").to_dict("records")
 
@@ -412,7 +412,7 @@ def named_plainly(name: str) -> str:
     return name if is_path(name) else name.replace("-", " ")
 
 
-def _lines(axis: Axes, orbits: pd.DataFrame, name: str) -> None:
+def _lines(axis: Axes, orbits: Table, name: str) -> None:
     """A line for each part of a branch of one stability, which ends in the next part."""
     labelled: set[str] = set()
     main = orbits.length.min() if len(orbits) else 1
