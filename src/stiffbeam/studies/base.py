@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
@@ -259,7 +259,7 @@ def perform(
         show(name, 0, len(points))
         parts: list[tuple[int, list[Row]]] = []
         with _processes():
-            for part in Parallel(jobs, return_as="generator_unordered", batch_size=1)(work):
+            for part in Parallel(jobs, return_as="generator_unordered")(work):
                 parts.append(part)
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
@@ -269,7 +269,7 @@ def perform(
 
 
 @contextmanager
-def _processes() -> Iterator[None]:
+def _processes() -> Generator[None, None, None]:
     """Raise Unfinished where the processes of joblib die."""
     from joblib.externals.loky.process_executor import BrokenProcessPool
 

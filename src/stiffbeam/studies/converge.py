@@ -259,7 +259,7 @@ class Converge(Study):
             log_scale(axis, y=y == "tip_error" or (view == "misprints" and axis.get_ylim()[1] > 5.0))
             if y == "tip_error":
                 axis.set_ylim(top=min(axis.get_ylim()[1], 1e3))
-                mark_order(axis, *((3, 2, 1),) if x == "dt" else ((-2, -1), 0.3))
+                mark_order(axis, (3, 2, 1) if x == "dt" else (-2, -1), 0.96 if x == "dt" else 0.3)
             axis.set(title=title, xlabel=table.attrs["labels"][x], ylabel=table.attrs["labels"][y])
         for axis in axes[len(panels) :]:
             axis.remove()
@@ -385,7 +385,8 @@ def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
     for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
         if "octave" in group and y == "tip_error" and group.octave.notna().any():
             group = group.groupby("octave").head(1)
-        axis.plot(group[x], group[y], label=short(str(label)), **{"lw": 1.1, "ms": 4.0} | look(str(label)))
+        style: Any = {"lw": 1.1, "ms": 4.0} | look(str(label))
+        axis.plot(group[x], group[y], label=short(str(label)), **style)
     if y == "impacts":
         axis.axhline(rows.exact_impacts.max(), color="black", lw=1.6, label="exact")
         top = max(2.0 * rows.exact_impacts.max(), 4.0)
@@ -397,7 +398,8 @@ def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
 def _orders(axis: Axes, rows: Table, observed: dict[str, Order]) -> None:
     """Filled markers enter the slope, hollow ones do not; the line is the observed order."""
     for label, group in rows[rows.left_out != "solver"].groupby("integrator", sort=False):
-        style, group = look(str(label)) | {"ms": 4.0}, group.sort_values("dt")
+        style: Any = look(str(label)) | {"ms": 4.0}
+        group = group.sort_values("dt")
         counted = group.groupby("octave").left_out.transform(lambda each: (each == "").all())
         axis.plot(group.dt, group.tip_error, **style | {"marker": "", "lw": 0.5, "alpha": 0.6})
         for which, fill in ((counted, {}), (~counted, {"mfc": "white"})):

@@ -230,7 +230,7 @@ class Ensemble(Study):
         axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
         axis = figure.add_subplot(grid[1, 2:4])
         for (label, _), rows in table[table.kind == "quantile"].groupby(["method", "stop"], sort=False):
-            style = look(str(label)) | {"marker": "", "lw": 1.1}
+            style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
             axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
         log_scale(axis, y=False)
         axis.set(title="durations of contacts", xlabel=labels["duration"], ylabel=labels["level"], ylim=(0.0, 1.0))

@@ -139,12 +139,13 @@ class Modes(Study):
         if len(families):
             for i, family in enumerate(FAMILIES):
                 _family(figure.add_subplot(grid[1, 2 * i : 2 * i + 2]), families, *family)
-        else:
+        lower = list[Any]()
+        if not len(families):
             lower = [figure.add_subplot(grid[1, 3 * i : 3 * i + 3]) for i in range(2)]
         rows = table[table.kind == "mode"]
         for i, (name, words, threshold) in enumerate(QUANTITIES if len(rows) else ()):
             for label, group in rows.sort_values("dt_over_period").groupby("scheme", sort=False):
-                style = look(str(label)) | {"ms": 4.0}
+                style: Any = look(str(label)) | {"ms": 4.0}
                 upper[i].plot(group.dt_over_period, group[f"{name}_theory"], **style | {"marker": "", "lw": 1.1})
                 upper[i].plot(group.dt_over_period, group[name], label=short(str(label)), **style | {"linestyle": ""})
                 if not len(families):

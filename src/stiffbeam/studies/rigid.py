@@ -6,7 +6,7 @@ A compliant stop reverses the tip in half a period of the spring, a rigid one at
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -122,7 +122,8 @@ class Rigid(Study):
         grid = figure.add_gridspec(2, 6)
         for i, (name, title) in enumerate(PANELS.items()):
             where = grid[0, 3 * i : 3 * i + 3] if i < 2 else grid[1, 2 * i - 4 : 2 * i - 2]
-            axis, style = figure.add_subplot(where), style_of(0) | {"linestyle": "", "ms": 5}
+            axis = figure.add_subplot(where)
+            style: Any = style_of(0) | {"linestyle": "", "ms": 5}
             axis.set(title=title, xlabel=labels["kappa"], ylabel=labels[name])
             if name not in table:
                 continue

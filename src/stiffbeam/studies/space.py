@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -138,7 +138,7 @@ class Space(Study):
             words, at, place = quantity.partition(" at contact ")
             name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")
             slope = str(order) if np.isfinite(order.slope) else "too few grids"
-            style = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
+            style: Any = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
             axis.plot(1.0 / mine.cells, mine.error, label=f"{name}: {slope}", lw=1.1, ms=4.5, **style)
         log_scale(axis)
         cells = sorted(group.cells.unique())
