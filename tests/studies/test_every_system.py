@@ -11,6 +11,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import case_of
 from stiffbeam.studies import find_study
+from stiffbeam.studies.common import smoke_options
 
 # What may be refused, by the study that may refuse it: no other reason is good enough.
 REFUSED = {
@@ -46,7 +47,7 @@ def cells() -> list:
 def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
     system, dt, t_end = BENCHES[name]()
     allowed = REFUSED.get(study, "(?!)") + ("" if system.contacts else "|have stops")
-    options = find_study(study).smoke_options(case_of(system, dt, t_end)) | OPTIONS.get(study, {})
+    options = smoke_options(find_study(study), case_of(system, dt, t_end)) | OPTIONS.get(study, {})
     refused = ""
     try:
         records = sb.study(study, system, dt=dt, t_end=t_end, **options)

@@ -127,7 +127,7 @@ SCRIPT = """
 import stiffbeam as sb
 class Mine(sb.BDF2):
     pass
-system = sb.System.from_matrices([[1.0]], [[100.0]], initial_velocity=[1.0])
+system = sb.System.from_matrices([[1.0]], [[100.0]], initial_velocity=[1.0], observe=[1.0])
 records = sb.study("modes", system, dt=1e-2, t_end=1.0, jobs=2, steps=100, schemes=["HHT(alpha=-0.1)", Mine(), "BDF2"])
 print("ONCE", records.table["mode"].tolist(), records.lost)
 """

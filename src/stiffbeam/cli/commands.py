@@ -76,6 +76,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
     ) -> int:  # fmt: skip
         from ..files.cases import find_case
         from ..studies.base import perform
+        from ..studies.common import smoke_options
 
         check_json(json)
         chosen, options = find_case(case), kind() if options is None else options
@@ -83,7 +84,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
             chosen = replace(chosen, dt=chosen.dt if dt is None else dt, t_end=chosen.t_end if t_end is None else t_end)
         if smoke:
             plain = kind()
-            small = kind.smoke_options(chosen).items()
+            small = smoke_options(kind, chosen).items()
             options = replace(options, **{x: y for x, y in small if getattr(options, x) == getattr(plain, x)})
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:

@@ -258,7 +258,8 @@ LINE = 118  # letters in a line of a title
 def lines(axis: Axes, table: pandas.DataFrame, x: str, y: str, by: str, **style: Any) -> None:
     """Draw column y over column x, a curve in its look for each method that column ``by`` names."""
     for label, rows in table.groupby(by, sort=False):
-        axis.plot(rows[x], rows[y], label=short(str(label)), **{"lw": 1.1, "ms": 4.5} | look(str(label)) | style)
+        looks: Any = {"lw": 1.1, "ms": 4.5} | look(str(label)) | style
+        axis.plot(rows[x], rows[y], label=short(str(label)), **looks)
 
 
 def style_of(i: int, j: int = 0) -> dict[str, Any]:

@@ -9,14 +9,12 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from html import escape
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -25,9 +23,8 @@ import pandas as pd
 from ..basics.resources import TALK, Show, cores, displayed
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
-from ..basics.validation import InputError, integer, one_of
-from ..files.cases import Case, case_of, find_case
-from ..model.system import System
+from ..basics.validation import InputError, integer
+from ..files.cases import Case
 from ..model.time_functions import covered, stays_at_rest
 from ..references import substitute
 from ..schemes import Scheme
@@ -38,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = dict[str, Any]
+Table = Any  # a pandas.DataFrame, whose columns have no types of their own
 STUDIES: dict[str, type[Study]] = {}  # by name, as far as their modules are imported
 NOTHING = "No point could be evaluated."
 
@@ -46,7 +44,7 @@ class Answer(NamedTuple):
     """A sentence that answers the question with numbers, the numbers behind it, and remarks on them."""
 
     verdict: str
-    table: pd.DataFrame = pd.DataFrame()
+    table: Table = pd.DataFrame()
     notes: str = ""
 
 
@@ -92,18 +90,18 @@ class Study:
         """Arguments of ``run``, by name."""
         raise NotImplementedError
 
-    def run(self, case: Case, **point: Any) -> Row | list[Row]:
-        """One row or several; the numbers and texts of the point are added to each.
+    def run(self, *case: Any, **point: Any) -> Row | list[Row]:
+        """Called as run(case, **point). One row or several; the numbers and texts of the point are added to each.
 
         A row ``{"lost": sentence}`` has the reason why there is no result.
         """
         raise NotImplementedError
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The answer from the rows that have results."""
         raise NotImplementedError
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Draw the rows that have results; ``table.attrs["labels"]`` has the labels of columns with their units."""
         raise NotImplementedError
 
@@ -115,16 +113,6 @@ class Study:
     def measured(self) -> tuple[str, ...]:
         """Columns that are seconds of this machine, so that points run one by one."""
         return ()
-
-    @classmethod
-    def smoke_options(cls, case: Case) -> dict[str, Any]:
-        """Options for a run of seconds on this case, with a scheme of its own where others do not support its stops."""
-        from .common import chosen_schemes, takes
-
-        name = next((x for x in ("schemes", "integrators") if x in cls.smoke), None)
-        if name is None or cls.free or all(takes(case, x) for x in chosen_schemes(case, cls.smoke[name]).values()):
-            return dict(cls.smoke)
-        return {**cls.smoke, name: [str(case.runs[0][0])]}
 
     @classmethod
     def question(cls) -> str:
@@ -157,7 +145,7 @@ class Records:
 
     study: Study
     case: Case
-    table: pd.DataFrame
+    table: Table
 
     @property
     def name(self) -> str:
@@ -165,7 +153,7 @@ class Records:
         return type(self.study).__name__.lower()
 
     @property
-    def found(self) -> pd.DataFrame:
+    def found(self) -> Table:
         """The rows with results."""
         if "lost" not in self.table:
             return self.table
@@ -251,82 +239,6 @@ class Records:
         return [csv, text, save_figure(self.figure(), Path(folder) / f"{stem}.png")]
 
 
-def studies() -> dict[str, type[Study]]:
-    """Every study of the package and every other subclass of ``Study`` that is imported, by name."""
-    for module in iter_modules([str(Path(__file__).parent)]):
-        import_module(f".{module.name}", __package__)
-    return dict(sorted(STUDIES.items()))
-
-
-def find_study(name: str) -> type[Study]:
-    """The study with this name. Raises InputError for any other name."""
-    if name not in STUDIES and isinstance(name, str) and (Path(__file__).parent / f"{name}.py").is_file():
-        import_module(f".{name}", __package__)
-    known = STUDIES if name in STUDIES else studies()
-    return known[one_of("study", name, known, "be a study")]
-
-
-def study(
-    name: str,
-    case: Case | System | str = "table10",
-    *,
-    dt: float | None = None,
-    t_end: float | None = None,
-    jobs: int | None = None,
-    folder: str | Path | None = None,
-    progress: bool | Show = False,
-    **options: Any,
-) -> Records:
-    """Return the records of a study on a case or system.
-
-    Parameters
-    ----------
-    name : str
-        Such as "converge", "energy" or "sweep"; ``stiffbeam --help`` lists all.
-    case : str, Case or System
-        The label of a case, a case, or a system (with dt= and t_end=).
-    dt, t_end : float, optional
-        In place of the case's.
-    jobs : int, optional
-        Processes, by joblib: with ``joblib.parallel_config`` its backend runs the points, that of Dask too.
-    folder : path, optional
-        Folder of finished points: a second call with the same folder computes the missing ones only.
-    progress : bool or callable
-        True shows a bar on stderr.
-    **options
-        Options of the study, as its command lists them.
-
-    Returns
-    -------
-    Records
-        With ``answer``, ``table`` (a pandas DataFrame), ``figure()`` and ``save(folder)``.
-
-    Raises
-    ------
-    InputError
-        For an unknown study or option, and for a case that the study does not support.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> records = sb.study("modes", "table10", schemes=["BDF2", "HHT(alpha=-0.1)"], steps=400)
-    >>> "period_elongation" in records.table
-    True
-    """
-    kind = find_study(name)
-    for given in options:
-        one_of(f"option of {name}", given, [f.name for f in fields(kind)], "be one the study has")
-    if isinstance(case, System):
-        case = case_of(case, dt, t_end)
-    case = find_case(case) if isinstance(case, str) else case
-    if not isinstance(case, Case):
-        remedy = "for example 'table10'"
-        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
-    if dt is not None or t_end is not None:
-        case = replace(case, dt=case.dt if dt is None else dt, t_end=case.t_end if t_end is None else t_end)
-    return perform(kind(**options), case, jobs, folder, progress)
-
-
 def perform(
     study: Study, case: Case, jobs: int | None = None, folder: str | Path | None = None, progress: bool | Show = False
 ) -> Records:
@@ -347,7 +259,7 @@ def perform(
         show(name, 0, len(points))
         parts: list[tuple[int, list[Row]]] = []
         with _processes():
-            for part in Parallel(jobs, return_as="generator_unordered", batch_size=1)(work):
+            for part in Parallel(jobs, return_as="generator_unordered")(work):
                 parts.append(part)
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
@@ -357,7 +269,7 @@ def perform(
 
 
 @contextmanager
-def _processes() -> Iterator[None]:
+def _processes() -> Generator[None, None, None]:
     """Raise Unfinished where the processes of joblib die."""
     from joblib.externals.loky.process_executor import BrokenProcessPool
 

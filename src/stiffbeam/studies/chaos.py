@@ -35,7 +35,7 @@ from ..references.horizon import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,7 +149,7 @@ class Chaos(Study):
         mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
         return rows + [{"t": float(many.t[k]), "distance": float(mean[k])} for k in keep]
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The exponents with their intervals, method by method."""
         units, means = case.units, stated(table)
         if not means:
@@ -179,7 +179,7 @@ class Chaos(Study):
             notes + (f" {unseen}." if unseen else ""),
         )  # fmt: skip
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Mean distance of neighbouring motions, exponents, u(t + T) over u(t), phase portrait."""
         labels, axes = table.attrs["labels"], figure.subplots(2, 2)
         distances = table[table.distance.notna()] if "distance" in table else table[:0]
@@ -311,7 +311,7 @@ def _portrait(system: System, t_end: float) -> list[Row]:
     ]
 
 
-def exponents(table: pd.DataFrame) -> dict[str, tuple[float, float] | None]:
+def exponents(table: Table) -> dict[str, tuple[float, float] | None]:
     """Mean exponent of every method and the half-width of its 95 % interval, by their scatter; None where the distances
     do not change exponentially."""
     means: dict[str, tuple[float, float] | None] = {}
@@ -327,10 +327,10 @@ def exponents(table: pd.DataFrame) -> dict[str, tuple[float, float] | None]:
     return means
 
 
-def stated(table: pd.DataFrame) -> dict[str, tuple[float, float] | None]:
+def stated(table: Table) -> dict[str, tuple[float, float] | None]:
     """The ``exponents`` of the methods of which SURE pairs or more were followed long enough."""
     return {x: pair for x, pair in exponents(table).items() if len(_finite(table, x, "late")) >= SURE}
 
 
-def _finite(table: pd.DataFrame, method: str, name: str) -> Array:
+def _finite(table: Table, method: str, name: str) -> Array:
     return table[name][(table.method == method) & table[name].notna()].to_numpy(float)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-import pandas as pd
 from cyclopts import Parameter, Token
 
 from ..basics.arrays import Recent
@@ -27,7 +26,7 @@ from ..schemes.labels import label_of_run, make, parse_run, split_runs
 from ..testset.integrators import RECORDED, SCHEME, Integrator, integrators
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
-from .base import option
+from .base import Study, Table, option
 
 _SOLVED = Recent[Reference](4)
 
@@ -192,7 +191,7 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
     return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
-def order_over(table: pd.DataFrame, step: Callable[[pd.DataFrame], Any], error: str) -> Order:
+def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     """The observed order of column ``error`` in a step that is taken from the table, of errors above 0."""
     kept = table[table[error] > 0.0]
     return observed_order(step(kept), kept[error])
@@ -239,3 +238,11 @@ def solve_once(system: System, t_end: float) -> Reference:
 def first_impacts(case: Case, form: str, impacts: int) -> float:
     """The end of the case's first impacts, ``impacts`` of them, see ``first_impacts_end``."""
     return first_impacts_end(solve_once(case.system(form), case.t_end), impacts)
+
+
+def smoke_options(kind: type[Study], case: Case) -> dict[str, Any]:
+    """Options of a study for a run of seconds, with a scheme of the case where others do not support its stops."""
+    name = next((x for x in ("schemes", "integrators") if x in kind.smoke), None)
+    if name is None or kind.free or all(takes(case, x) for x in chosen_schemes(case, kind.smoke[name]).values()):
+        return dict(kind.smoke)
+    return {**kind.smoke, name: [str(case.runs[0][0])]}

@@ -28,7 +28,7 @@ from ..schemes.misprints import forms_of
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -196,7 +196,7 @@ class Converge(Study):
             "matched_until": matched_until(run, exact, until), "horizon": float(until),
         }  # fmt: skip
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """Orders of every integrator, the work for one error, the step from which on impacts are right."""
         units, observed = case.units, orders(table)
         small: dict[str, Row] = {label: {"integrator": short(label)} for label in table.integrator.unique()}
@@ -204,7 +204,9 @@ class Converge(Study):
         for kind in (x for x in words if x in set(table.kind)):
             of_kind = {label: order for (k, label), order in observed.items() if k == kind}
             if kind == CONTACT and not _touches(table):
-                words[CONTACT] = f"as the motion starts, without impacts to t = {table.t_end.max():g}"
+                words[CONTACT] = (
+                    f"as the motion starts, without impacts to t = {table[table.kind == CONTACT].t_end.max():g}"
+                )
             for label, order in of_kind.items():
                 small[label][f"order {words[kind]}"] = str(order) if np.isfinite(order.slope) else "too few points"
             clear = {label: order.slope for label, order in of_kind.items() if not order.unclear}
@@ -235,7 +237,7 @@ class Converge(Study):
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         return Answer(verdict.strip(), pd.DataFrame(list(small.values())), notes)
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """A panel for each view; errors over the step have one for each kind of motion."""
         kinds = [kind for kind in (SMOOTH, CONTACT) if kind in set(table.kind)]
         main = table[table.kind == kinds[-1]]
@@ -257,7 +259,7 @@ class Converge(Study):
             log_scale(axis, y=y == "tip_error" or (view == "misprints" and axis.get_ylim()[1] > 5.0))
             if y == "tip_error":
                 axis.set_ylim(top=min(axis.get_ylim()[1], 1e3))
-                mark_order(axis, *((3, 2, 1),) if x == "dt" else ((-2, -1), 0.3))
+                mark_order(axis, (3, 2, 1) if x == "dt" else (-2, -1), 0.96 if x == "dt" else 0.3)
             axis.set(title=title, xlabel=table.attrs["labels"][x], ylabel=table.attrs["labels"][y])
         for axis in axes[len(panels) :]:
             axis.remove()
@@ -302,22 +304,22 @@ def _left_out(
     return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-def _implicit(table: pd.DataFrame, contact: str) -> pd.DataFrame:
+def _implicit(table: Table, contact: str) -> Table:
     """The rows of the chosen treatment of contact, and those of solvers."""
     return table[table.contact.isna() | (table.contact == contact)] if "contact" in table else table
 
 
-def _touches(table: pd.DataFrame) -> bool:
+def _touches(table: Table) -> bool:
     return "exact_impacts" in table and bool((table.exact_impacts > 0).any())
 
 
-def envelope(rows: pd.DataFrame) -> tuple[list[float], list[float]]:
+def envelope(rows: Table) -> tuple[list[float], list[float]]:
     """(dt, error) of the worst point of every octave whose points all count."""
     kept = [group for _, group in rows.groupby("octave") if (group.left_out == "").all()]
     return [group.dt.max() for group in kept], [group.tip_error.max() for group in kept]
 
 
-def orders(table: pd.DataFrame) -> dict[tuple[str, str], Order]:
+def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order by (kind, integrator), of those that run in steps."""
     rows = table[table.left_out != "solver"]
     if "contact" in rows:
@@ -326,7 +328,7 @@ def orders(table: pd.DataFrame) -> dict[tuple[str, str], Order]:
     return {(str(kind), str(label)): observed_order(*envelope(group)) for (kind, label), group in groups}
 
 
-def cheapest(table: pd.DataFrame, error: float, cost: str) -> dict[str, float]:
+def cheapest(table: Table, error: float, cost: str) -> dict[str, float]:
     """Cost of an ``error`` that all dearer points keep as well, interpolated from the point before, by integrator.
 
     A coarse point may be right by chance. Where all points are below ``error`` it is the least of all costs.
@@ -344,7 +346,7 @@ def cheapest(table: pd.DataFrame, error: float, cost: str) -> dict[str, float]:
     return costs
 
 
-def right_from(table: pd.DataFrame) -> dict[str, float]:
+def right_from(table: Table) -> dict[str, float]:
     """The largest step from which on all smaller ones count the exact number of impacts, NaN for none."""
     if not _touches(table):
         return {}
@@ -356,14 +358,14 @@ def right_from(table: pd.DataFrame) -> dict[str, float]:
     return steps
 
 
-def misprints(table: pd.DataFrame) -> dict[tuple[str, str], float]:
+def misprints(table: Table) -> dict[tuple[str, str], float]:
     """Error over that of the corrected scheme with implicit contact at the finest step, by (label, reading)."""
     return {key: float(rows.ratio.iloc[-1]) for key, rows in _ratios(table).items() if len(rows)}
 
 
-def _ratios(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
+def _ratios(table: Table) -> dict[tuple[str, str], Table]:
     """Rows (dt, ratio) of misprinted schemes and of extrapolated contact, beside their schemes."""
-    ratios: dict[tuple[str, str], pd.DataFrame] = {}
+    ratios: dict[tuple[str, str], Table] = {}
     rows = table[table.left_out != "solver"]
     for label in rows.integrator.unique():
         readings = [(label, "extrapolated")]
@@ -379,11 +381,12 @@ def _ratios(table: pd.DataFrame) -> dict[tuple[str, str], pd.DataFrame]:
     return ratios
 
 
-def _curves(axis: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
+def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
     for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
         if "octave" in group and y == "tip_error" and group.octave.notna().any():
             group = group.groupby("octave").head(1)
-        axis.plot(group[x], group[y], label=short(str(label)), **{"lw": 1.1, "ms": 4.0} | look(str(label)))
+        style: Any = {"lw": 1.1, "ms": 4.0} | look(str(label))
+        axis.plot(group[x], group[y], label=short(str(label)), **style)
     if y == "impacts":
         axis.axhline(rows.exact_impacts.max(), color="black", lw=1.6, label="exact")
         top = max(2.0 * rows.exact_impacts.max(), 4.0)
@@ -392,10 +395,11 @@ def _curves(axis: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
         axis.axhline(rows.horizon.max(), color="black", ls=":", label="horizon")
 
 
-def _orders(axis: Axes, rows: pd.DataFrame, observed: dict[str, Order]) -> None:
+def _orders(axis: Axes, rows: Table, observed: dict[str, Order]) -> None:
     """Filled markers enter the slope, hollow ones do not; the line is the observed order."""
     for label, group in rows[rows.left_out != "solver"].groupby("integrator", sort=False):
-        style, group = look(str(label)) | {"ms": 4.0}, group.sort_values("dt")
+        style: Any = look(str(label)) | {"ms": 4.0}
+        group = group.sort_values("dt")
         counted = group.groupby("octave").left_out.transform(lambda each: (each == "").all())
         axis.plot(group.dt, group.tip_error, **style | {"marker": "", "lw": 0.5, "alpha": 0.6})
         for which, fill in ((counted, {}), (~counted, {"mfc": "white"})):
@@ -407,7 +411,7 @@ def _orders(axis: Axes, rows: pd.DataFrame, observed: dict[str, Order]) -> None:
             axis.plot(ends, order.constant * ends**order.slope, **style | {"marker": "", "lw": 1.4})
 
 
-def _misprints(axis: Axes, table: pd.DataFrame) -> None:
+def _misprints(axis: Axes, table: Table) -> None:
     for (label, reading), rows in _ratios(table).items():
         fill: dict[str, Any] = {"mfc": "white"} if reading == "extrapolated" else {}
         text = f"{short(label)}, extrapolated" if reading == "extrapolated" else short(label)

@@ -15,7 +15,7 @@ from ..measures.report import DASH, percent
 from ..trajectory.records import Ledger, supplied
 from ..trajectory.trajectory import Trajectory
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +65,7 @@ class Energy(Study):
             keep = np.arange(len(run.energy.t))
         return [_row(run.energy, int(k)) for k in keep]
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
         units, small, lost, known, shares = case.units, [], {}, True, [0.0]
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
@@ -99,7 +99,7 @@ class Energy(Study):
         notes += "" if known else " ±: the difference of two rules for the work of dampers; smaller steps reduce it."
         return Answer(verdict, pd.DataFrame(small), notes + (REGAINED if np.nanmax(shares) > 1.005 else ""))
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""
         labels, forms = table.attrs["labels"], list(table.form.unique())
         grid = figure.add_gridspec(2, 2 * len(forms), height_ratios=(1.0, 1.15))
@@ -133,12 +133,12 @@ def _row(ledger: Ledger, k: int) -> Row:
     return row | {"sure": sure, "lost_fraction": float(ledger.lost_fraction(k))}
 
 
-def _supplied(rows: pd.DataFrame) -> float:
+def _supplied(rows: Table) -> float:
     """The energy supplied up to the last of these rows of one run."""
     return float(supplied(rows.energy.iloc[0], rows.input.to_numpy())[-1])
 
 
-def _shares(axis: Axes, runs: dict[Any, pd.DataFrame], names: list[str]) -> None:
+def _shares(axis: Axes, runs: dict[Any, Table], names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
     bars: list[tuple[float, float, str, str]] = []
     for i, name in enumerate(names):

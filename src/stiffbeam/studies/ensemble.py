@@ -32,7 +32,7 @@ from ..trajectory.ensemble import Ensemble as RunsOfScheme
 from ..trajectory.ensemble import Runs
 from ..trajectory.trajectory import Diverged, Trajectory
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,7 +133,7 @@ class Ensemble(Study):
             rows += _durations(number, contact.impacts, len(many))
         return rows + _spectrum(t, many.tip[whole], drive)
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
         numbers = sorted(table.contact_number.dropna().unique())
         answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
@@ -144,7 +144,7 @@ class Ensemble(Study):
         verdict = " ".join(f"At contact {n:g}: {each.verdict}" for n, each in zip(numbers, answers, strict=True))
         return Answer(verdict, pd.concat([each.table for each in answers]), answers[0].notes)
 
-    def _of_contact(self, table: pd.DataFrame, case: Case) -> Answer:
+    def _of_contact(self, table: Table, case: Case) -> Answer:
         exact, units = distribution(table, "exact", "count"), case.units
         if not len(exact):
             return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
@@ -188,7 +188,7 @@ class Ensemble(Study):
             "contacts than stated.",
         )
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
         groups = [
@@ -214,7 +214,7 @@ class Ensemble(Study):
         axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
         axis = figure.add_subplot(grid[1, 2:4])
         for (label, _), rows in table[table.kind == "quantile"].groupby(["method", "stop"], sort=False):
-            style = look(str(label)) | {"marker": "", "lw": 1.1}
+            style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
             axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
         log_scale(axis, y=False)
         axis.set(title="durations of contacts", xlabel=labels["duration"], ylabel=labels["level"], ylim=(0.0, 1.0))
@@ -222,7 +222,7 @@ class Ensemble(Study):
         self._spectra(axis, table[table.kind == "spectrum"], case)
         shared_legend(figure, 5)
 
-    def _spectra(self, axis: Axes, rows: pd.DataFrame, case: Case) -> None:
+    def _spectra(self, axis: Axes, rows: Table, case: Case) -> None:
         across, label, quantity = case.units.cycles(rows.omega)
         rows = rows.assign(across=across)
         lines(axis, rows, "across", "amplitude", "method", marker="")
@@ -294,7 +294,7 @@ def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
     ]  # fmt: skip
 
 
-def distribution(table: pd.DataFrame, method: str, quantity: str) -> Array:
+def distribution(table: Table, method: str, quantity: str) -> Array:
     """The values of ``quantity``, of one contact, over the members that reached the end and have it. A rigid stop has
     a largest force, 0, only where nothing touches it, which is no distribution."""
     rows = table[(table.kind == "member") & (table.method == method)]
@@ -345,12 +345,12 @@ def _spread(values: Array, digits: int = 3) -> str:
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
 
 
-def _lines_of(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]]) -> None:
+def _lines_of(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
     axis.set_yticks(range(len(groups)), [short(method) + place for method, place, _ in groups], fontsize=8.5)
     axis.set_ylim(len(groups) - 0.4, -0.6)
 
 
-def _dots(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]], quantity: str, scale: float) -> None:
+def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale: float) -> None:
     """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
     for i, (method, _, rows) in enumerate(groups):
@@ -366,7 +366,7 @@ def _dots(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]], quantity: str
     _lines_of(axis, groups)
 
 
-def _peaks(axis: Axes, groups: list[tuple[str, str, pd.DataFrame]]) -> None:
+def _peaks(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
     """Quantiles of the peak force of all impacts."""
     for i, (method, _, rows) in enumerate(groups):
         force, colour = rows.force[rows.kind == "peak"].to_numpy() if "force" in rows else [], look(method)["color"]

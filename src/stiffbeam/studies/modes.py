@@ -21,7 +21,7 @@ from ..model.natural_modes import modes
 from ..schemes import HHT, SDIRK, GeneralisedAlpha, Scheme
 from ..schemes.sdirk import GAMMA_MIN
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,7 +98,7 @@ class Modes(Study):
             rows.append(row)
         return rows
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """Lag and damping of the first mode of each scheme, and the largest distance of all modes from theory."""
         every = table[table.kind == "mode"]
         measured = every[every.period_elongation.notna()] if "period_elongation" in every else every[:0]
@@ -131,7 +131,7 @@ class Modes(Study):
             else "",
         )
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Lines are theory, markers runs; below their distance, or elongation and damping of the families."""
         families = table[table.kind == "family"]
         grid = figure.add_gridspec(2, 6, height_ratios=(1.6, 1.0))
@@ -139,12 +139,13 @@ class Modes(Study):
         if len(families):
             for i, family in enumerate(FAMILIES):
                 _family(figure.add_subplot(grid[1, 2 * i : 2 * i + 2]), families, *family)
-        else:
+        lower = list[Any]()
+        if not len(families):
             lower = [figure.add_subplot(grid[1, 3 * i : 3 * i + 3]) for i in range(2)]
         rows = table[table.kind == "mode"]
         for i, (name, words, threshold) in enumerate(QUANTITIES if len(rows) else ()):
             for label, group in rows.sort_values("dt_over_period").groupby("scheme", sort=False):
-                style = look(str(label)) | {"ms": 4.0}
+                style: Any = look(str(label)) | {"ms": 4.0}
                 upper[i].plot(group.dt_over_period, group[f"{name}_theory"], **style | {"marker": "", "lw": 1.1})
                 upper[i].plot(group.dt_over_period, group[name], label=short(str(label)), **style | {"linestyle": ""})
                 if not len(families):
@@ -170,7 +171,7 @@ def _families() -> list[Scheme]:
         ]
 
 
-def _family(axis: Axes, table: pd.DataFrame, name: str, parameter: str, title: str, symbol: str, gap: float) -> None:
+def _family(axis: Axes, table: Table, name: str, parameter: str, title: str, symbol: str, gap: float) -> None:
     """Elongation and damping at dt/T = 0.1 over the parameter of a scheme."""
     rows = table[table.scheme.str.startswith(f"{name}(")].sort_values(parameter)
     breaks = np.flatnonzero(np.diff(rows[parameter]) > gap) + 1
@@ -184,6 +185,6 @@ def _family(axis: Axes, table: pd.DataFrame, name: str, parameter: str, title: s
     axis.legend(frameon=False, fontsize=8)
 
 
-def _distances(table: pd.DataFrame, name: str) -> Array:
+def _distances(table: Table, name: str) -> Array:
     """|measured - theory| of every row, a value of rounding where they are equal."""
     return np.maximum(np.abs(table[name] - table[f"{name}_theory"]).to_numpy(float), np.finfo(float).eps)

@@ -25,7 +25,7 @@ from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 from .parameters import (
     EXACT,
     PARAMETERS,
@@ -132,7 +132,7 @@ class Orbits(Study):
             return rows + [{"kind": "end", "reason": text} for text in (*ends, end) if text]
         return [{"kind": "end", "reason": reason}]
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The values at which the orbit gains or loses its stability, where the branch ends, and a table of them."""
         orbits, changes = (_of_kind(table, kind) for kind in ("orbit", "change"))
         ends = [row["reason"] for row in _of_kind(table, "end")]
@@ -158,7 +158,7 @@ class Orbits(Study):
             " ".join(f"The branch ends {reason}." for reason in ends),
         )
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The branch over the section; the multipliers in the complex plane."""
         name, orbits, section = self.parameter, table[table.kind == "orbit"], table[table.kind == "section"]
         above, plane = figure.subplots(2, 1, height_ratios=(1.35, 1.0))
@@ -184,7 +184,7 @@ class Orbits(Study):
         )  # fmt: skip
 
 
-def _of_kind(table: pd.DataFrame, kind: str) -> list[Row]:
+def _of_kind(table: Table, kind: str) -> list[Row]:
     rows = table[table.kind == kind]
     return rows.dropna(axis="columns", how="all").to_dict("records")
 

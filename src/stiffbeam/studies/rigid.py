@@ -6,7 +6,7 @@ A compliant stop reverses the tip in half a period of the spring, a rigid one at
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from ..measures.report import percent
 from ..model.members import varied_members
 from ..references.exact.rigid_reference import rigid_limit
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,7 +95,7 @@ class Rigid(Study):
             "impulse_error": _impulse_error(inside.impulses[:pairs], rigid.impacts.impulses[:pairs]),
         }  # fmt: skip
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The observed order in 1/kappa, and the errors at every stiffness."""
         units, near, rows = case.units, same_impacts(table), table.sort_values("kappa")
         small = pd.DataFrame({
@@ -116,13 +116,14 @@ class Rigid(Study):
             f"impacts, and its tip is {percent(soft.tip_error)} of its largest displacement off.",
         )
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Hollow markers: not yet as many impacts as on rigid stops. Lines: fits to the others."""
         labels, near, kappa = table.attrs["labels"], same_impacts(table), case.system().contacts[0].stops.stiffness
         grid = figure.add_gridspec(2, 6)
         for i, (name, title) in enumerate(PANELS.items()):
             where = grid[0, 3 * i : 3 * i + 3] if i < 2 else grid[1, 2 * i - 4 : 2 * i - 2]
-            axis, style = figure.add_subplot(where), style_of(0) | {"linestyle": "", "ms": 5}
+            axis = figure.add_subplot(where)
+            style: Any = style_of(0) | {"linestyle": "", "ms": 5}
             axis.set(title=title, xlabel=labels["kappa"], ylabel=labels[name])
             if name not in table:
                 continue
@@ -148,7 +149,7 @@ def _impulse_error(impulses: Array, rigid: Array) -> float:
     return float(abs(impulses[known][0] / rigid[known][0] - 1.0)) if np.any(known) else float("nan")
 
 
-def same_impacts(table: pd.DataFrame) -> pd.DataFrame:
+def same_impacts(table: Table) -> Table:
     """The rows, softest first, from which on all have as many impacts as the rigid stops: the solution approaches the
     limit there. A softer one may have as many by chance."""
     others = table.kappa[table.impacts != table.rigid_impacts].max()

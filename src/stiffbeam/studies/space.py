@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from ..model.beam import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,7 +100,7 @@ class Space(Study):
             ),
         ]  # fmt: skip
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The observed orders in h, form by form, and the errors on the grid that is next to the case's."""
         observed = orders(table)
         near = min(table.cells, key=lambda n: (abs(np.log(n / case.cells)), -n))
@@ -119,7 +119,7 @@ class Space(Study):
         notes += f"grid of {self.finest}. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
         return Answer(f"Observed orders in h: {', '.join(parts)}.", pd.DataFrame(list(small.values())), notes)
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """One panel for the frequencies, one for the driven tip, one for the contact in each form."""
         groups = [(TITLES[kind], table[table.kind == kind]) for kind in TITLES if kind in set(table.kind)]
         for form, group in table[table.kind == "contact"].groupby("form", sort=False):
@@ -129,7 +129,7 @@ class Space(Study):
             self._panel(axis, group, table.attrs["labels"])
             axis.set_title(title)
 
-    def _panel(self, axis: Axes, group: pd.DataFrame, labels: dict[str, str]) -> None:
+    def _panel(self, axis: Axes, group: Table, labels: dict[str, str]) -> None:
         """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
         quantities, forms = list(group.quantity.unique()), list(group.form.unique())
         for (quantity, form), order in orders(group).items():
@@ -138,7 +138,7 @@ class Space(Study):
             words, at, place = quantity.partition(" at contact ")
             name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")
             slope = str(order) if np.isfinite(order.slope) else "too few grids"
-            style = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
+            style: Any = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
             axis.plot(1.0 / mine.cells, mine.error, label=f"{name}: {slope}", lw=1.1, ms=4.5, **style)
         log_scale(axis)
         cells = sorted(group.cells.unique())
@@ -149,7 +149,7 @@ class Space(Study):
         panel_legend(axis, below=True)
 
 
-def orders(table: pd.DataFrame) -> dict[tuple[str, str], Order]:
+def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
     parts = table.groupby(["quantity", "form"], sort=False)
     return {key: common.order_over(part, lambda rows: 1.0 / rows.cells, "error") for key, part in parts}

@@ -45,7 +45,7 @@ from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from . import common
-from .base import Answer, Row, Study, option
+from .base import Answer, Row, Study, Table, option
 from .parameters import (
     EXACT,
     IN_STEP,
@@ -149,7 +149,7 @@ class Sweep(Study):
                 rows += [named | {"lost": str(error)} for named, _ in group]
         return rows
 
-    def answer(self, table: pd.DataFrame, case: Case) -> Answer:
+    def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
         units, first, names = case.units, table.iloc[0], self._names()
 
@@ -191,7 +191,7 @@ class Sweep(Study):
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
         return Answer(f"{first.method} over {' and '.join(ranges)}: {verdict}.", pd.DataFrame(small), notes)
 
-    def draw(self, table: pd.DataFrame, figure: Figure, case: Case) -> None:
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
         contacts = table[table.kind == "contact"]
         if self.second is not None:
@@ -220,7 +220,7 @@ class Sweep(Study):
         if _spaced_by_a_factor(table[self.parameter]):
             log_scale(axes[-1], y=False)
 
-    def _section(self, axis: Axes, sections: pd.DataFrame, case: Case) -> None:
+    def _section(self, axis: Axes, sections: Table, case: Case) -> None:
         """The tip once a period. The fainter the more points there are, so that bands and curves can be told apart."""
         colour = look(str(sections.method.iloc[0]))["color"]
         colours = [colour, *(other for other in COLOURS if other != colour)]
@@ -234,7 +234,7 @@ class Sweep(Study):
         if len(ways) > 1:
             axis.legend(frameon=False, fontsize=8)
 
-    def _measure(self, axis: Axes, contacts: pd.DataFrame, quantity: str, over: float) -> None:
+    def _measure(self, axis: Axes, contacts: Table, quantity: str, over: float) -> None:
         colour = look(str(contacts.method.iloc[0]))["color"]
         colours = [colour, *(other for other in COLOURS if other != colour)]
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
@@ -247,7 +247,7 @@ class Sweep(Study):
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
-    def _maps(self, figure: Figure, i: int, lines: int, group: pd.DataFrame, place: str, case: Case) -> None:
+    def _maps(self, figure: Figure, i: int, lines: int, group: Table, place: str, case: Case) -> None:
         """Colours on the grid of both parameters; logarithmic where the values are decades apart."""
         from matplotlib.colors import LogNorm
 
@@ -273,7 +273,7 @@ class Sweep(Study):
     def _names(self) -> list[str]:
         return [self.parameter] if self.second is None else [self.parameter, self.second]
 
-    def _rate(self, table: pd.DataFrame, case: Case) -> tuple[str, float]:
+    def _rate(self, table: Table, case: Case) -> tuple[str, float]:
         """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
         if "t_end" not in table:
             return "impacts per period", float(table.periods.iloc[0])
@@ -467,31 +467,31 @@ def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     return rows
 
 
-def _rigid(system: System, contacts: pd.DataFrame) -> bool:
+def _rigid(system: System, contacts: Table) -> bool:
     """True for the rows of a rigid stop, which has impulses and no largest force: 0 where nothing touches it."""
     return bool(len(contacts)) and system.contacts[int(contacts.contact_number.iloc[0]) - 1].stops.rigid
 
 
-def _places(contacts: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def _places(contacts: Table) -> list[tuple[str, Table]]:
     """The rows of each contact under its place, "" for the only one."""
     groups = [(n, rows) for n, rows in contacts.groupby("contact_number")] if len(contacts) else []
     return [("" if len(groups) == 1 else f" at contact {n:g}", rows) for n, rows in groups]
 
 
-def _ways(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def _ways(table: Table) -> list[tuple[str, Table]]:
     """The rows of each direction of a continued sweep; all of them under "" otherwise."""
     if "direction" not in table:
         return [("", table)]
     return [(way, table[table.direction == way]) for way in WAYS if way in set(table.direction)]
 
 
-def sections(table: pd.DataFrame, parameter: str) -> dict[float, Array]:
+def sections(table: Table, parameter: str) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
     rows = table[table.kind == "section"] if "kind" in table else table[:0]
     return {float(value): group.tip.to_numpy(float) for value, group in rows.groupby(parameter)}
 
 
-def sizes(table: pd.DataFrame, parameter: str) -> dict[float, float]:
+def sizes(table: Table, parameter: str) -> dict[float, float]:
     """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
     every = table[table.kind == "section"].groupby(parameter)["size"].max()
     return np.maximum(every, REST * every.max()).to_dict()
@@ -506,7 +506,7 @@ def repeats_after(section: Array, size: float) -> int | None:
     return 0 if len(section) > LONGEST else None
 
 
-def _periodicity(table: pd.DataFrame, parameter: str) -> list[str]:
+def _periodicity(table: Table, parameter: str) -> list[str]:
     """Sentence with the number of values at which the tip repeats itself; empty without sections."""
     if len(ways := _ways(table)) > 1:
         up, down = (sections(rows, parameter) for _, rows in ways)
@@ -538,7 +538,7 @@ def _apart(one: Array, other: Array) -> float:
     return float(max(np.max(np.min(distance, axis=0)), np.max(np.min(distance, axis=1))))
 
 
-def _spaced_by_a_factor(values: pd.Series) -> bool:
+def _spaced_by_a_factor(values: Any) -> bool:
     """True for values on a logarithmic grid."""
     x = np.unique(values.dropna())
     if len(x) < 3 or x[0] <= 0.0:
