@@ -40,7 +40,7 @@ def order_in_space(e: Evidence) -> Finding:
     """Both discretisations in space are of second order."""
     case, grids, parts, orders = paper_case(2), (20, 28, 40, 56, 80, 112), [], []
     for form, name in (("displacement", "(3.5)"), ("velocity-curvature", "(3.12)")):
-        errors = [space.evaluate(case, {"kind": "response", "form": form, "cells": n})[0]["error"] for n in grids]
+        errors = [space.Space().run(case, "response", form, n)[0]["error"] for n in grids]
         order = observed_order([1.0 / n for n in grids], errors)
         orders.append(order.slope)
         parts.append(f"{name} {order}")

@@ -47,7 +47,7 @@ def write_page(
     """
     numbers = {number: finished.numbers for number, finished in tables.items()}
     exact = [row for found in numbers.values() for row in found["exact"].values()]
-    packages = ", ".join(f"{name} {version(name)}" for name in ("stiffbeam", "numpy", "scipy", "numba", "matplotlib"))
+    packages = ", ".join(f"{name} {version(name)}" for name in ("stiffbeam", "numpy", "scipy", "matplotlib"))
     context: dict[str, Any] = {
         "tables": tables, "numbers": numbers, "reading": reading, "command": command, "whole": across is not None,
         "known": any(row["digits"] for row in exact), "today": date.today().isoformat(),

@@ -259,7 +259,8 @@ def perform(
         show(name, 0, len(points))
         parts: list[tuple[int, list[Row]]] = []
         with _processes():
-            for part in Parallel(jobs, return_as="generator_unordered")(work):
+            done: Any = Parallel(jobs, return_as="generator_unordered")(work)
+            for part in done:
                 parts.append(part)
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
