@@ -149,8 +149,7 @@ def test_work_that_shows_on_its_way_is_refused_by_what_its_first_part_took(monke
 @pytest.mark.parametrize(
     "words",
     [
-        ["precision", "table10", "--halvings", "30"], ["converge", "table10", "--halvings", "60"],
-        ["impacts", "table10", "--halvings", "40"], ["ensemble", "table10", "--members", "1000000000000"],
+        ["converge", "table10", "--halvings", "60"], ["ensemble", "table10", "--members", "1000000000000"],
         ["compare", "table10", "--dt", "1e-300"], ["compare", "table10", "--t-end", "1e300"],
         ["sweep", "table10", "--parameter", "frequency", "--values", "8:14:100000000000"],
         ["reference", "table10", "--digits", "9" * 5000], ["reference", "table10", "--t-end", "nan"],
@@ -161,7 +160,7 @@ def test_a_command_that_asks_too_much_ends_at_once(words, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     done = invoke(words)
     if done.exception is None:  # a study whose points were all refused
-        assert "left out" in done.output
+        assert "left out" in done.output or "it would take" in done.output
     else:
         assert isinstance(done.exception, sb.InputError), done.exception
         assert len(str(done.exception)) <= LONGEST

@@ -59,9 +59,8 @@ def test_the_rooms_of_references_part():
 
 
 def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):
-    """Seen by the call, the horizon, the cache's key, the picture and the study of agreement."""
+    """Seen by the call, the horizon, the cache's key and the picture."""
     from stiffbeam.figures.chart import look, short
-    from stiffbeam.studies.references import agree
 
     added = Method("bulirsch", "adaptive.sundials", "Bulirsch", 99, 0.2, libraries={"numpy": "numpy"})
     monkeypatch.setitem(registry.REFERENCES, "bulirsch", added)
@@ -73,8 +72,6 @@ def test_a_method_that_is_added_needs_its_file_and_its_line_only(monkeypatch):
     assert sb.cached_reference(system, 0.01, "bulirsch", rtol=1e-8).horizon == 0.01
     assert short("bulirsch") == "Bulirsch"
     assert look("bulirsch") != look("cvode")
-    case = dataclasses.replace(sb.paper_case(10), cells=8)
-    assert set(agree(case, t_end=0.01, methods=("exact", "bulirsch")).references) == {"exact", "bulirsch"}
 
 
 def test_what_a_method_cannot_take_is_refused(table10_system):

@@ -140,7 +140,7 @@ def test_a_damped_stroke_that_starts_on_the_stop(method):
         assert getattr(row, name) == pytest.approx(getattr(known, name), rel=rel)
 
 
-@pytest.mark.parametrize("method", ["exact", "multiprecision", "scheme"])
+@pytest.mark.parametrize("method", ["exact", "scheme"])
 def test_a_blow_of_a_rigid_stop_at_the_start_has_a_row(method):
     """(1 + e) m v; pressed by 2 with e = 0, m v + 2 t, which is open at the end."""
     row = at_start(solved(hammer(stiffness=np.inf, restitution=0.5), method))
@@ -152,7 +152,7 @@ def test_a_blow_of_a_rigid_stop_at_the_start_has_a_row(method):
     assert run.contacts[0].impulse == pytest.approx(3.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+@pytest.mark.parametrize("method", ["exact"])
 def test_what_a_load_presses_on_a_rigid_stop_has_a_row_until_it_leaves(method):
     """cos(2 t) presses until pi/4, with 1/2."""
     stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5)

@@ -259,7 +259,7 @@ def test_the_tables_use_the_width_of_the_terminal(compared, width):
     notes = lines[start:end]
     assert len(notes) <= (9 if width == 80 else 7)
     assert max(map(len, notes)) <= min(width, 100)
-    assert "exact for this mesh; `stiffbeam space`" in " ".join(notes)
+    assert "exact for this mesh; `stiffbeam study space`" in " ".join(notes)
     assert "s of computing" not in text.getvalue()
     assert "s of computing" in whole.getvalue()
     assert "ms of set-up" in whole.getvalue()

@@ -9,7 +9,7 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam.model.members import value_at, with_values
 from stiffbeam.model.modes import undamped_modes
-from stiffbeam.model.system_data import slope_of, slopes
+from stiffbeam.model.system_data import data_of, slope_of, slopes
 from stiffbeam.piecewise.regimes import Known
 from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references.exact.derivative import Derivative
@@ -96,7 +96,9 @@ def test_numbers_of_stops_have_exact_slopes(stops: sb.Stops, names: tuple[str, .
     for path in [f"{start}.{name}" for name in names for start in ("stops", "stops[1]", "contacts[0].stops")]:
         _, (column,), bounds = slopes(system, [path])
         value = value_at(system, path)
-        differences, _ = slope_of(lambda x, path=path: with_values(system, {path: x}), system, value, path)
+        differences, _ = slope_of(
+            lambda x, path=path: with_values(system, {path: x}), system, value, path, data_of(system)
+        )
         np.testing.assert_allclose(column.vector(), differences.vector(), rtol=0, atol=1e-10)
         assert np.count_nonzero(column.vector()) == (2 if path.startswith("stops.") else 1)
         assert bounds[0] == 0.0

@@ -253,8 +253,8 @@ def perform(
         show(f"{name}: planning", 0, 0)
         store = Store(folder, _key(study, case))
         points = list(study.points(case))
-        jobs = 1 if study.measured else jobs
-        threads = max(1, cores() // jobs) if jobs is not None else 0
+        jobs, available = 1 if study.measured else jobs, cores()
+        threads = max(1, available // jobs) if jobs is not None else 0
         work = (delayed(_numbered)(i, study, case, point, store, threads) for i, point in enumerate(points))
         show(name, 0, len(points))
         parts: list[tuple[int, list[Row]]] = []

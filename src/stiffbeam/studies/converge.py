@@ -23,7 +23,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..references import solve, takes
-from ..references.registry import REFERENCES, Steps
+from ..references.registry import ADAPTIVE, COMPARED, REFERENCES, Steps
 from ..schemes.misprints import forms_of
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..trajectory.trajectory import Reference, Trajectory
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SMOOTH, CONTACT = "smooth", "contact"
-SOLVERS = ("cvode", "ida", "kvaerno5")  # beside the schemes, unless integrators are named
+MOST_HALVINGS = 20
+SOLVERS = tuple(m for m in COMPARED if REFERENCES[m].kind == ADAPTIVE)  # beside the schemes, unless others are named
 PER_OCTAVE = 4  # steps per halving through contact
 SAMPLES = 1000  # outputs on which the error is measured
 RESOLVED = 0.5  # largest (omega dt)
@@ -101,6 +102,9 @@ class Converge(Study):
             one_of("views", view, VIEWS, "be a view")
         for kind in self.kinds or ():
             one_of("kinds", kind, (SMOOTH, CONTACT), "be a kind")
+        if self.halvings > MOST_HALVINGS:
+            rule = f"be at most {MOST_HALVINGS}: the last run has 2^{MOST_HALVINGS - 1} times the steps of the first"
+            raise InputError("halvings", self.halvings, rule, "take fewer, or a smaller dt")
 
     def chosen(self, case: Case) -> dict[str, Integrator]:
         """Integrators by label, misprints behind their schemes."""
