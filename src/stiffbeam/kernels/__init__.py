@@ -1,0 +1,1 @@
+"""C kernels and the functions that call them."""
