@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,7 @@ from ..trajectory.trajectory import SolverFailure
 from .follow import LET_GO, peak_between, pressed, pressure
 from .search import EPS, REMEDY
 
-if TYPE_CHECKING:
-    from .motion import Motion
-
+Motion = Any  # of motion.py, or the Motion of exact solutions
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
 RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fastest motion, cos 0.24 = 0.972
@@ -284,9 +282,8 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     # From t = 0, where the balance starts.
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
-    works = *solution.work(system, edges), *work_of_damping(system, solution, edges)
-    given, taken, moved, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
-    given = given + moved
+    works = solution.work(system, edges)
+    given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
     energies = system.energies(times, *solution.states(times))
     start = np.zeros(1)
     loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken - stops

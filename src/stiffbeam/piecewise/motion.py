@@ -17,7 +17,7 @@ from ..model.system import System
 from ..model.time_functions import Drive, evaluate
 from .follow import LET_GO, Table, drive, enter, leave, see, see_close, turn
 from .linear import Complex, spin_of
-from .measures import NODES, WEIGHTS, integrated, pressed_by
+from .measures import NODES, WEIGHTS, integrated, pressed_by, work_of_damping
 from .regimes import Pairs, Regimes
 from .search import EPS
 from .terms import (
@@ -213,8 +213,9 @@ class Motion:
         """o(t) and o'(t) of a channel."""
         return self.drive.offset(system, channel)
 
-    def work(self, system: System, edges: Array) -> tuple[Array, Array]:
-        """Work of the loads and viscous loss between consecutive edges, which include every event."""
+    def work(self, system: System, edges: Array) -> tuple[Array, Array, Array]:
+        """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
+        which include every event."""
         basis, rest = self.drive.split(system.loads, system.size)
         moving = [(i, c, self.offset(system, i)) for i, c in enumerate(system.contacts) if c.offset is not None]
         pieces = self.piece_at(edges[:-1])
@@ -234,7 +235,9 @@ class Motion:
                 power -= self.force(contact, i, t, piece) * offset(t)[1]
             return power, drag
 
-        return integrated(self, edges, powers)
+        given, taken = integrated(self, edges, powers)
+        moved, stops = work_of_damping(system, self, edges)
+        return given + moved, taken, stops
 
     def settled(self, system: System, t: Array, channel: int, u: Array, v: Array) -> tuple[Array, Array]:
         """Position u and velocity v of a channel at times t, without the rounding of what a rigid stop holds."""

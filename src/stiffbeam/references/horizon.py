@@ -25,27 +25,23 @@ from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
 from ..piecewise.follow import entry
 from ..piecewise.generator import Generators
-from ..piecewise.linear import Perturbation
 from ..piecewise.measures import audit, entries, path_of, within_float64
-from ..piecewise.motion import Motion
-from ..piecewise.regimes import Source
-from ..piecewise.spectrum import known_until
 from ..piecewise.tangent import Tangent
-from ..piecewise.tracer import Tracer, tracer_of
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.derivative import path_of_solution
 from .exact.impacting import Tracer as ImpactTracer
+from .exact.motion import Motion, Solver
 from .exact.piecewise import afford_search, refuse, solve_exact
 from .exact.rigid_motion import RigidMotion
 from .registry import KEEP, OUTPUTS, Steps
 from .rigid_stops import require_rigid
 
-COPIES = 4  # of the exact solution, each perturbed in its own way
+COPIES = 8  # of the problem, each perturbed in its own way
+PERTURBATION = 4.0 * float(np.finfo(float).eps)  # of all numbers of a copy
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with
-MARGIN = 4.0  # times the rounding, for the perturbed copies
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 LOOKS = 64  # output times at which the size of the whole motion is looked at
 
@@ -155,13 +151,13 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copies(source: Source, t_end: float, t: Array, size: float) -> Iterator[Watched]:
-    """Perturbed copies of the exact solution with this source, an endless sequence, each by ``size`` in its own way; t:
-    as in ``Watched``."""
-    system = source.system
+def copies(solver: Solver, t_end: float, t: Array) -> Iterator[Watched]:
+    """Solutions of perturbed copies of the problem, an endless sequence, see ``Solver.perturbed``; t: as in
+    ``Watched``."""
+    system = solver.system
     for seed in count():
         with within_float64("exact", t_end):
-            solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
+            solution = solver.perturbed(PERTURBATION, seed).solve(t_end, stations=t)
             seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
             paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
             impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
@@ -173,40 +169,25 @@ def exact_horizon(
 ) -> tuple[float, dict[str, Any]]:
     """Horizon of the exact float64 solution, and the evidence for it.
 
-    COPIES of the solution are perturbed by MARGIN times what its own construction loses to rounding, in
-    frequencies, forces and at every event. The horizon is the time to which all of them agree with the
-    solution to half the tolerance. Rounding and perturbations grow at the same rate, but start in different
-    directions. For its error to be twice that of every copy, rounding has to start 2 MARGIN times closer to
-    the direction of growth than each of them: a chance of the order of (2 MARGIN)^-COPIES, 2e-4. The margin
-    shortens a chaotic horizon by ln(2 MARGIN)/ln(1e-3/eps), a fourteenth. Phases w t are known to eps w t, which
-    no copy shows: the horizon ends where MARGIN times that reaches the tolerance, and likewise where a mode that counts
-    as free would be held back by a stiffness within the rounding of K, or one that damping makes slow decays at a rate
-    that is lost beside the fast ones. ``horizon_predicted``: the horizon that the tangent flow predicts.
+    It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
+    solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
+    would hold back: the horizon ends where that reaches the tolerance.
     """
-    eps = MARGIN * float(np.finfo(float).eps)
-    # Errors that no copy shows end the horizon by estimates: of phases, free modes and slow modes.
-    solution = reference.solution
-    fastest = 2.0 * np.pi / solution.shortest_period
-    unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
-    unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in set(map(tuple, solution.sides.tolist()))))
-    horizon, scales = unseen, scales_of(reference)
+    horizon, scales = min(t_end, _of_free_modes(system)), scales_of(reference)
     # Outputs that begin late show nothing of the time before.
     if reference.t[0] > 0.0:
         early = np.linspace(0.0, reference.t[0], OUTPUTS, endpoint=False)
         reference = solve_exact(system, t_end, np.append(early, reference.t))
-    own = watched(reference)
-    # The first copy to diverge ends it.
-    others = copies(solution.regimes.source, t_end, reference.t, eps)
-    for seed in range(COPIES):
+    nominal, unseen = watched(reference), horizon
+    # The first copy to diverge ends it: no other need go further.
+    for seed, other in enumerate(islice(copies(Solver(system), t_end, reference.t), COPIES)):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        horizon = min(horizon, agree_until(own, next(others), tolerance, scales, PART))
+        horizon = min(horizon, agree_until(nominal, other, tolerance, scales, PART))
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
-        horizon = min(unseen, _soon(reference, system, t_end, tolerance, eps))
-    return horizon, {
-        "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
-        "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
-    }
+        horizon = min(unseen, _soon(reference, system, t_end, tolerance))
+    against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
+    return horizon, {"against": against}
 
 
 def _of_free_modes(system: System) -> float:
@@ -219,20 +200,7 @@ def _of_free_modes(system: System) -> float:
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
 
 
-def _of_slow_modes(system: System, sides: tuple[int, ...]) -> float:
-    """Horizon from slow modes while the contacts press on these sides, see ``known_until``."""
-    closed = [
-        (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
-    ]
-    # Dashpots of closed contacts damp the system in this regime.
-    C = system.damping + sum(c * np.outer(row, row) for row, _, _, c in closed)
-    if not np.any(C):
-        return np.inf
-    basis = undamped_modes(system, tuple((row, kappa) for row, kappa, _, _ in closed))
-    return known_until(basis.omega, basis.shapes.T @ C @ basis.shapes, 0.5 * DISPLACEMENT_TOLERANCE)
-
-
-def _soon(reference: Reference, system: System, t_end: float, tolerance: float, eps: float) -> float:
+def _soon(reference: Reference, system: System, t_end: float, tolerance: float) -> float:
     """The horizon by outputs at t_end 2^-k, if it ends before the first output of the reference.
 
     Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
@@ -241,7 +209,7 @@ def _soon(reference: Reference, system: System, t_end: float, tolerance: float, 
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
     own, scales = watched(solve_exact(system, t_end, times)), scales_of(reference)
-    others = islice(copies(reference.solution.regimes.source, t_end, times, eps), COPIES)
+    others = islice(copies(Solver(system), t_end, times), COPIES)
     horizon = min(agree_until(own, copy, tolerance, scales, PART) for copy in others)
     if horizon <= times[1]:
         reason = "rounding is as large as the outputs from the start"
@@ -386,7 +354,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         afford_search(system, t_end)
-        solution = tracer_of(system).solve(t_end)
+        solution = Solver(system).solve(t_end)
         audit(system, solution, t_end)
         return growth(system, solution, t_end, seed)
 
@@ -402,11 +370,6 @@ def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough
     times = np.asarray(solution.times)
     # Every event is an edge, so that each flow is that of one segment.
     edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    # The compiled loop does it all, unless it cannot follow a regime or a vector under- or overflows.
-    if isinstance(along, Pressed):
-        passed, logs = solution.grow(system, edges, dq, dv, enough)
-        if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
-            return PerturbationGrowth(edges[: passed + 1], logs[: passed + 1])
     segment = np.maximum(np.searchsorted(times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):

@@ -35,7 +35,6 @@ from ...basics.validation import InputError, function, integer, numbers, positiv
 from ...model.system import System, require_system
 from ...model.system_data import SystemData, data_of, slope_of, slope_of_period
 from ...piecewise.measures import within_float64
-from ...piecewise.regimes import Known, same_modes
 from ...piecewise.tangent import Tangent
 from ...trajectory.trajectory import SolverFailure
 from .orbit import ALONE, Orbit, PeriodMap, abrupt, distances, events, periodic_orbit, rigid_grazing, shallowest, turn
@@ -228,7 +227,6 @@ class _Follower:
         self.span, self.most, self.grazings = limits[1] - limits[0], most, grazings
         self.show: Show = silent
         self.first_step, self.scale = first_step, np.ones(0)
-        self._known: tuple[System, Known] | None = None
         self._last: tuple[float, PeriodMap, float] | None = None
         self._slopes: tuple[Array, Array] | None = None  # at both limits, where they are linear between them
         first, middle, last = (self._slope(x) for x in (limits[0], 0.5 * sum(limits), limits[1]))
@@ -239,9 +237,7 @@ class _Follower:
         """The period map at a value of the parameter, with its derivative by it, and dT/da."""
         if self._last is None or self._last[0] != value:
             system, period = self.make_system(value), self.period(value)
-            if self._known is None or not same_modes(self._known[0], system):
-                self._known = system, {}
-            mapping = PeriodMap(system, period, [self.slope(value, system)], self._known[1])
+            mapping = PeriodMap(system, period, [self.slope(value, system)])
             self._last = value, mapping, slope_of_period(self.period, value)
         return self._last[1:]
 
@@ -451,7 +447,7 @@ class _Follower:
         period = self.period
         follower = copy(self)
         follower.period, follower.show = lambda x: 2.0 * period(x), silent
-        follower._known = follower._last = None
+        follower._last = None
         with within_float64("continuation", period(flip.value)):
             _, D, _, _ = self.flow(flip.z, flip.value)
             m, vectors = np.linalg.eig(D * self.scale / self.scale[:, None])

@@ -16,19 +16,18 @@ from ...model.modes import undamped_modes
 from ...model.system import System
 from ...model.system_data import slopes
 from ...piecewise.generator import Generators
-from ...piecewise.linear import Perturbation
 from ...piecewise.measures import NODES, WEIGHTS, panels
 from ...piecewise.tangent import Forms, Path, Tangent
-from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
 from .impacting import Tracer as ImpactTracer
+from .motion import Solver
 from .rigid_motion import RigidMotion
 
 PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for
-STEPS = 12  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
+STEPS = 24  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
 RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
-# As large as the perturbations of the copies of a horizon, horizon.MARGIN roundings.
+# As large as the perturbations of the copies of a horizon.
 COPY = 4.0 * float(np.finfo(float).eps)
 
 
@@ -283,7 +282,7 @@ class Derivative:
         if self.tangent.path.rigid:
             copy: Any = ImpactTracer(system, 0.7, 4.0, 1).solve(t_end)
         else:
-            copy = tracer_of(system, Perturbation(COPY, COPY, 1)).solve(t_end)
+            copy = Solver(system).perturbed(COPY, 1).solve(t_end)
         tangent = Tangent(self.tangent.generators, path_of_solution(system, copy, t_end))
         other = Derivative(self.reference, self.wrt, t, self.bounds, self.exists_until, self.reason, tangent)
         largest = np.maximum.accumulate(np.nan_to_num(np.abs(self.tip)), axis=0)
@@ -323,9 +322,10 @@ def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) ->
     for _ in range(STEPS):  # Newton's method in a bracket
         rate, curve = (tangent.values(forms, top, segments[place], order)[:, 0] for order in (1, 2))
         low, high = np.where(rate > 0.0, top, low), np.where(rate > 0.0, high, top)
-        # Where the curvature is not negative Newton's method would leave the maximum: bisect.
-        step = -rate / np.where(curve < 0.0, curve, -np.inf)
-        top = np.where(curve < 0.0, np.clip(top + step, low, high), 0.5 * (low + high))
+        # Where Newton's method leaves the bracket, or the curvature is not negative: bisect.
+        after = top - rate / np.where(curve < 0.0, curve, -np.inf)
+        inside = (curve < 0.0) & (after >= low) & (after <= high)
+        top = np.where(inside, after, 0.5 * (low + high))
     return top, place
 
 
@@ -333,9 +333,15 @@ def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
     """Segments of an exact solution, compliant or rigid."""
     count = int(np.searchsorted(solution.times, t_end, side="left"))
     times = solution.times[: max(1, count)]
-    q, v = solution.states_in(times, np.arange(len(times)))
+    segments = np.arange(len(times))
     if not isinstance(solution, RigidMotion):
-        return Path(times, solution.sides[: len(times)], q, v, t_end)
+        # Segments of a path also begin at the samples of records.
+        edges = np.setdiff1d(solution.drive.edges, times)
+        edges = edges[(edges > 0.0) & (edges < t_end)]
+        place = np.searchsorted(times, edges, "right")
+        times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
+        return Path(times, solution.sides[segments], *solution.states_in(times, segments), t_end)
+    q, v = solution.states_in(times, segments)
     hits: dict[int, list[int]] = {}
     # A contact may take two blows at one time, for example where it is then held: it is hit once.
     for segment, contact in dict.fromkeys(solution.blows):

@@ -31,13 +31,12 @@ from ...model.time_functions import Harmonic, parts_of
 from ...piecewise.follow import switched_by_force
 from ...piecewise.generator import Generators
 from ...piecewise.measures import within_float64
-from ...piecewise.regimes import Known
 from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
-from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import beyond_stops, require_rigid
 from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
+from .motion import Solver
 from .piecewise import afford_search, refuse, solve_exact
 from .rigid_reference import solve_rigid
 
@@ -174,15 +173,11 @@ class Orbit:
 class PeriodMap:
     """The exact flow of a system over a period, with its derivative."""
 
-    def __init__(
-        self, system: System, period: float, columns: Sequence[SystemData] = (), known: Known | None = None
-    ) -> None:
+    def __init__(self, system: System, period: float, columns: Sequence[SystemData] = ()) -> None:
         self.system, self.period = system, period
         self.rigid = system.rigid
         self.generators = Generators(system, columns)
-        # The span as a power of two: orbits along a branch share their eigenvectors.
-        span = 2.0 ** np.ceil(np.log2(period))
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, known=known, span=span)
+        self.tracer: Solver | None = None if self.rigid else Solver(system)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""

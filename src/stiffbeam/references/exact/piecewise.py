@@ -2,7 +2,7 @@
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
 system with a solution in closed form. The search for the next event uses steps that provably contain none
-(search.py).
+(kernels/exact.c).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ...basics import compiling
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
@@ -21,14 +20,11 @@ from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import Drive, covered, parts_of, require_closed_form
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
-from ...piecewise.motion import Motion
-from ...piecewise.motion import observe as observe_motion
-from ...piecewise.regimes import Known
-from ...piecewise.tracer import rehearse, tracer_of
 from ...trajectory.records import ContactRecord, as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
 from .derivative import derivative
+from .motion import Motion, Solver
 
 
 def solve(request: Request) -> Reference:
@@ -36,31 +32,20 @@ def solve(request: Request) -> Reference:
     return solve_exact(request.system, request.t_end, request.t_eval)
 
 
-def solve_exact(
-    system: System, t_end: float, t_eval: Array | None = None, known: Known | None = None, since: float = 0.0
-) -> Reference:
+def solve_exact(system: System, t_end: float, t_eval: Array | None = None, since: float = 0.0) -> Reference:
     """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (follow.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
-    with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
-    rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
-    or the energy balance of the motion is open.
-
-    With u the gap's position, u' its rate and B >= |u''| on the rest of the segment, no event lies
-    before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
-    B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
-    crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
-    u' vanishes too the first derivative that does not decides (search.py).
+    stops, damped ones too, and time functions made of Harmonic, Constant and Sampled. Raises InputError with the reason
+    for other time functions. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go
+    on, or the energy balance of the motion is open. The search: see kernels/exact.c.
     """
     begun = clock()
     positive("t_end", t_end)
     refuse(system, t_end)
     with within_float64("exact", t_end):
-        tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
-        with compiling.beside(observe_motion, rehearse):
-            solution = tracer.solve(t_end)
+        solution = Solver(system).solve(t_end, stations=output_times(t_eval, t_end))
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
         frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
