@@ -30,7 +30,7 @@ METHODS: tuple[tuple[sb.Scheme, str], ...] = (
     (sb.HHT(alpha=-0.1), "implicit"),
     (sb.ExponentialFlow(), "conserving"),
 )
-CELLS, RANGE = 8, (33.2, 32.8)
+CELLS, RANGE = 8, (32.9, 33.0)
 WIDTHS = (1e-6, 1e-7)  # of differences, over the largest displacement and velocity
 KNOWN = 0.01  # distance of multipliers with two widths, above which they are none
 
@@ -86,16 +86,26 @@ class PeriodMap:
         return float(np.min(np.linalg.eigvals(self.periodic(frequency)[1]).real)) + 1.0
 
 
+def orbit_near(frequency: float, guess: sb.Orbit) -> sb.Orbit:
+    """The exact orbit at a frequency."""
+    return sb.periodic_orbit(beam(frequency), 2.0 * np.pi / frequency, guess)
+
+
+def above(orbit: sb.Orbit) -> float:
+    """The least real multiplier plus 1."""
+    return float(np.min(orbit.multipliers.real)) + 1.0
+
+
 def exact_flip() -> tuple[float, Array]:
     """Frequency of the flip and the state of the periodic orbit there."""
-    high, low = RANGE
-    orbits = [sb.periodic_orbit(beam(high), 2.0 * np.pi / high)]
-
-    def distance(frequency: float) -> float:
-        orbits.append(sb.periodic_orbit(beam(frequency), 2.0 * np.pi / frequency, orbits[-1]))
-        return float(np.min(orbits[-1].multipliers.real)) + 1.0
-
-    flip, orbit = float(root_scalar(distance, bracket=(low, high), xtol=1e-12).root), orbits[-1]
+    start, orbit = RANGE[0], sb.periodic_orbit(beam(RANGE[0]), 2.0 * np.pi / RANGE[0])
+    for end in np.linspace(*RANGE, 3)[1:]:  # from where the orbit is stable, in steps that stay on its branch
+        following = orbit_near(end, orbit)
+        if above(orbit) * above(following) < 0.0:
+            break
+        start, orbit = end, following
+    flip = float(root_scalar(lambda w: above(orbit_near(w, orbit)), bracket=(start, end), xtol=1e-12).root)
+    orbit = orbit_near(flip, orbit)
     return flip, np.concatenate([orbit.q, orbit.v])
 
 

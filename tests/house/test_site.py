@@ -89,14 +89,14 @@ def test_records_of_a_comparison_and_a_study_are_as_documented(command):
     fields = RECORDS.partition("`comparisons` has")[2].partition("|---|")[2].partition("\n\n")[0]
     names = " ".join(line.split("|")[1] for line in fields.splitlines() if line.startswith("| `"))
     assert set(found["comparisons"][0]) == set(re.findall(r"`(\w+)`", names))
-    code, out, _ = command("energy", "table10", "--smoke", "--json", "-")
+    code, out, _ = command("study", "energy", "table10", "--smoke", "--json", "-")
     found = json.loads(out)
     assert (code, set(found) - {"stiffbeam", "command"}) == (0, documented("a study"))
     assert found["command"] == "energy"
     assert [line["scheme"] for line in found["table"]] == ["HHT(alpha=-0.1)", "BDF2"]
-    code, out, err = command("energy", "table10", "--smoke", "--quiet")
+    code, out, err = command("study", "energy", "table10", "--smoke", "--quiet")
     assert (code, out, err) == (0, "", "")
-    code, out, err = command("energy", "table10", "--smoke", "--verbose")
+    code, out, err = command("study", "energy", "table10", "--smoke", "--verbose")
     assert code == 0
     assert "energy lost" in out
     assert " s  energy: planning" in err

@@ -64,6 +64,8 @@ class Converge(Study):
 
     Work of a scheme: linear solves. Of a solver: evaluations of the right-hand side or linear solves, whichever are
     more. Of a function: what its Trajectory counts, else its steps.
+
+    Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
     """
 
     integrators: common.Labels = option(

@@ -53,6 +53,8 @@ class Ensemble(Study):
     The exact solution and every integrator start from the same ``members`` initial data, which differ by ``size``
     relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the members:
     perturb them by ``perturbed_members``.
+
+    Example: stiffbeam ensemble table10 --schemes 'BDF2,HHT(alpha=-0.1)' --members 50
     """
 
     schemes: common.Labels = option(

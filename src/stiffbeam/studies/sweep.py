@@ -92,6 +92,8 @@ class Sweep(Study):
     each is a formula in x, the value of ``parameter``. With ``start`` "last" one process goes through the values in
     their order and back, each from the last state of the one before. Limitation: drives of other frequencies begin anew
     at every value.
+
+    Example: stiffbeam sweep table10 --parameter frequency --values 8:14:400
     """
 
     parameter: str = option(
