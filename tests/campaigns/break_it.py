@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import collections
-import json
 import os
 import random
 import signal
@@ -21,9 +20,9 @@ import time
 from pathlib import Path
 
 COMMAND = [
-    "amplification", "table10", "--schemes", "bdf2,bathe,trapezoidal,SDIRK(gamma=0.4359)", "--jobs", "1", "--out",
+    "study", "modes", "table10", "--schemes", "bdf2,bathe,trapezoidal,SDIRK(gamma=0.4359)", "--jobs", "1", "--out",
 ]  # fmt: skip
-LOSSES = ("journalled lines lost", "ends that differ", "half-written files")
+LOSSES = ("finished points lost", "ends that differ", "half-written files")
 
 
 def _begun(folder: Path) -> subprocess.Popen[str]:
@@ -32,33 +31,33 @@ def _begun(folder: Path) -> subprocess.Popen[str]:
 
 
 def kills(seed: int, wanted: int, place: Path) -> collections.Counter[str]:
-    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. What is journalled only grows,
+    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder. The finished points only grow,
     and ends as without any kill; then the folder is emptied and it all begins again."""
     rng, folder, found = random.Random(seed), place / "killed", collections.Counter[str]()
     begun = time.monotonic()
     _begun(place / "whole").communicate(timeout=600)
     longest = time.monotonic() - begun
-    whole = json.loads((place / "whole" / "amplification.json").read_text())["rows"]
+    whole = (place / "whole" / "modes.csv").read_text()
 
-    def journalled() -> int:
-        return sum(len(x.read_bytes().splitlines()) for x in folder.rglob("*.jsonl"))
+    def finished() -> int:
+        return len(list(folder.glob("points/*.json")))
 
     while found["kills"] < wanted or not found["runs that ended between them"]:
-        before, child = journalled(), _begun(folder)
+        before, child = finished(), _begun(folder)
         try:
             child.wait(rng.uniform(0.3, 1.2) * longest)
         except subprocess.TimeoutExpired:
             child.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
             found["kills"] += 1
         child.communicate(timeout=600)
-        found["journalled lines lost"] += max(0, before - journalled())
-        found["most lines there at a kill"] = max(found["most lines there at a kill"], journalled())
+        found["finished points lost"] += max(0, before - finished())
+        found["most points there at a kill"] = max(found["most points there at a kill"], finished())
         if child.returncode == 0:
             found["runs that ended between them"] += 1
-            rows = json.loads((folder / "amplification.json").read_text())["rows"]
+            rows = (folder / "modes.csv").read_text()
             found["ends that differ"] += rows != whole
             found["half-written files"] += len(list(folder.rglob("*.partial")))
-            for file in [*folder.rglob("*.jsonl"), *folder.glob("amplification.*")]:
+            for file in [*folder.glob("points/*.json"), *folder.glob("modes.*")]:
                 file.unlink()
     return found
 

@@ -174,7 +174,7 @@ FUNCTIONS = [
     Surface("load", sb.load, {"file": "run.nc", "system": beam(), "t_eval": None}),
     Surface("load_cases", sb.load_cases, {"file": "case.toml"}, 2),
     Surface("paper_case", sb.paper_case, {"table": 3}, 2),
-    Surface("study", sb.study, {"name": "amplification", "case": "table10", "schemes": ["hht"], "jobs": 1}),
+    Surface("study", sb.study, {"name": "modes", "case": "table10", "schemes": ["hht"], "jobs": 1}),
     Surface("run.save", saved, {"suffix": ".nc"}, 1),
     Surface("run.displacement", lambda x: run().displacement(x), {"x": [0.1, 0.5]}),
     Surface("run.moment", lambda x: run().moment(x), {"x": [0.1, 0.5]}),

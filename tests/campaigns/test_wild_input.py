@@ -63,7 +63,7 @@ REFUSED = {
     "a contact from behind": lambda: exact().impacts_sampled(1e-3, contact=-1),
     "impacts sampled 1e15 times": lambda: exact().impacts_sampled(1e-17),
     "places that are text": lambda: run().displacement("tip"),
-    "a name without a name": lambda: sb.study(["amplification"]),
+    "a name without a name": lambda: sb.study(["modes"]),
     "a method that is an array": lambda: sb.reference(mass(), 0.5, np.zeros(2)),
     "an object without text": lambda: sb.Harmonic(Unfriendly(), 1.0),
     "a million dt at once": lambda: sb.amplification(sb.HHT(), np.linspace(0.1, 1.0, 10**6)),

@@ -54,8 +54,8 @@ def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [
-    ["compare", "table10", "--t-end", "0.01", "--references", "exact"], ["energy", "table10", "--smoke"],
-    ["amplification", "table10", "--smoke"], ["reproduce", "table", "10"], ["reference", "--remake"],
+    ["compare", "table10", "--t-end", "0.01", "--references", "exact"], ["converge", "table10", "--smoke"],
+    ["study", "energy", "table10", "--smoke"], ["study", "modes", "table10", "--smoke"], ["reference", "--remake"],
     ["reference", "table10", "--t-end", "0.01", "--method", "exact", "--out"],
 ], ids=" ".join)  # fmt: skip
 def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
@@ -151,5 +151,5 @@ def test_kills_lose_no_finished_point(wanted, tmp_path):
     found = kills(2, wanted, tmp_path)
     assert found["kills"] >= wanted
     assert found["runs that ended between them"]
-    assert found["most lines there at a kill"] > 1  # there was something to lose
+    assert found["most points there at a kill"] > 1  # there was something to lose
     assert not any(found[name] for name in LOSSES), found

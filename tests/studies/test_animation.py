@@ -73,12 +73,3 @@ def test_what_cannot_be_filmed_is_refused(tmp_path, monkeypatch, three_masses):
         run.animate(tmp_path / "chain.gif", [sb.integrate(three_masses, sb.BDF2(), 1e-2, 2.0)])
     with pytest.raises(InputError, match="read them with it"):
         sb.load(run.save(tmp_path / "run.nc")).animate(tmp_path / "chain.gif")
-
-
-@pytest.mark.slow
-def test_the_command(command, tmp_path):
-    code, out, err = command("animate", "table10", "--t-end", "0.01", "--seconds", "0.2", "--schemes", "hht,bdf2")
-    assert code == 0, err
-    assert (tmp_path / "stiffbeam-output" / "table10" / "animation.gif").is_file()
-    assert "animation.gif" in out
-    assert command("animate", "table10", "--schemes", "hht,BDF2@velocity-curvature")[0] == 2

@@ -120,12 +120,15 @@ def write_netcdf(data: xr.Dataset, file: str | Path, compression: int = 0) -> Pa
 def read_netcdf(file: Path) -> xr.Dataset:
     """The arrays in a netCDF-4 file of one group. Raises InputError for a file that cannot be read, and for one of more
     than LARGEST bytes."""
+    import h5py
     import xarray as xr
 
     remedy = "make it again"
     try:
         size = file.stat().st_size if file.is_file() else 0
         if size <= LARGEST:
+            with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
+                whole.attrs.get("_nc3_strict")
             with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
                 size = data.nbytes
                 if size <= LARGEST:

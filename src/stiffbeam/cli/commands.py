@@ -42,6 +42,7 @@ def application(first: str = "") -> App:
     app = App(
         name="stiffbeam", help=HELP, version=f"stiffbeam {version('stiffbeam')}",
         default_parameter=Parameter(negative_iterable=(), negative_none=()), result_action="return_value",
+        suppress_keyboard_interrupt=False,
     )  # fmt: skip
     for command in (compare, advise, doubt, reference, score, cases, doctor):
         app.command(command)

@@ -279,8 +279,10 @@ def _compiled_part(drive: Drive, terms: Iterable[Term], width: int) -> tuple[Arr
 
 def _at_one_time(function: LoadFunction, t: float) -> float:
     """f(t), without what ``evaluate`` asks each time: it has been checked before."""
-    value = float((function.value if isinstance(function, TimeFunction) else function)(np.asarray(t)))
-    return value if math.isfinite(value) else float(evaluate(function, t))  # which says what is wrong
+    value = (function.value if isinstance(function, TimeFunction) else function)(np.asarray(t))
+    if np.iscomplexobj(value) or not math.isfinite(value):
+        return float(evaluate(function, t))  # which says what is wrong
+    return float(value)
 
 
 def _sparse(matrix: Array) -> tuple[Array, Array, Array]:

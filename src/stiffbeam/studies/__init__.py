@@ -24,9 +24,10 @@ def studies() -> dict[str, type[Study]]:
 
 def find_study(name: str) -> type[Study]:
     """The study with this name. Raises InputError for any other name."""
-    if name not in STUDIES and isinstance(name, str) and (Path(__file__).parent / f"{name}.py").is_file():
+    there = isinstance(name, str)
+    if there and name not in STUDIES and (Path(__file__).parent / f"{name}.py").is_file():
         import_module(f".{name}", __name__)
-    known = STUDIES if name in STUDIES else studies()
+    known = STUDIES if there and name in STUDIES else studies()
     return known[one_of("study", name, known, "be a study")]
 
 

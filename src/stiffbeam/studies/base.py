@@ -258,7 +258,7 @@ def perform(
         work = (delayed(_numbered)(i, study, case, point, store, threads) for i, point in enumerate(points))
         show(name, 0, len(points))
         parts: list[tuple[int, list[Row]]] = []
-        with _processes():
+        with _processes(store):
             done: Any = Parallel(jobs, return_as="generator_unordered")(work)
             for part in done:
                 parts.append(part)
@@ -270,12 +270,15 @@ def perform(
 
 
 @contextmanager
-def _processes() -> Generator[None, None, None]:
-    """Raise Unfinished where the processes of joblib die."""
+def _processes(store: Store) -> Generator[None, None, None]:
+    """Raise Unfinished where the processes of joblib die. An interruption learns what they have kept."""
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     try:
         yield
+    except KeyboardInterrupt:
+        TALK.kept = TALK.kept or (store.folder is not None and any(store.folder.glob("*.json")))
+        raise
     except BrokenProcessPool as error:
         reason = "is there enough memory? Run it again; with a folder the finished points are kept"
         raise Unfinished(f"a process of the study died: {reason}") from error
