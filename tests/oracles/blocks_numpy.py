@@ -1,4 +1,4 @@
-"""``kernels.blocks.run`` in plain NumPy, a hundred times slower: its oracle.
+"""``kernels.march.run`` in plain NumPy, a hundred times slower: its oracle.
 
 Written from the definitions (Propagator, sampling), not from the compiled loops: positions of a whole
 stretch first, then impacts by array operations.
