@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import subprocess
@@ -20,4 +21,4 @@ def test_the_benchmark_prints_every_ratio():
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     ratios = [float(x) for x in re.findall(r"^ *(\S+)  \(", text, re.MULTILINE)]
     assert len(ratios) == 6
-    assert min(ratios) > 0.0
+    assert all(map(math.isfinite, ratios))  # a difference of times on a busy machine may have any sign

@@ -56,8 +56,6 @@ def test_a_study_takes_scheme_objects_in_worker_processes_too(tmp_path):
     assert here.table.equals(there.table)
     assert set(here.found.scheme) == {"Midpoint(theta=0.5)", "Trapezoidal"}
     assert not here.lost
-    journal = next(tmp_path.glob("modes-*.jsonl"))
-    assert sum('"source"' in line for line in journal.read_text().splitlines()) == 1  # of the own scheme only
     here.figure()
 
 
