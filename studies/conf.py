@@ -19,8 +19,11 @@ autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 python_display_short_literal_types = True
 html_theme = "pydata_sphinx_theme"
-html_theme_options = {"navigation_with_keys": False, "show_prev_next": False}
+html_theme_options = {
+    "navigation_with_keys": False, "show_prev_next": False, "header_links_before_dropdown": 6, "icon_links": [],
+}  # fmt: skip
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}
 
 
 def keep_formulas(app: object, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
