@@ -117,7 +117,7 @@ def test_a_function_is_scored_by_its_modules_name(tmp_path, monkeypatch, command
     assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "of_a_stranger:rest")
     code, _, error = command("study", "energy", "table10", "--schemes", "of_a_stranger:rest")
     assert code == 2
-    assert "it is a function" in error
+    assert "schemes must be schemes" in error
 
 
 def test_a_damper_that_pulls_is_found():
