@@ -166,6 +166,8 @@ def test_what_a_load_presses_on_a_rigid_stop_has_a_row_until_it_leaves(method):
 @pytest.mark.parametrize("method", ["exact", "multiprecision", "scheme"])
 def test_rest_on_a_stop_without_a_gap_has_no_row(method, law):
     """Nothing presses it, and nothing moves."""
+    if method == "multiprecision" and "restitution" in law:
+        pytest.skip("many digits are for compliant stops")
     run = solved(hammer(0.0, **law), method)
     assert run.impacts.count == 0
     assert not run.impacts.listed()[0].impulses.any() or np.isnan(run.impacts.listed()[0].ends).all()
