@@ -137,10 +137,10 @@ bending_stiffness = [661, 675]
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("stiffnes = [290, 310]", "tube: parameter must be a path"),
-        ("stiffness = 0.01", 'uncertain."stiffness" must be a range'),
+        ("stiffnes = [290, 310]", "tube.parameter must be a path"),
+        ("stiffness = 0.01", "uncertain.stiffness must be a list"),
         ("stiffness = [310, 290]", "two increasing numbers"),
-        ("stops.stiffness = [1, 2]", 'uncertain."stops" must be a range'),
+        ("stops.stiffness = [1, 2]", "uncertain.stops must be a list"),
         ("stiffness = [-1, 2]", "must be > 0"),
     ],
 )

@@ -221,10 +221,10 @@ def test_a_case_file_lists_them(tmp_path):
     file.write_text(CASE)
     assert load_cases(file)["two"].problem == beam(MIDDLE, TIP)
     file.write_text(CASE.replace("position = 0.6", "position = 1.6"))
-    with pytest.raises(sb.InputError, match=r"two.problem: stops.position must lie on the beam, 0 < position <= 1"):
+    with pytest.raises(sb.InputError, match=r"two.problem.stops.position must lie on the beam, 0 < position <= 1"):
         load_cases(file)
     file.write_text(CASE.replace("phase = 0.3", "phase = 0.3, speed = 1"))
-    with pytest.raises(sb.InputError, match=r"stops\[0\].motion: speed must be a known field"):
+    with pytest.raises(sb.InputError, match=r"stops\[0\].motion.speed must be a known field"):
         load_cases(file)
 
 
