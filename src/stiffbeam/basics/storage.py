@@ -7,7 +7,6 @@ import os
 import secrets
 import tempfile
 import warnings
-from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -95,14 +94,14 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
     return path
 
 
-def content_hash(data: xr.Dataset, attributes: Iterable[str]) -> str:
-    """sha256 of every variable and of the named attributes."""
+def content_hash(data: xr.Dataset) -> str:
+    """sha256 of every variable and attribute but for the hash itself and what differs from machine to machine."""
     digest = hashlib.sha256()
     for name in sorted(map(str, data.variables)):
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(data[name].values).tobytes())
-    for name in sorted(attributes):
-        digest.update(f"{name}={data.attrs.get(name)}".encode())
+    for name in sorted(map(str, data.attrs.keys() - {"hash", "deviation"})):
+        digest.update(f"{name}={data.attrs[name]}".encode())
     return digest.hexdigest()
 
 

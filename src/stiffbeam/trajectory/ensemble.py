@@ -227,7 +227,7 @@ class Ensemble(Runs):
         return dataset_of(self)
 
     def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc, .json or .mat (all of ``to_xarray``) or .csv
+        """Write it in the format that the suffix names: .nc or .json (all of ``to_xarray``) or .csv
         (``to_dataframe``), whole or not at all. Raises InputError for any other."""
         return save(self, file)
 

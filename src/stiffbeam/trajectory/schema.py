@@ -9,7 +9,6 @@ import json
 import re
 from collections.abc import Container, Iterable
 from dataclasses import asdict, dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from .ensemble import Ensemble
     from .trajectory import Trajectory
 
-FORMAT = 3  # of files
+FORMAT = 4  # of files
 CONVENTIONS = "CF-1.11"
 IMPACTS, ENERGY = "contacts[i].impacts", "energy"  # owners of attributes
 
@@ -230,8 +229,7 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 
-HASHED = ("stiffbeam_format", "kind", "fingerprint", "provenance", "work", "stops", "impact_kind", "horizon")
-SUFFIXES = (".nc", ".nc4", ".h5", ".csv", ".mat", ".json")
+SUFFIXES = (".nc", ".csv", ".json")
 
 
 def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
@@ -255,17 +253,16 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
     } | result.further_attributes()
     coordinates = [name for name in data if name not in BY_NAME or name in {v.name for v in COORDINATES}]
     dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
-    dataset.attrs["hash"] = content_hash(dataset, HASHED)
+    dataset.attrs["hash"] = content_hash(dataset)
     return dataset
 
 
 def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
     """Write a run or an ensemble in the format that the suffix names; an interrupted write leaves no file.
 
-    .nc, .nc4, .h5: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
-    ``xarray.Dataset.to_dict``. .mat: the same for MATLAB, with structs ``units`` and ``long_name``. .csv:
-    ``to_dataframe()``, a line for each output time or member; impacts have a table of their own,
-    ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
+    .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
+    ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a table
+    of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
     """
     suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
     if suffix not in SUFFIXES:
@@ -276,28 +273,7 @@ def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
     data = dataset_of(result)
     if suffix == ".json":
         return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
-    if suffix == ".mat":
-        return _write_mat(data, file)
     return write_netcdf(data, file, compression=4 if result.kind == "ensemble" else 0)
-
-
-def _write_mat(data: xarray.Dataset, file: str | Path) -> Path:
-    """A MATLAB 5 file: every variable by name, one along time, impacts or members as a column; structs ``units`` and
-    ``long_name``; ``provenance`` as JSON. A parameter's path becomes a name: ``stops_0_stiffness``."""
-    from scipy.io import savemat
-
-    content: dict[str, Any] = {}
-    notes: dict[str, dict[str, str]] = {"units": {}, "long_name": {}}
-    for written, variable in data.variables.items():
-        name, column, attributes = re.sub(r"\W+", "_", str(written)).strip("_"), variable.values, variable.attrs
-        content[name] = column[:, None] if column.ndim == 1 else column
-        for key, texts in notes.items():
-            if key in attributes:
-                texts[name] = attributes[key]
-    buffer = BytesIO()
-    content |= notes | {"provenance": data.attrs["provenance"]}
-    savemat(buffer, content, appendmat=False, long_field_names=True)
-    return write_whole(file, buffer.getvalue())
 
 
 GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"

@@ -343,7 +343,7 @@ class Trajectory:
 
     def save(self, file: str | Path) -> Path:
         """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
-        .json, .mat or .csv. Raises InputError for any other suffix."""
+        .json or .csv. Raises InputError for any other suffix."""
         return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
