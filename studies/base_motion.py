@@ -19,7 +19,7 @@ from scipy.interpolate import make_lsq_spline
 import stiffbeam as sb
 from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
-from stiffbeam.files.reader import read_samples
+from stiffbeam.files.columns import read_samples
 
 RATE, T_END, KNOT = 2000.0, 1.0, 8e-3  # 1/s, s, s
 

@@ -17,7 +17,7 @@ import numpy as np
 import stiffbeam as sb
 from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
-from stiffbeam.files.reader import read_samples
+from stiffbeam.files.columns import read_samples
 
 RATE, T_END = 25_600.0, 0.15  # 1/s, s
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -137,8 +138,18 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
     assert "[/] [red]$x_ $ :smile:" in done.stdout
     assert {x.name for x in tmp_path.iterdir()} == {"odd.toml", "stiffbeam-output"}
     (tmp_path / "steered.toml").write_text(STEEL.replace("a steel strip", "\\u001b[2J"))
-    with pytest.raises(sb.InputError, match="title must be 1 to 200 printable letters"):
+    with pytest.raises(sb.InputError, match="title must hold printable letters"):
         sb.load_cases(tmp_path / "steered.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_of_few_letters_has_the_whole_table(encoding):
+    words = ["compare", "table10", "--t-end", "0.01", "--schemes", "hht", "--references", "exact"]
+    done = subprocess.run([sys.executable, "-m", "stiffbeam", *words], capture_output=True, timeout=300, check=False,
+                          env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "HHT" in done.stdout.decode(encoding)
 
 
 # ---------------------------------------------------------------- kills

@@ -237,6 +237,8 @@ def test_a_file_cannot_import_a_module(tmp_path):
     method = {"method": "this:Zen(theta=0.5)"}
     loaded = sb.load(dataclasses.replace(run, provenance=run.provenance | method).save(tmp_path / "run.nc"), run.system)
     assert loaded.provenance["method"] == method["method"]
+    steered = dataclasses.replace(run, provenance=run.provenance | {"method": "\x1b[2J"})
+    assert "\x1b" not in str(sb.load(steered.save(tmp_path / "run.nc")))
     with pytest.raises(sb.InputError, match="states"):
         print(loaded.states)
     assert "this" not in sys.modules

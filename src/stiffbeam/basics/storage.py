@@ -66,6 +66,24 @@ def forget(folder: Path, pattern: str, most: int) -> None:
             path.unlink(missing_ok=True)
 
 
+def regular_text(field: str, file: Path, most: int, remedy: str = "give another") -> str:
+    """The text of a regular file of at most ``most`` bytes, UTF-8 or else Latin-1. Raises InputError for any other, as
+    devices and pipes, which have no end."""
+    try:
+        if file.is_dir() or (file.exists() and not file.is_file()):
+            raise InputError(field, str(file), "be a readable file, no folder, device or pipe", remedy)
+        with file.open("rb") as stream:
+            content = stream.read(most + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(field, str(file), "be a readable file", f"{remedy}: {error}") from None
+    if len(content) > most:
+        raise InputError(field, str(file), f"have at most {most} bytes", remedy)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
 def write_whole(file: str | Path, content: str | bytes) -> Path:
     """Write ``content`` to the file, text in UTF-8. The old content stays until the new one is completely on the disk.
 

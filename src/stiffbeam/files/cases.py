@@ -11,6 +11,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
+from ..basics.storage import regular_text
 from ..basics.units import Units
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
@@ -203,7 +204,7 @@ def case_of(
     return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=finer)
 
 
-MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
+MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file; letters of a line, dots of a key in it
 
 
 def paper_case(table: int) -> Case:
@@ -319,16 +320,13 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     ['strip']
     """
     file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
-    try:
-        data = _toml(_bounded(file))
-    except FileNotFoundError:
+    if not file.exists():
         remedy = "stiffbeam cases --show table10 prints one to start from"
-        raise InputError("case file", str(file), "exist", remedy) from None
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError("case file", str(file), "be a readable file", f"{error.strerror}: give another") from None
-    except ValueError as error:  # of TOML, of UTF-8, and of a path with a zero in it
+        raise InputError("case file", str(file), "exist", remedy)
+    text = _bounded(file)
+    try:
+        data = _toml(text)
+    except ValueError as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
@@ -338,21 +336,16 @@ def load_cases(file: str | Path) -> dict[str, Case]:
 def _bounded(file: Path) -> str:
     """The text of a case file. Raises InputError for one of a size that no case has: a dotted key takes memory
     in proportion to the square of its length."""
-    # One byte more than allowed shows that a file is too long, whatever its size.
-    with file.open("rb") as stream:
-        content = stream.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        remedy = "put samples into a file beside it"
-        raise InputError("case file", str(file), f"have at most {MOST_BYTES} bytes", remedy)
-    for number, line in enumerate(content.split(b"\n"), 1):
+    text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it")
+    for number, line in enumerate(text.split("\n"), 1):
         if len(line) > MOST_LINE:
             remedy = "break lists over lines"
-            raise InputError(f"{file}: line {number}", f"{len(line)} bytes", f"have at most {MOST_LINE}", remedy)
+            raise InputError(f"{file}: line {number}", f"{len(line)} letters", f"have at most {MOST_LINE}", remedy)
         # Dots in quotes nest nothing.
-        key = re.sub(rb'"[^"]*"|\'[^\']*\'', b"", line).partition(b"=")[0]
-        if key.count(b".") > MOST_DOTS:
+        key = re.sub(r'"[^"]*"|\'[^\']*\'', "", line).partition("=")[0]
+        if key.count(".") > MOST_DOTS:
             raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
-    return content.decode("utf-8").replace("\r\n", "\n")
+    return text.replace("\r\n", "\n")
 
 
 def compared_runs(case: Case) -> list[tuple[Scheme, str]]:

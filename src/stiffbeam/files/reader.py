@@ -16,6 +16,7 @@ from cattrs.cols import list_structure_factory
 from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
+from ..basics.storage import LARGEST
 from ..basics.units import SI, UNKNOWN, Units
 from ..basics.validation import InputError, exact_float, near, non_negative, positive
 from ..model.contact import Contact, Stops
@@ -25,6 +26,7 @@ from ..model.reduction import reduce_model
 from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
+from .columns import read_samples
 
 SUFFIXES = (".mtx", ".npz", ".npy")
 
@@ -40,8 +42,10 @@ def read_matrix(file: Path, field: str = "") -> Any:
         if file.suffix == ".mat":
             remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
         raise InputError(field, str(file), f"be a file of {', '.join(SUFFIXES)}", remedy)
-    if not file.is_file():
+    if not file.is_file():  # devices and pipes have no end
         raise InputError(field, str(file), "be a file beside the case", "give its path relative to the case file")
+    if file.stat().st_size > LARGEST:
+        raise InputError(field, str(file), f"have at most {LARGEST} bytes", "reduce the model first")
     try:
         return {".mtx": _market, ".npz": _npz, ".npy": np.load}[file.suffix](file)
     except InputError as error:
@@ -74,71 +78,6 @@ def _npz(file: Path) -> Any:
         if len(names) != 1:
             raise InputError("", f"{file} with {', '.join(names)}", "hold one array", "save each by itself")
         return archive[names[0]]
-
-
-def read_samples(file: Path, column: str | None = None) -> tuple[list[float], list[float]]:
-    """Times and values from a file of columns between commas, semicolons, tabs or blanks.
-
-    The first column holds the times. ``column`` names that of the values in a first line of names; without it
-    there must be two columns. Empty lines and those that begin with # are passed over. Raises InputError naming
-    file, line and rule for a file that cannot be read, a line of another length and what is no number.
-    """
-    try:
-        # utf-8-sig: spreadsheets begin a file with a byte order mark.
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("sampled", str(file), "be a readable file beside the case", f"give another: {error}") from None
-    rows = [(i + 1, split_line(line)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
-    if not rows:
-        remedy = "a line holds a time and a value, as in 0.0, 1.5"
-        raise InputError("sampled", str(file), "hold two or more lines of numbers", remedy)
-    # A first line that begins with no number holds the names.
-    names = [] if _float(rows[0][1][0]) is not None else rows.pop(0)[1]
-    if names and rows and _float(rows[0][1][0]) is None:
-        line, cells = rows[0]
-        remedy = "leave out all but one line of names: each other line holds a time and its value, as in 0.0, 1.5"
-        raise InputError("sampled", f"{file}, line {line}: {cells[0]!r}", "be a number", remedy)
-    width = len(names or rows[0][1]) if rows else 0
-    if column is not None and column not in names:
-        raise InputError("column", column, f"be a name in the first line of {file}", near(column, names))
-    if column is not None and names.count(column) > 1:
-        raise InputError("column", column, f"be the name of one column of {file}", "rename the others")
-    if column is not None and names.index(column) == 0:
-        remedy = f"name {' or '.join(map(repr, names[1:])) or 'another column'}"
-        raise InputError("column", column, f"be a column of values: the first of {file} holds the times", remedy)
-    if column is None and width != 2:
-        remedy = f"name one: column = {' or '.join(map(repr, names[1:])) or 'a name in a first line'}"
-        raise InputError("sampled", f"{file}: {width} columns", "have two columns, times and values", remedy)
-    wanted = 1 if column is None else names.index(column)
-    samples: list[tuple[float, float]] = []
-    for line, cells in rows:
-        # Refused, since its cells may belong to other columns.
-        if len(cells) != width:
-            remedy = "give every line as many cells as the first"
-            raise InputError("sampled", f"{file}, line {line}: {len(cells)} columns", f"have {width} columns", remedy)
-        t, value = _float(cells[0]), _float(cells[wanted])
-        if t is None or value is None:
-            bad = cells[0] if t is None else cells[wanted]
-            remedy = "write decimals with a point" if bad else "the cell is empty: fill it, or leave the line out"
-            raise InputError("sampled", f"{file}, line {line}: {bad!r}", "be a number", remedy)
-        samples.append((t, value))
-    return [t for t, _ in samples], [value for _, value in samples]
-
-
-def split_line(line: str) -> list[str]:
-    """Cells of a line between semicolons, tabs, commas or blanks, the first of these that it has."""
-    # In this order: beside semicolons or tabs a comma belongs to a number.
-    for separator in (";", "\t", ","):
-        if separator in line:
-            return [cell.strip().strip('"') for cell in line.split(separator)]
-    return line.split()
-
-
-def _float(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 # ---------------------------------------------------------------- tables
@@ -184,11 +123,14 @@ class Matrices:
 
 @dataclass
 class Samples:
-    """A record in a case file."""
+    """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
 
     sampled: Record
     kind: str = "linear"
     column: str | None = None
+    dt: float | None = None
+    time_factor: float | None = None
+    start: float | None = None
 
 
 @dataclass
@@ -215,7 +157,7 @@ class Reader:
             Stops | Sequence[Stops] | None: self._one_or_several,
         }  # fmt: skip
         # By class, which comes before the conversions that cattrs has for these.
-        for plain, hook in ((float, _number), (int, _only(int)), (str, _only(str))):
+        for plain, hook in ((float, _number), (int, _only(int)), (str, _text)):
             convert.register_structure_hook(plain, hook)
         convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) in SEQUENCES, self._list)
         convert.register_structure_hook_factory(is_dataclass, self._class)
@@ -266,8 +208,8 @@ class Reader:
                 raise InputError(name, None, "be given", f"write {name} = ...")
         positive("bending_stiffness", value["bending_stiffness"], exact=True)
         non_negative("bending_viscosity", value.get("bending_viscosity", 0.0), exact=True)
-        plain: dict[str, Any] = {PHYSICAL.get(name, name): x for name, x in value.items()}
-        return make_dict_structure_fn(BeamProblem, self.convert)({"units": asdict(SI)} | plain, BeamProblem)
+        plain: dict[Any, Any] = {PHYSICAL.get(name, name): x for name, x in value.items()}
+        return make_dict_structure_fn(BeamProblem, self.convert)({"units": asdict(SI), **plain}, BeamProblem)
 
     def _system(self, value: Any, _: Any) -> System:
         self.size = 0
@@ -292,10 +234,12 @@ class Reader:
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
-        if isinstance(record.sampled, dict):
-            points = self.read(record.sampled, Points)
+        source: Any = record.sampled
+        if isinstance(source, dict):
+            points = self.read(source, Points)
             return Sampled(np.array(points.t), np.array(points.values), record.kind)
-        return Sampled(*read_samples(self._beside("sampled", record.sampled), record.column), record.kind)
+        options = {name: x for name, x in asdict(record).items() if name not in ("sampled", "kind")}
+        return Sampled(*read_samples(self._beside("sampled", source), **options), record.kind)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
@@ -393,11 +337,17 @@ def _only(kind: type) -> Any:
     return lambda value, _: _kind(value, kind)
 
 
+def _text(value: Any, _: Any = None, printable: str = " \t\n") -> str:
+    """A text that can be printed: control characters would reach the terminal."""
+    if not all(x.isprintable() or x in printable for x in _kind(value, str)):
+        raise InputError("", value, "hold printable letters", "leave control characters out")
+    return value
+
+
 def _line(value: Any, _: Any = None) -> str:
-    text = _kind(value, str)
-    if not text.strip() or len(text) > 200 or not text.isprintable():
-        raise InputError("", text, "be 1 to 200 printable letters", "leave control characters out")
-    return text
+    if not _text(value, None, "").strip() or len(value) > 200:
+        raise InputError("", value, "be 1 to 200 printable letters", "shorten it, or write one")
+    return value
 
 
 def _polynomial(value: Any, _: Any = None) -> PolynomialProfile:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
+from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
@@ -316,6 +317,7 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
             )
         )
     work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
+    notes = {name: printable(x) if isinstance(x, str) else x for name, x in notes.items()}
     common: dict[str, Any] = {
         "t": data["time"].values,
         "tip": data["tip"].values,

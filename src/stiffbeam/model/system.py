@@ -60,6 +60,15 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return read_only(0.5 * (dense + dense.T))
 
 
+def _diagonal(mass: Any) -> Any:
+    """The diagonal matrix of a vector; anything else as it is."""
+    try:
+        vector = np.asarray(mass, float)
+    except (TypeError, ValueError):
+        return mass
+    return np.diag(vector) if vector.ndim == 1 and vector.size else mass
+
+
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
     if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
@@ -321,10 +330,10 @@ class System:
         initial_velocity: ArrayLike | None = None,
         units: Units = UNKNOWN,
     ) -> System:
-        """System of any finite-element model: dense or SciPy sparse matrices, any contact row. It is at rest at zero
-        without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
+        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
+        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
         does."""
-        mass = symmetric_matrix("mass", mass)
+        mass = symmetric_matrix("mass", _diagonal(mass))
         nothing = np.zeros(len(mass))
         options: Any = {
             "loads": loads, "contacts": contacts, "observe": observe,
