@@ -331,8 +331,8 @@ class System:
         units: Units = UNKNOWN,
     ) -> System:
         """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
-        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
-        does."""
+        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises
+        InputError as the class does."""
         mass = symmetric_matrix("mass", _diagonal(mass))
         nothing = np.zeros(len(mass))
         options: Any = {
