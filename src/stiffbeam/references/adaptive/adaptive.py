@@ -15,7 +15,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace, state_space
 from ...model.system import System
 from ...model.time_functions import in_closed_form
-from ...trajectory.recorder import contact_spans
+from ...trajectory.recorder import contact_spans, impacts_in
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
 from ..registry import KEEP, REFERENCES, RESTART, Request, output_times, provenance_of
@@ -217,14 +217,11 @@ def contact_record(
     force = stops.force(position, velocity)
     # Without events only the outputs show contact: its times are interpolated between them.
     if contacts is None:
-        spans = contact_spans(t, position, velocity, stops)
-        first, _, begins, exits, sides, _ = spans.T
-        closed_time = float(np.sum(np.where(np.isnan(exits), t[-1], exits) - begins))
-        # A span that is open at the first output counts only if that output is at t = 0: else its entry is not known.
-        counted = (first > 0.0) | (t[0] == 0.0)
+        rows = contact_spans(t, position, velocity, stops)
+        rows[:, 5] = np.nan  # the outputs tell no impulse
+        closed_time = float(np.sum(np.where(np.isnan(rows[:, 3]), t[-1], rows[:, 3]) - rows[:, 2]))
         return ContactRecord(
-            stops, position, velocity, force,
-            Impacts.at(begins[counted], sides[counted], "sampled", ends=exits[counted]).started(first[counted] == 0.0),
+            stops, position, velocity, force, impacts_in(rows, bool(t[0] == 0.0)),
             fraction=closed_time / t_end if t[0] == 0.0 and t[-1] == t_end else np.nan,
             peak_force=float(np.max(np.abs(force))),
             impulse=float("nan"),
