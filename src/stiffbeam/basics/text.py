@@ -116,9 +116,4 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str
     return "".join([*parts, "</tbody></table>"])
 
 
-def html_facts(title: str, facts: Iterable[tuple[str, str]]) -> str:
-    """A table of names and values under a title; facts without a value are left out."""
-    return html_table([], [(name, value) for name, value in facts if value], title)
-
-
 DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"

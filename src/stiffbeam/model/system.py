@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts, several
+from ..basics.text import DRAW, several
 from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
@@ -354,14 +354,6 @@ class System:
         kwargs: of ``Axes.plot``.
         """
         return DRAW["system"](self, ax, **kwargs)
-
-    def _repr_html_(self) -> str:
-        places = [(f"contact {i + 1}", str(contact.stops)) for i, contact in enumerate(self.contacts)]
-        facts = [
-            ("unknowns", str(self.size)), ("damped", "yes" if self.damped else "no"), ("loads", str(len(self.loads))),
-            ("units", str(self.units)), *places,
-        ]  # fmt: skip
-        return html_facts(f"System, {self.form}", facts)
 
     @property
     def size(self) -> int:

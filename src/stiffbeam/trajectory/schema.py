@@ -193,7 +193,10 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
         "work": json.dumps(asdict(result.work)),
         "stops": json.dumps([stops.data for stops in result.stops]),
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
-    } | result.further_attributes()
+    }
+    more: Any = result
+    attributes |= {"horizon": more.horizon} if result.kind == "reference" else {}
+    attributes |= {"parameter": more.members.parameter} if result.kind == "ensemble" else {}
     coordinates = [name for name in data if name not in VARIABLES]
     dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
     dataset.attrs["hash"] = content_hash(dataset)
