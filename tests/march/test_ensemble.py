@@ -51,9 +51,9 @@ def members_of(kind: str, system: sb.System) -> sb.EnsembleMembers:
     if kind == "perturbed":
         return sb.perturbed_members(system, 9, 1e-10)
     if kind == "frequency":
-        return sb.varied_members(system, frequency=np.linspace(9.0, 11.0, 9))
+        return sb.varied_members(system, {"frequency": np.linspace(9.0, 11.0, 9)})
     if kind == "amplitude":
-        return sb.varied_members(system, amplitude=np.linspace(0.15, 0.25, 9))
+        return sb.varied_members(system, {"amplitude": np.linspace(0.15, 0.25, 9)})
     gaps, stiffness = np.linspace(0.08, 0.12, 9), np.geomspace(1e6, 1e7, 9)
     return sb.varied_members(system, stops=[sb.Stops(-g, g, stiffness=k) for g, k in zip(gaps, stiffness, strict=True)])
 
@@ -158,7 +158,7 @@ def test_the_company_of_a_member_does_not_change_it(system, monkeypatch):
     monkeypatch.setenv("STIFFBEAM_THREADS", "1")
     monkeypatch.setattr(block_march, "STEPS_REPLAYED", 64)
     monkeypatch.setattr(block_march, "STEPS_PER_CALL", 7 * 70)
-    members = sb.varied_members(system, frequency=np.linspace(9.0, 11.0, 28))  # four slices of seven
+    members = sb.varied_members(system, {"frequency": np.linspace(9.0, 11.0, 28)})  # four slices of seven
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.6, members, every=5)
     for i in (0, 6, 27):
         assert_is_run(many, i, sb.integrate(members[i], sb.HHT(-0.1), 1e-4, 0.6, every=5))
@@ -180,7 +180,7 @@ def test_damping_that_does_not_decouple_is_marched_in_dense_blocks():
         mass, stiffness, np.diag([0.0, 1.0]), loads=[([0.0, 1.0], sb.Harmonic(50.0, 6.0))],
         contacts=[sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e4))],
     )  # fmt: skip
-    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
+    members = sb.varied_members(system, {"frequency": [5.0, 6.0, 7.0]})
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=4)
     assert ensemble.provenance["march"] == "dense blocks"
     assert_is_run(ensemble, 2, sb.integrate(members[2], sb.HHT(-0.1), 1e-3, 2.0, every=4), growth=7.0)
@@ -263,13 +263,13 @@ def test_the_statistics_of_an_ensemble_are_those_of_its_impacts(system):
     ("make", "field"),
     [
         (lambda s: sb.perturbed_members(s, 0), "members"),
-        (lambda s: sb.varied_members(s), "varied"),
-        (lambda s: sb.varied_members(s, frequency=[1.0], amplitude=[1.0]), "varied"),
-        (lambda s: sb.varied_members(s, frequency=[-1.0]), "frequency"),
+        (lambda s: sb.varied_members(s), "parameters"),
+        (lambda s: sb.varied_members(s, {"frequency": [1.0]}, stops=[]), "varied"),
+        (lambda s: sb.varied_members(s, {"frequency": [-1.0]}), "frequency"),
         (lambda s: sb.varied_members(s, stops=[0.1]), "stops"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, []), "members"),
         (lambda s: sb.integrate_ensemble(s, sb.HHT(), 1e-4, 0.1, [sb.semidiscretise(s.problem, 8)]), "members"),
-        (lambda s: sb.varied_members(two_contacts(), frequency=[1.0]), "frequency"),
+        (lambda s: sb.varied_members(two_contacts(), {"frequency": [1.0]}), "frequency"),
     ],
 )
 def test_bad_arguments_are_named(make, field, system):

@@ -74,11 +74,11 @@ def test_the_beam_follows_its_stops_and_leaves_with_its_loads(systems):
 
 def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems):
     system = systems["displacement"]
-    varied = sb.varied_members(system, frequency=[11.0])[0]
+    varied = sb.varied_members(system, {"frequency": [11.0]})[0]
     assert varied.problem.base.frequency == 11.0
     assert varied.fingerprint == sb.semidiscretise(varied.problem, 8).fingerprint
     with pytest.raises(sb.InputError, match="initial data"):
-        sb.varied_members(replace(system, q0=system.q0 + 1e-3), frequency=[11.0])
+        sb.varied_members(replace(system, q0=system.q0 + 1e-3), {"frequency": [11.0]})
 
 
 def test_members_differ_in_what_a_march_can_tell_apart(systems):

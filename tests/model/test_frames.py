@@ -90,7 +90,7 @@ def test_members_may_have_different_numbers_of_frequencies(monkeypatch):
         loads=(sb.PointLoad(0.5, sb.Harmonic(1.0, 6.0)),),
     )
     system = sb.semidiscretise(beam, 8)
-    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
+    members = sb.varied_members(system, {"frequency": [5.0, 6.0, 7.0]})
     for threads in ("1", "2"):
         monkeypatch.setenv("STIFFBEAM_THREADS", threads)
         many = sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.3, members, every=10)

@@ -104,11 +104,11 @@ def test_an_amplitude_goes_with_the_square_of_the_frequency():
 def test_drives_of_one_frequency_go_together_with_their_phases():
     both = sb.Superposition(sb.Harmonic(1.0, 2.0), sb.Harmonic(3.0, 2.0, 0.5))
     system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], both)], observe=[1.0])
-    member = sb.varied_members(system, frequency=[5.0])[0]
+    member = sb.varied_members(system, {"frequency": [5.0]})[0]
     terms = [term for _, term in member.loads[0][1].terms]
     assert terms == [sb.Harmonic(1.0, 5.0), sb.Harmonic(3.0, 5.0, 0.5)]
     with pytest.raises(sb.InputError, match="by its path"):
-        sb.varied_members(system, amplitude=[5.0])
+        sb.varied_members(system, {"amplitude": [5.0]})
 
 
 def test_paths_of_a_beam_change_its_problem():

@@ -145,7 +145,7 @@ def test_the_problem_of_a_system_has_its_stops_where_they_are():
     assert softer.problem.all_stops[0] == sb.Stops(
         -0.03, 0.03, stiffness=1.0, position=0.6, motion=sb.Harmonic(0.004, 7.0, phase=0.3)
     )
-    slower = sb.varied_members(system, frequency=[9.0])[0]  # the base's: the gap follows it
+    slower = sb.varied_members(system, {"frequency": [9.0]})[0]  # the base's: the gap follows it
     assert slower.fingerprint == sb.semidiscretise(beam(MIDDLE, TIP, base=sb.Harmonic(0.2, 9.0)), CELLS).fingerprint
     elsewhere = sb.Contact(np.ones(CELLS), TIP)
     assert replace(system, contacts=(elsewhere,)).problem is None
