@@ -31,53 +31,34 @@ from .columns import read_samples
 SUFFIXES = (".mtx", ".npz", ".npy")
 
 
-def read_matrix(file: Path, field: str = "") -> Any:
-    """The array, dense or SciPy sparse, of a file: Matrix Market .mtx (a symmetric half stands for the whole),
-    SciPy's or NumPy's .npz with one array, NumPy's .npy.
-
-    Nothing is unpickled. Raises InputError for another suffix, a file that cannot be read, and several arrays.
-    """
-    if file.suffix not in SUFFIXES:
-        remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
-        if file.suffix == ".mat":
-            remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
-        raise InputError(field, str(file), f"be a file of {', '.join(SUFFIXES)}", remedy)
-    if not file.is_file():  # devices and pipes have no end
-        raise InputError(field, str(file), "be a file beside the case", "give its path relative to the case file")
-    if file.stat().st_size > LARGEST:
-        raise InputError(field, str(file), f"have at most {LARGEST} bytes", "reduce the model first")
-    try:
-        return {".mtx": _market, ".npz": _npz, ".npy": np.load}[file.suffix](file)
-    except InputError as error:
-        raise InputError(field, error.value, error.rule, error.remedy) from None
-    except Exception as error:  # whatever the readers of three formats raise for a damaged file
-        write = "scipy.io.mmwrite" if file.suffix == ".mtx" else "numpy.save or scipy.sparse.save_npz"
-        kind = "Matrix Market" if file.suffix == ".mtx" else "NumPy or SciPy"
-        raise InputError(field, str(file), f"be readable as {kind}", f"write it by {write} ({error})") from None
-
-
-def _market(file: Path) -> Any:
+def read_matrix(file: Path) -> Any:
+    """The array, dense or SciPy sparse, of a regular file: Matrix Market .mtx (a symmetric half stands for the whole),
+    SciPy's or NumPy's .npz with one array, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
     from scipy.io import mmread
-    from scipy.sparse import coo_array, issparse
-
-    with warnings.catch_warnings():
-        # A matrix up to SciPy 1.19, which warns from 1.18 on; an array later.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        found = mmread(file)
-    return coo_array(found) if issparse(found) else found
-
-
-def _npz(file: Path) -> Any:
     from scipy.sparse import load_npz
 
-    with np.load(file) as archive:
-        names = list(archive)
-        # SciPy's archives name their format; NumPy's hold arrays only.
-        if "format" in names:
-            return load_npz(file)
-        if len(names) != 1:
-            raise InputError("", f"{file} with {', '.join(names)}", "hold one array", "save each by itself")
-        return archive[names[0]]
+    kind = file.suffix
+    if kind not in SUFFIXES:
+        remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
+        if kind == ".mat":
+            remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
+        raise InputError("", str(file), f"be a file of {', '.join(SUFFIXES)}", remedy)
+    if not file.is_file():  # devices and pipes have no end
+        raise InputError("", str(file), "be a file beside the case", "give its path relative to the case file")
+    if file.stat().st_size > LARGEST:
+        raise InputError("", str(file), f"have at most {LARGEST} bytes", "reduce the model first")
+    try:
+        if kind != ".npz":
+            return np.load(file) if kind == ".npy" else mmread(file, spmatrix=False)
+        with np.load(file) as archive:
+            # SciPy's archives name their format; NumPy's hold arrays only.
+            arrays = [load_npz(file)] if "format" in archive else list(archive.values())
+    except Exception as error:  # whatever the readers of three formats raise for a damaged file
+        write, name = ("scipy.io.mmwrite", "Matrix Market") if kind == ".mtx" else ("numpy.save", "NumPy or SciPy")
+        raise InputError("", str(file), f"be readable as {name}", f"write it by {write} ({error})") from None
+    if len(arrays) != 1:
+        raise InputError("", f"{file} with {len(arrays)} arrays", "hold one array", "save each by itself")
+    return arrays[0]
 
 
 # ---------------------------------------------------------------- tables
@@ -204,8 +185,7 @@ class Reader:
             return make_dict_structure_fn(BeamProblem, self.convert)(value, BeamProblem)
         _table(value, [*PHYSICAL, *(set(names) - set(PHYSICAL.values()))])
         for name in ("length", "mass_per_length"):
-            if name not in value:
-                raise InputError(name, None, "be given", f"write {name} = ...")
+            _needed(value, name)
         positive("bending_stiffness", value["bending_stiffness"], exact=True)
         non_negative("bending_viscosity", value.get("bending_viscosity", 0.0), exact=True)
         plain: dict[Any, Any] = {PHYSICAL.get(name, name): x for name, x in value.items()}
@@ -243,25 +223,21 @@ class Reader:
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
-        if name not in value:
-            raise InputError(name, None, "be given", "write position = ..., or shape = [...]")
+        where = _needed(value, name, "..., or shape = [...]")
         time = self._time(value, None, (name,))
-        return DistributedLoad(_polynomial(value[name]), time) if name == "shape" else PointLoad(value[name], time)
+        return DistributedLoad(_polynomial(where), time) if name == "shape" else PointLoad(where, time)
 
     def _row_load(self, value: Any, _: Any) -> tuple[Array, TimeFunction]:
         time = self._time(value, None, ("row",))
-        if "row" not in value:
-            raise InputError("row", None, "be given", "write row = { 0 = 1.0 }")
-        return self._row(value["row"]), time
+        return self._row(_needed(value, "row", "{ 0 = 1.0 }")), time
 
     def _contact(self, value: Any, _: Any) -> Contact:
         """Row and offset beside the fields of the stops."""
         names = [x.name for x in fields(Stops) if x.name not in ("position", "motion")]
         _table(value, [*names, "row", "offset"])
-        if "row" not in value:
-            raise InputError("row", None, "be given", "write row = { 0 = 1.0 }")
+        row = self._row(_needed(value, "row", "{ 0 = 1.0 }"))
         stops = self.read({name: x for name, x in value.items() if name in names}, Stops)
-        return Contact(self._row(value["row"]), stops, self._time(value["offset"], None) if "offset" in value else None)
+        return Contact(row, stops, self._time(value["offset"], None) if "offset" in value else None)
 
     def _matrix(self, value: Any, _: Any = None) -> Any:
         """A matrix; a vector is the diagonal of one."""
@@ -331,6 +307,12 @@ def _kind(value: Any, kind: type | tuple[type, ...]) -> Any:
             "", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"it is {found}: write {WRITTEN[kinds[0]]}"
         )
     return value
+
+
+def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
+    if name not in table:
+        raise InputError(name, None, "be given", f"write {name} = {written}")
+    return table[name]
 
 
 def _only(kind: type) -> Any:

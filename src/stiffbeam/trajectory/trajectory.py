@@ -55,11 +55,11 @@ class Diverged(RuntimeError):
     """
 
     def __init__(self, scheme: str, t: float, remedy: str) -> None:
+        super().__init__(scheme, t, remedy)
         self.scheme, self.t, self.remedy = scheme, t, remedy
-        super().__init__(sentence((scheme, f"{t:.6g}", remedy), (" overflowed at t = ", ": ")))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.scheme, self.t, self.remedy)
+    def __str__(self) -> str:
+        return sentence((self.scheme, f"{self.t:.6g}", self.remedy), (" overflowed at t = ", ": "))
 
 
 class SolverFailure(RuntimeError):
@@ -73,11 +73,12 @@ class SolverFailure(RuntimeError):
     """
 
     def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
+        super().__init__(solver, t, reason, remedy)
         self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
-        super().__init__(sentence((solver, f"{t:.6g}", reason, remedy), (" stopped at t = ", ": ", "; ")))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.solver, self.t, self.reason, self.remedy)
+    def __str__(self) -> str:
+        parts = (self.solver, f"{self.t:.6g}", self.reason, self.remedy)
+        return sentence(parts, (" stopped at t = ", ": ", "; "))
 
 
 class Unfinished(RuntimeError):
