@@ -47,15 +47,12 @@ def test_what_comes_from_the_cache_is_what_was_computed_and_compares_alike(metho
     before = file.stat().st_ino  # a file that is written is a new one
     cached = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-7)
     assert file.stat().st_ino == before
-    assert "kept" not in fresh.provenance
-    assert cached.provenance["kept"]
+    assert (fresh.provenance.get("kept"), cached.provenance["kept"], cached.system) == (None, True, system)
     assert_same(cached, fresh)
     assert cached.horizon == fresh.horizon > 0.0
-    assert cached.system is system
     np.testing.assert_array_equal(cached.at(TIMES[3:9]), fresh.at(TIMES[3:9]))
     # As the reference of a scheme, and as the run held against another reference.
-    run = sb.integrate(system, sb.HHT(-0.1), TIMES[1], 0.06)
-    exact = sb.reference(system, 0.06)
+    run, exact = sb.integrate(system, sb.HHT(-0.1), TIMES[1], 0.06), sb.reference(system, 0.06)
     assert sb.compare(run, cached).to_dict() == sb.compare(run, fresh).to_dict()
     assert sb.compare(cached, exact).to_dict() == sb.compare(fresh, exact).to_dict()
 
@@ -66,8 +63,6 @@ def test_two_contacts_and_a_tip_elsewhere_come_back_channel_by_channel(folder):
     assert_same(cached, fresh)
     for contact in (None, 0, 1):
         np.testing.assert_array_equal(cached.at(times, contact), fresh.at(times, contact))
-    alone = sb.load(next(folder.iterdir()))  # without its system
-    np.testing.assert_array_equal(alone.at(times)[0], fresh.tip)
 
 
 @pytest.mark.slow
@@ -83,42 +78,42 @@ def test_multiprecision_is_frozen_once_for_all_output_times(folder, system):
     assert_same(few[1], few[0])
 
 
-def test_exact_is_not_kept(folder, system):
-    reference = sb.cached_reference(system, 0.05)  # as ``reference`` does, without a method it is the exact one
-    assert (reference.provenance["method"], reference.horizon) == ("exact", 0.05)
-    assert not folder.exists()
-
-
 @pytest.mark.slow
 def test_every_parameter_has_a_file_of_its_own(folder, system, monkeypatch):
-    def count(*args, **options):
-        sb.cached_reference(*args, **options)
-        return len(list(folder.iterdir()))
-
-    arguments = {"method": "cvode-adams", "t_eval": TIMES, "rtol": 1e-6}
-    assert count(system, 0.06, **arguments) == 1
-    assert count(system, 0.06, **arguments) == 1
-    assert count(sb.semidiscretise(system.problem, 9), 0.06, **arguments) == 2
+    common = {"method": "cvode-adams", "t_eval": TIMES, "rtol": 1e-6}
     stops = sb.Stops(-0.1, 0.1, stiffness=5e6 * (1 + 1e-15))
-    assert count(sb.semidiscretise(dataclasses.replace(system.problem, stops=stops), 8), 0.06, **arguments) == 3
-    assert count(sb.semidiscretise(system.problem, 8, "velocity-curvature"), 0.06, **arguments) == 4
-    assert count(system, 0.061, **arguments) == 5
-    assert count(system, 0.06, **arguments | {"rtol": 1.01e-6}) == 6
-    assert count(system, 0.06, **arguments, atol=1e-7) == 7
-    assert count(system, 0.06, **arguments | {"t_eval": TIMES[:-1]}) == 8
-    assert count(system, 0.06, **arguments | {"method": "dop853"}) == 9
+    others = [
+        sb.semidiscretise(system.problem, 9), sb.semidiscretise(system.problem, 8, "velocity-curvature"),
+        sb.semidiscretise(dataclasses.replace(system.problem, stops=stops), 8),
+    ]  # fmt: skip
+    changes = [{}, {"rtol": 1.01e-6}, {"atol": 1e-7}, {"t_eval": TIMES[:-1]}, {"method": "dop853"}, {"max_step": 0.01}]
+    calls = [(system, 0.06, common | change) for change in changes] + [(x, 0.06, common) for x in others]
+    for count, (each, t_end, options) in enumerate([*calls, (system, 0.061, common)], 1):
+        for _ in range(2):
+            sb.cached_reference(each, t_end, **options)
+        assert len(list(folder.iterdir())) == count
     monkeypatch.setattr(reference_cache, "version", lambda package: "another")
-    assert count(system, 0.06, **arguments) == 10
+    sb.cached_reference(system, 0.06, **common)
+    assert len(list(folder.iterdir())) == count + 1
 
 
-def test_what_has_no_key_is_refused_before_any_work(folder, system):
+def test_what_has_no_key_leaves_no_file(folder, system, monkeypatch):
+    from stiffbeam.references.adaptive import sundials
+
+    assert sb.cached_reference(system, 0.05).provenance["method"] == "exact"  # solved again, as fast as it is read
     pushed = sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
-        sb.cached_reference(sb.semidiscretise(pushed, 8), 0.1, "cvode")
-    with pytest.raises(sb.InputError, match="t_end"):
-        sb.cached_reference(system, -1.0, "cvode")
-    with pytest.raises(sb.InputError, match="method"):
-        sb.cached_reference(system, 0.1, "cvod")
+    for arguments, options, words in (
+        ((sb.semidiscretise(pushed, 8), 0.1, "cvode"), {}, "Harmonic, Constant and Sampled"),
+        ((system, -1.0, "cvode"), {}, "t_end"), ((system, 0.1, "cvod"), {}, "method"),
+        ((system, 0.1, "cvode"), {"rtol": -1.0}, "rtol"),
+    ):  # fmt: skip
+        with pytest.raises(sb.InputError, match=words):
+            sb.cached_reference(*arguments, **options)
+    with pytest.raises(TypeError, match="tolerance"):
+        sb.cached_reference(system, 0.1, "cvode", tolerance=1e-6)
+    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
+    with pytest.raises(sb.SolverFailure):
+        sb.cached_reference(system, 0.06, "cvode", TIMES)
     assert not folder.exists()
 
 
@@ -129,34 +124,23 @@ def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
     fresh = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)
     [file] = folder.iterdir()
     content = bytearray(file.read_bytes())
-    if damage == "cut":
-        content = content[: len(content) // 2]
-    elif damage == "flipped bytes":
+    if damage == "flipped bytes":
         for position in range(300, len(content), 97):
             content[position] ^= 0x10
-    elif damage == "empty":
-        content = bytearray()
-    else:
+    elif damage == "another problem's file":
         sb.cached_reference(sb.semidiscretise(system.problem, 9), 0.06, method, TIMES, rtol=1e-6)
         [other] = set(folder.iterdir()) - {file}
         content = bytearray(other.read_bytes())
         other.unlink()
+    else:
+        content = content[: len(content) // 2 if damage == "cut" else 0]
     file.write_bytes(content)
     with pytest.warns(UserWarning, match=f"remaking a cached reference: .*{file.name}"):
         remade = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)
-    assert np.max(np.abs(remade.tip - fresh.tip)) < BOUND
     assert [path.name for path in folder.iterdir()] == [file.name]
     again = sb.cached_reference(system, 0.06, method, TIMES, rtol=1e-6)  # no warning: it is good
-    assert np.max(np.abs(again.tip - fresh.tip)) < BOUND
-
-
-def test_a_run_that_fails_leaves_no_file(folder, system, monkeypatch):
-    from stiffbeam.references.adaptive import sundials
-
-    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
-    with pytest.raises(sb.SolverFailure):
-        sb.cached_reference(system, 0.06, "cvode", TIMES)
-    assert not folder.exists()
+    for one in (remade, again):
+        assert np.max(np.abs(one.tip - fresh.tip)) < BOUND
 
 
 def test_threads_that_ask_for_one_reference_leave_one_good_file(folder, system):
@@ -185,16 +169,11 @@ def test_the_commands_keep_references_when_asked(folder, tmp_path, monkeypatch):
     assert first == second  # the seconds too: those of the run that was made
     compare = ("compare", "table10", "--t-end", "0.02", "--schemes", "hht", "--references", "exact,cvode-adams")
     tables = [run(*compare, "--json", "-") for _ in range(2)]
-    assert not any(table["failures"] for table in tables)
-    a, b = (next(c for c in t["comparisons"] if c["label"].startswith("cvode")) for t in tables)
-    assert a == b
     assert len(list(folder.iterdir())) == 2
     kept = [[r["provenance"].get("kept", False) for r in table["references"]] for table in tables]
     assert kept == [[False, False], [False, True]]
     anew = run(*compare, "--no-cache", "--json", "-")
     assert not any(r["provenance"].get("kept") for r in anew["references"])
-    with pytest.raises(sb.InputError, match="--cache"):
-        run("reference", "table10", "--method", "multiprecision", "--cache", "--out", "x.nc")
 
 
 @pytest.mark.slow
