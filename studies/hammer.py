@@ -36,7 +36,7 @@ def made(file: Path) -> Path:
 
 def hit(file: Path) -> sb.Sampled:
     """The force in N: the offset before the hit taken off, and nothing where it is below five times the noise."""
-    times, values = (np.array(x) for x in read_samples(file))
+    times, values = read_samples(file)
     quiet = values[times < 0.009]
     force = values - np.mean(quiet)
     force[np.abs(force) < 5.0 * np.std(quiet)] = 0.0
