@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..basics.storage import regular_text
+from ..basics.text import several
 from ..basics.units import Units
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
@@ -66,25 +67,27 @@ class Case:
     notes: tuple[str, ...] = ()
     uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    matrices: ClassVar[System | None] = None
+
     @property
     def beam(self) -> BeamProblem | None:
         """The problem; None for a system of matrices."""
-        return self.problem
+        return self.problem if self.matrices is None else None
 
     @property
     def units(self) -> Units:
-        """The units of the problem."""
-        return self.problem.units
+        """The units of the problem, or of the matrices."""
+        return (self.matrices or self.problem).units
 
     @property
     def has_stops(self) -> bool:
-        """Return True if the problem has a stop."""
-        return self.problem.stops is not None
+        """Return True if there is a stop."""
+        return bool(self.problem.all_stops if self.matrices is None else self.matrices.contacts)
 
     @property
     def grid(self) -> str:
-        """The grid in words."""
-        return f"{self.cells} cells"
+        """The grid, or the number of unknowns, in words."""
+        return f"{self.cells} cells" if self.matrices is None else several(self.matrices.size, "unknown")
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -113,7 +116,7 @@ class SystemCase(Case):
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
-    matrices: System = field(kw_only=True)
+    matrices: System = field(kw_only=True)  # type: ignore[misc]
     finer: System | None = field(kw_only=True, default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -130,26 +133,6 @@ class SystemCase(Case):
             remedy = "describe it as a beam, or compare matrices with a finer model by `stiffbeam doubt`"
             raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
         raise AttributeError(name)
-
-    @property
-    def beam(self) -> None:
-        """None: a system of matrices is not a beam."""
-        return None
-
-    @property
-    def units(self) -> Units:
-        """The units of the matrices."""
-        return self.matrices.units
-
-    @property
-    def has_stops(self) -> bool:
-        """Return True if the system has a contact."""
-        return bool(self.matrices.contacts)
-
-    @property
-    def grid(self) -> str:
-        """The number of unknowns, in words."""
-        return f"{self.matrices.size} unknown{'s' * (self.matrices.size > 1)}"
 
     @property
     def forms(self) -> tuple[str, ...]:
