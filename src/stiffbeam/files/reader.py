@@ -122,6 +122,13 @@ class Points:
     values: Sequence[float]
 
 
+@dataclass
+class Sum:
+    """A sum of functions of time in a case file."""
+
+    sum: Sequence[TimeFunction]
+
+
 class Reader:
     """Converter of the tables of a case file. ``folder``: that of the files which the case names; None for a text
     that has to hold everything itself."""
@@ -132,7 +139,7 @@ class Reader:
         hooks: dict[Any, Any] = {
             Line: _line, Matrix: self._matrix, Row: self._row,
             System: self._system, BeamProblem: self._beam, RowLoad: self._row_load, Load: self._load,
-            Contact: self._contact, Record: lambda value, _: _kind(value, (str, dict)),
+            Contact: self._contact, Record: self._record,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: _polynomial,
             Stops | Sequence[Stops] | None: self._one_or_several,
@@ -208,18 +215,20 @@ class Reader:
         _table(value, [*known, *own])
         rest = {name: x for name, x in value.items() if name not in own}
         if one == "sum":
-            return Superposition(*self.read(rest["sum"], list[TimeFunction]))
+            return Superposition(*self.read(rest, Sum).sum)
         if one == "sampled":
             return self._sampled(self.read(rest, Samples))
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
         source: Any = record.sampled
-        if isinstance(source, dict):
-            points = self.read(source, Points)
-            return Sampled(np.array(points.t), np.array(points.values), record.kind)
-        options = {name: x for name, x in asdict(record).items() if name not in ("sampled", "kind")}
+        if isinstance(source, Points):
+            return Sampled(np.array(source.t), np.array(source.values), record.kind)
+        options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
         return Sampled(*read_samples(self._beside("sampled", source), **options), record.kind)
+
+    def _record(self, value: Any, _: Any) -> Any:
+        return self.read(value, Points) if isinstance(value, dict) else _kind(value, str)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"

@@ -18,7 +18,6 @@ from ..kernels.march import EVENT, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
-from ..model.time_functions import offset_rate
 from .records import ContactRecord, Impacts, Ledger, step_ledger
 from .sampling import (
     AT_START,
@@ -306,58 +305,49 @@ def run_fields(
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
-    all_times = _row("t", t, None)
+    given = _row("t", t, None)
     # Times first: of several rows at one time, as at an event, the last counts.
-    times, rows = distinct_times("t", all_times)
+    times, rows = distinct_times("t", given)
     if times[0] != 0.0 or len(times) < 3:
-        raise InputError("t", all_times, "be three or more times from 0 on", "begin with the initial state, at t = 0")
+        raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
+    q = v = None
     if system is not None:
         require_system(system)
     # States determine the tip and its velocity where these are not passed.
-    q = v = None
     if states is not None:
         if system is None:
             raise InputError("states", "without a system", "come with their system", "pass system=")
         if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
             raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
-        q, v = (_states(x, (len(all_times), system.size)) for x in pair)
-        row, offset = system.channels[system.tip_channel]
-        if tip is None:
-            tip = system.positions(all_times, q)[:, system.tip_channel]
-        if tip_velocity is None:
-            tip_velocity = v @ row + offset_rate(offset, all_times)
+        q, v = (_states(x, (len(given), system.size)) for x in pair)
+        seen = channel_motion(*system.channels[system.tip_channel], given, q, v)
+        tip, tip_velocity = (own if x is None else x for x, own in zip((tip, tip_velocity), seen, strict=True))
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    u = _row("tip", tip, len(all_times))
-    one_position("t", all_times, rows, u)
+    u = _row("tip", tip, len(given))
+    one_position("t", given, rows, u)
     u = u[rows]
-    # The velocity of a spline is smooth where the true one has a kink: the provenance states its source.
-    notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
-    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(all_times))[rows]
-    return {
-        "t": times,
-        "tip": u,
-        "tip_velocity": w,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, tip_velocity is None, q, v)),
-        "provenance": {
-            "method": name,
-            "source": "arrays",
-            "form": "arrays" if system is None else system.form,
-            "dt": float(np.median(np.diff(times))),
-            "t_end": float(times[-1]),
-            "every": 1,
-            **({} if system is None else {"units": asdict(system.units)}),
-            **notes,
-        },
-        "system": system,
-        "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
-        "ledger": None
-        if system is None or q is None or v is None or system.rigid
-        else partial(_ledger, system, times, q, v),
-    }
+    smoothed = tip_velocity is None
+    w = _spline_rate(times, u) if smoothed else _row("tip_velocity", tip_velocity, len(given))[rows]
+    notes: dict[str, Any] = {
+        "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
+        "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
+    }  # fmt: skip
+    if system is not None:
+        notes["units"] = asdict(system.units)
+    if smoothed:  # a spline's velocity is smooth where the true one has a kink
+        notes["tip_velocity"] = "of a spline through the tip"
+    fields: dict[str, Any] = {
+        "t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system,
+        "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
+    }  # fmt: skip
+    if system is not None and q is not None and v is not None:
+        fields["pieces"] = partial(_pieces, system, times, q, v)
+        fields["ledger"] = None if system.rigid else partial(_ledger, system, times, q, v)
+    return fields
 
 
 def _contacts(
@@ -370,8 +360,7 @@ def _contacts(
         elif q is not None and v is not None:
             yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:
-            nothing = np.full(len(t), np.nan)
-            unknown = float("nan")
+            nothing, unknown = np.full(len(t), np.nan), float("nan")
             yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
 
 
