@@ -13,28 +13,22 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
-from ..basics.resources import afford
-from ..model.system import System
-from ..trajectory.records import ContactRecord, Impacts, Ledger
-from ..trajectory.trajectory import SolverFailure
-from .follow import LET_GO, peak_between, pressed, pressure
-from .search import EPS, REMEDY
-
-if TYPE_CHECKING:
-    from .motion import Motion
+from ...basics.arrays import Array, IntArray
+from ...basics.resources import afford
+from ...kernels.exact import REBOUND
+from ...model.system import System
+from ...model.time_functions import offset_values
+from ...trajectory.records import ContactRecord, Impacts, Ledger
+from ...trajectory.trajectory import SolverFailure
+from .motion import EPS, REMEDY, Motion, pressed
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
-PEAK_STEPS = 8  # of the Illinois method, from a bracket of two samples: to 1e-12 on Table 10
-RIVAL = 0.96  # of the largest sample: nodes lie within 0.48 radians of the fastest motion, cos 0.24 = 0.972
 
 
 def path_of(system: System, solution: Motion, times: Array, channel: int) -> tuple[Array, Array]:
@@ -44,11 +38,19 @@ def path_of(system: System, solution: Motion, times: Array, channel: int) -> tup
     if offset is not None:
         shift, shift_rate = solution.offset(system, channel)(times)
         u, v = u + shift, v + shift_rate
-    return solution.settled(system, times, channel, u, v)
+    return solution.settled(channel, times, u, v)
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
-    """Impacts of contact i: entries into a stop, without peaks and impulses."""
+    """Impacts of contact i: entries into a stop, without peaks and impulses; of a rigid one every impact, with its
+    impulse but for what presses later."""
+    if solution.system.contacts[i].stops.rigid:
+        times, ends, sides, marks = _struck(solution, i, t_end)
+        mine, blows = solution.blows.contact == i, solution.blows
+        at = np.minimum(np.searchsorted(marks, blows.mark[mine]), max(0, len(marks) - 1))
+        own = marks[at] == blows.mark[mine] if len(marks) else np.zeros(0, bool)
+        impulses = np.bincount(at[own], blows.outward[mine][own], len(times))
+        return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
     starts, _, sides = _closed(solution, i, t_end)
     counted = starts > 0.0
     return Impacts.at(starts[counted], sides[counted], "event")
@@ -61,16 +63,18 @@ def contact_between(
     """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
     if (start, end) == span:
         return records[i]
-    pieces = solution.first(max(1, int(np.searchsorted(solution.times, end))))
-    return record_of(system, pieces, i, path_of(system, pieces, np.array([start, end]), i), end, start)
+    pieces, t = solution.first(max(1, int(np.searchsorted(solution.times, end)))), np.array([start, end])
+    return record_of(system, pieces, i, (t, *path_of(system, pieces, t, i)), end, start)
 
 
 def record_of(
-    system: System, solution: Motion, i: int, seen: tuple[Array, Array], t_end: float, since: float
+    system: System, solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
 ) -> ContactRecord:
-    """Contact history in [since, t_end] by events, with given position and velocity at the output times. Impacts are
-    the events from free to a stop."""
+    """Contact history in [since, t_end] by events; seen: output times, position and velocity there. Impacts are the
+    events from free to a stop."""
     contact = system.contacts[i]
+    if contact.stops.rigid:
+        return _rigid_record(solution, i, seen, t_end, since)
     # Spans of contact in [since, t_end].
     starts, ends, sides = _closed(solution, i, t_end)
     late = ends > since
@@ -82,7 +86,7 @@ def record_of(
     peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
     # A span that t_end cuts has no peak and impulse yet.
     ended = ends < t_end
-    position, velocity = seen
+    _, position, velocity = seen
     return ContactRecord(
         stops=contact.stops,
         position=position,
@@ -102,6 +106,66 @@ def record_of(
     )
 
 
+def _rigid_record(
+    solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
+) -> ContactRecord:
+    """``record_of`` a rigid stop.
+
+    It has no largest force, NaN. What a contact that is held after an impact presses, and what it takes from impacts of
+    others, counts with that impact.
+    """
+    times, ends, sides, marks = _struck(solution, i, t_end)
+    (spans, _), blows = solution.presses(i, since, t_end), solution.blows
+    mine = (blows.contact == i) & (blows.t >= since)
+    struck, at = blows.outward[mine], blows.mark[mine]
+    # The impact that a blow belongs to: its own, or the one after which the contact is held.
+    row = np.searchsorted(marks, at, "right") - 1
+    own = (row >= 0) & ((marks[row] == at) | (blows.t[mine] <= ends[row])) if len(marks) else np.zeros(len(at), bool)
+    impulses = np.bincount(row[own], struck[own], len(times))
+    for begin, _, impulse in spans:
+        k = int(np.searchsorted(times, begin, "right")) - 1
+        if k >= 0 and not begin > ends[k]:
+            impulses[k] += impulse
+    late = times >= since
+    held = sum(b - a for a, b, _ in spans)
+    impacts = Impacts.at(
+        times[late], sides[late], "event", ends=ends[late], impulses=np.where(np.isnan(ends), np.nan, impulses)[late]
+    )
+    total = float(np.sum(struck)) + sum(x for _, _, x in spans)
+    peak = np.nan if np.any(late) or spans else 0.0
+    stops = solution.system.contacts[i].stops
+    t, position, velocity = seen
+    reaction = solution.reactions(t)[:, i]
+    return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
+
+
+def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, IntArray]:
+    """Times, ends, sides and marks of the impacts on a rigid stop; one that begins to press without a blow has a row,
+    too. Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Those that are rounding
+    beside the largest momentum of the contact do not count."""
+    t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
+    blows, free = solution.blows, solution.made.free
+    momentum = float(np.max(np.abs(solution.marks.rate @ free.rows[i]))) / float(free.meet[i, i])
+    largest = np.max(blows.outward, initial=momentum)
+    strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
+    hit = side != 0
+    times, sides, marks = t[hit], np.where(np.abs(side[hit]) == REBOUND, side[hit] // REBOUND, side[hit]), mark[hit]
+    ends, kept = times.copy(), np.isin(marks, strong)
+    for start, end, on in zip(*_closed(solution, i, t_end), strict=True):
+        at = solution.first_mark[np.flatnonzero(solution.times == start)]
+        k, end = np.flatnonzero(np.isin(marks, at)), np.nan if end == t_end else end
+        if len(k):
+            ends[k[-1]], kept[k[-1]] = end, True
+            continue
+        place = int(np.searchsorted(times, start, "right"))
+        times, ends, sides, marks, kept = (
+            np.insert(x, place, y)
+            for x, y in zip((times, ends, sides, marks, kept), (start, end, on, at[-1], True), strict=True)
+        )
+    times, ends, sides, marks = (x[kept] for x in (times, ends, sides, marks))
+    return times, ends, sides, marks
+
+
 def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
     """Start, end and side of every interval in which the contact stays on one stop.
 
@@ -117,83 +181,6 @@ def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArr
     last = np.concatenate([first[1:], [len(side)]]) - 1
     closed = side[first] != 0
     return starts[first][closed], ends[last][closed], side[first][closed]
-
-
-def pressed_by(
-    system: System, solution: Motion, i: int, starts: Array, ends: Array, sides: NDArray[np.int64]
-) -> tuple[Array, Array]:
-    """Peak |sigma| and impulse, the integral of |sigma|, of contact i in the spans [starts, ends] on ``sides``.
-
-    |sigma| is smooth between two events, of any contact: Gauss-Legendre panels no longer than the shortest
-    period, and graded towards the event where a part dies out faster, integrate it to rounding; the peak is
-    where u' changes sign beside one of the largest samples, found by the Illinois method; of a damped stop,
-    whose force may be largest where it jumps, by the golden section.
-    """
-    # Panels of every part between two events.
-    path, stops = partial(path_of, system, solution, channel=i), system.contacts[i].stops
-    part, cuts, until = _between(solution.times, starts, ends)
-    index, left, width = panels(solution.shortest_period, cuts, until, solution.fastest_decay)
-    index = part[index]
-    t = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0
-
-    def press(t: Array, owner: NDArray[np.int64]) -> Array:
-        u, v = path(t)
-        return pressure(stops, sides[owner], u, v) if stops.dissipative else np.abs(stops.force(u))
-
-    # Impulses by quadrature on these.
-    sigma = press(t.ravel(), np.repeat(index, len(NODES))).reshape(t.shape)
-    impulses = np.bincount(index, sigma @ WEIGHTS * width / 2.0, len(starts))
-    # Every span's samples in order and the largest of those around them; with both ends of every part, since the force
-    # of a stop that moves by a polygon has corners at its samples.
-    samples = np.concatenate([t.ravel(), cuts, until])
-    both = np.tile(part, 2)
-    values = np.concatenate([sigma.ravel(), press(np.concatenate([cuts, until]), both)])
-    owner = np.concatenate([np.repeat(index, len(NODES)), both])
-    order = np.lexsort((samples, owner))
-    samples, values, owner = samples[order], values[order], owner[order]
-    first = np.diff(owner, prepend=-1) != 0
-    last = np.roll(first, -1)
-    largest = np.maximum.reduceat(values, np.flatnonzero(first))
-    # Samples that no neighbour exceeds and that are nearly the largest; the neighbours bracket a peak.
-    ahead, behind = np.roll(values, -1), np.roll(values, 1)
-    top = (first | (values >= behind)) & (last | (values >= ahead)) & (values >= RIVAL * largest[owner])
-    best = np.flatnonzero(top)
-    low, high = samples[best - ~first[best]], samples[best + ~last[best]]
-    peaks = np.zeros(len(starts))
-    # The force of a damped stop may be largest where it jumps, and its rate is not zero there.
-    if stops.dissipative:
-        inner = peak_between(lambda t: press(t, owner[best]), low, high)
-        np.maximum.at(peaks, owner[best], np.maximum(values[best], inner))
-        return peaks, impulses
-    side = np.sign(path(samples[best])[0] - np.clip(path(samples[best])[0], stops.lower_bound, stops.upper_bound))
-    # The force is flat at its peak: a time to half the digits gives it to all of them.
-    rise, fall, before = side * path(low)[1], side * path(high)[1], np.full(len(low), -1)
-    for _ in range(PEAK_STEPS):
-        inside = (rise > 0.0) & (fall < 0.0)
-        share = np.where(inside, rise / np.where(inside, rise - fall, 1.0), 0.0)
-        middle = low + share * (high - low)
-        rate = side * path(middle)[1]
-        rising = rate > 0.0
-        # Illinois: an end that stays a second time counts half.
-        stays = np.where(rising == before, 0.5, 1.0)
-        rise, fall, before = np.where(rising, rate, stays * rise), np.where(rising, stays * fall, rate), rising * 1
-        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    for x in (samples[best], low, high):
-        np.maximum.at(peaks, owner[best], np.abs(stops.force(path(x)[0])))
-    return peaks, impulses
-
-
-def _between(times: Array, starts: Array, ends: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """The spans [starts, ends], apart and in order, cut at the ``times`` inside: owner, start and end of each part."""
-    # A span with k times inside has k + 1 parts, numbered by ``place``.
-    first = np.searchsorted(times, starts, "right")
-    inside = np.maximum(np.searchsorted(times, ends, "left") - first, 0)
-    owner = np.repeat(np.arange(len(starts)), inside + 1)
-    place = np.arange(len(owner)) - np.repeat(np.cumsum(inside + 1) - inside - 1, inside + 1)
-    cut = np.append(times, np.inf)
-    after = np.repeat(first, inside + 1) + place  # the cut at which a part ends, the one before begins it
-    begins = np.where(place == 0, starts[owner], cut[np.maximum(after - 1, 0)])
-    return owner, begins, np.minimum(cut[after], ends[owner])
 
 
 def panels(
@@ -229,54 +216,8 @@ def panels(
     return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
-def integrated(
-    solution: Motion, edges: Array, densities: Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
-) -> tuple[Array, Array]:
-    """Integrals of two densities between consecutive edges, which include every event.
-
-    By Gauss-Legendre quadrature, exact to rounding, on panels that are short behind every edge, see ``panels``.
-    densities: at times t (k,) in the given intervals.
-    """
-    events = solution.times[solution.piece_at(edges[:-1])]
-    owner, left, width = panels(solution.shortest_period, edges[:-1], edges[1:], solution.fastest_decay, events)
-    totals = np.zeros((2, len(edges) - 1))
-    # Some 20 000 panels at a time, so that the states at their nodes fit into memory.
-    for part in np.array_split(np.arange(len(left)), max(1, len(left) // 20_000)):
-        t = (left[part][:, None] + width[part][:, None] * (NODES + 1.0) / 2.0).ravel()
-        for total, values in zip(totals, densities(t, owner[part].repeat(len(NODES))), strict=True):
-            np.add.at(total, owner[part], values.reshape(-1, len(NODES)) @ WEIGHTS * width[part] / 2.0)
-    return totals[0], totals[1]
-
-
-def work_of_damping(system: System, solution: Motion, edges: Array) -> tuple[Array, Array]:
-    """Work between consecutive edges, which include every event: input of moving stops by -c d', and dissipation of
-    stops.
-
-        input = -int F_c o' dt, F_c = -c u' where pressed      taken = int c u'^2 dt where pressed, U where let go
-    """
-    damped = [(i, c) for i, c in enumerate(system.contacts) if c.stops.damping > 0.0]
-    if not damped:
-        return np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
-    sides = solution.sides[solution.piece_at(edges[:-1])]
-
-    def powers(t: Array, owner: NDArray[np.int64]) -> tuple[Array, Array]:
-        given, taken = np.zeros((2, len(t)))
-        for i, contact in damped:
-            side = np.abs(sides[owner, i])
-            u, v = solution.observed(t, contact.row)
-            o, rate = solution.offset(system, i)(t)
-            u, v = u + o, v + rate
-            drag = np.where(side == 1, float(contact.stops.damping) * v, 0.0)
-            # Beyond a stop that has let go, U = kappa d^2/2 falls with d and no force works: it counts as dissipated.
-            spring = np.where(side == LET_GO, -float(contact.stops.stiffness) * contact.stops.penetration(u), 0.0)
-            given, taken = given + drag * rate, taken + (drag + spring) * v
-        return given, taken
-
-    return integrated(solution, edges, powers)
-
-
 def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
-    """Energy balance of the exact flow at increasing times.
+    """Energy balance of the exact flow at increasing times, with what impacts take as loss in the stops.
 
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
     rounding, so the loss left over is the error of the solution itself.
@@ -284,15 +225,40 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     # From t = 0, where the balance starts.
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
-    works = *solution.work(system, edges), *work_of_damping(system, solution, edges)
-    given, taken, moved, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
-    given = given + moved
+    works = solution.work(system, edges)
+    given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
+    moved, struck = impulsive_work(solution)
+    so_far = np.searchsorted(solution.blows.t, times, side="right")
+    given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
     energies = system.energies(times, *solution.states(times))
-    start = np.zeros(1)
-    loss = system.energy(start, *solution.states(start))[0] - sum(energies) + given - taken - stops
+    loss = (
+        system.energy(np.zeros(1), system.q0[None], system.v0[None])[0]
+        if system.rigid
+        else _energy_at_start(system, solution)
+    )
+    loss = loss - sum(energies) + given - taken - stops
     return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)
 
 
+def _energy_at_start(system: System, solution: Motion) -> Array:
+    start = np.zeros(1)
+    return system.energy(start, *solution.states(start))[0]
+
+
+def impulsive_work(solution: Motion) -> tuple[Array, Array]:
+    """Work that moving stops do, and energy that is lost, in every blow, (blows,) each.
+
+    With u = row q + o the stop moves at -o', and the impulse P works on the mean of u' before and after.
+    """
+    blows = solution.blows
+    speeds = np.zeros(len(blows.t))
+    for i in np.unique(blows.contact).tolist():
+        here = blows.contact == i
+        speeds[here] = solution.offset(solution.system, i)(blows.t[here])[1]
+    return -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
+
+
+DUST = 1e-13  # of the largest momentum of a contact
 ROUNDINGS = 64.0  # that an event may cost, each as large as the stiffest mode makes it
 SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
 NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
@@ -410,3 +376,56 @@ def _stops(
         held += stops.energy(u)
         wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))
     return total, wrong, held
+
+
+BALANCE = 1e-9  # of the energy, and of the largest displacement: what the balance and the stops may be off by
+
+
+def audit_rigid(solution: Motion, ledger: Ledger, t_end: float) -> None:
+    """Raise SolverFailure where the energy balance of a motion between rigid stops is open, or a contact is beyond one,
+    which shows that an event was missed."""
+    opened = np.max(np.abs(ledger.loss))
+    scale = np.max(np.abs(ledger.energy)) + np.max(np.abs(ledger.input))
+    # Bodies at rest on their stops move by rounding alone, which is no fault of the energy balance.
+    rounding, kept = withheld(solution.system, solution, t_end)
+    if opened > BALANCE * scale + rounding:
+        reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
+        raise SolverFailure("exact", t_end, reason, REMEDY)
+    beyond = _beyond(solution.system, solution, kept)
+    if beyond > BALANCE:
+        reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
+        raise SolverFailure("exact", t_end, reason, REMEDY)
+
+
+def withheld(system: System, solution: Motion, t_end: float) -> tuple[float, Array]:
+    """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
+    system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
+    rises from zero is looked at where the last stretch ends, too."""
+    segments = np.arange(len(solution.times))
+    times, segments = np.append(solution.times, t_end), np.append(segments, segments[-1])
+    q, v = solution.states_in(np.append(solution.times, solution.times[-1]), segments)
+    force = system.load(times) - q @ system.stiffness - v @ system.damping
+    acceleration = np.linalg.solve(system.mass, force.T).T
+    # From rest a force f does the work f a t^2/2 in a stretch t.
+    longest = min(t_end, solution.radians * solution.shortest_period / (2.0 * np.pi))
+    energy = 0.5 * float(np.max(np.sum(force * acceleration, axis=1))) * longest**2
+    return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
+
+
+def _beyond(system: System, solution: Motion, kept: Array) -> float:
+    """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
+    or displacement."""
+    times, worst = solution.times, 0.0
+    q, _ = solution.states_in(times, np.arange(len(times)))
+    for contact in system.contacts:
+        shift, stops = offset_values(contact.offset, times), contact.stops
+        u = q @ contact.row + shift
+        rounding = ROUNDINGS * EPS * float(np.max(np.abs(q) @ np.abs(contact.row) + np.abs(shift)))
+        rounding += float(kept @ np.abs(contact.row))
+        sizes = [
+            float(np.max(np.abs(u))),
+            *(abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)),
+            1e-300,
+        ]
+        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
+    return worst
