@@ -25,11 +25,9 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
-from ..piecewise.linear import Perturbation
-from ..piecewise.motion import Motion
-from ..piecewise.tracer import tracer_of
 from ..references import solve
-from ..references.exact.piecewise import reference_of
+from ..references.exact.motion import Motion, Solver, fresh_after, joined
+from ..references.exact.solution import reference_of
 from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
@@ -152,8 +150,9 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
     assert reference.system is not None
     system = reference.system
     eps = float(np.finfo(float).eps)
-    # Two more tracers with other roundings stand for other machines.
-    tracers = [tracer_of(system), *(tracer_of(system, Perturbation(eps, 0.0, seed)) for seed in (1, 2))]
+    # Two more solvers with other roundings stand for other machines.
+    solver = Solver(system)
+    solvers = [solver, *(solver.perturbed(eps, seed) for seed in (1, 2))]
     scale = float(np.max(np.abs(reference.tip)))
     # In the middle of segments, farthest from the events.
     times = solution.times
@@ -165,10 +164,10 @@ def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound
         piece = stored[-1]
         last = good = min(piece + span, len(times))
         q, v = (x[0] for x in solution.state_at_start(piece))
-        for tracer in tracers:
+        for each in solvers:
             # To the middle of the last segment: its start alone would not compare it.
             until = float(middles[last - 1])
-            part = tracer.trace(float(times[piece]), *_contact_state(solution.sides, piece, q, v), until)
+            part = _trace(each, float(times[piece]), solution.sides, piece, (q, v), until)
             here = slice(piece, min(piece + len(part.times), last))
             part = part.first(here.stop - piece)
             # Off by time, by position, or by sides; other sides count as 1, above any bound.
@@ -234,7 +233,7 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
 
 def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     """Integrate again from stored state to stored state, and compare every event with the file."""
-    tracer = tracer_of(system)
+    solver = Solver(system)
     times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
     sides = sides[:, None] if sides.ndim == 1 else sides
     stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
@@ -246,23 +245,22 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
             0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
         )
         q, v = data["q"].values[row], data["q_rate"].values[row]
-        part = tracer.trace(float(times[piece]), *_contact_state(sides, piece, q, v), float(until))
+        part = _trace(solver, float(times[piece]), sides, piece, (q, v), float(until))
         # The events must be those of the file, in sides and in times.
         count = last - piece
         same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
         if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * t_end:
             raise InputError("file", source, "give the switches it lists", "it is damaged: remake it")
         parts.append(part.first(count))
-    return parts[0].joined(parts)  # with the times re-marched, to which the coefficients belong
+    return joined(parts)  # with the times re-marched, to which the coefficients belong
 
 
-def _contact_state(
-    sides: NDArray[np.int64], piece: int, q: Array, v: Array
-) -> tuple[tuple[int, ...], Array, Array, int]:
-    """Initial data of a piece: sides, q, q' and the contact whose gap is exactly zero, -1 for none."""
-    changed = np.flatnonzero(sides[piece] != sides[piece - 1]) if piece else []  # none where a record has a sample
-    resting = int(changed[0]) if len(changed) else -1
-    return tuple(sides[piece].tolist()), q, v, resting
+def _trace(
+    solver: Solver, t: float, sides: NDArray[np.int64], piece: int, start: tuple[Array, Array], until: float
+) -> Motion:
+    """The motion from the start of a piece on, whose contacts are on sides[piece]."""
+    fresh = fresh_after(solver.system, sides[piece - 1] if piece else sides[0], sides[piece])
+    return solver.trace(t, np.ascontiguousarray(sides[piece]), fresh, start, until)
 
 
 def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:

@@ -34,7 +34,7 @@ from .exact.tangent import Tangent
 from .registry import KEEP, OUTPUTS, Steps
 
 COPIES = 8  # of the problem, each perturbed in its own way
-PERTURBATION = 4.0 * float(np.finfo(float).eps)  # of all numbers of a copy
+PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with

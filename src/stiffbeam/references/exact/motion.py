@@ -226,9 +226,11 @@ class Motion:
 
     def first(self, count: int) -> Motion:
         """The first ``count`` segments."""
-        return replace(
-            self, times=self.times[:count], sides=self.sides[:count], first_mark=self.first_mark[:count], last=[]
-        )
+        if count >= len(self.times):
+            return self
+        marks = Marks(*(np.ascontiguousarray(x[: self.first_mark[count]]) for x in self.marks))
+        kept = {"times": self.times[:count], "sides": self.sides[:count], "first_mark": self.first_mark[:count]}
+        return replace(self, **kept, marks=marks, last=[])
 
     @property
     def drive(self) -> Drive:
@@ -358,3 +360,19 @@ class Motion:
         which include every event."""
         found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
         return found[:, 0], found[:, 1], found[:, 2]
+
+
+def joined(parts: Sequence[Motion]) -> Motion:
+    """One motion of parts that follow each other."""
+    behind = np.cumsum([0, *(len(part.marks.t) for part in parts)])
+    first = [part.first_mark + k for part, k in zip(parts, behind, strict=False)]
+    return replace(
+        parts[0],
+        times=np.concatenate([part.times for part in parts]),
+        sides=np.concatenate([part.sides for part in parts]),
+        first_mark=np.concatenate(first),
+        marks=Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True))),
+        evaluations=sum(part.evaluations for part in parts),
+        seen=None,
+        last=[],
+    )

@@ -297,7 +297,7 @@ def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
             for x in own:
                 step = A - x.real * np.eye(2 * n)
                 P = P @ (step @ step + x.imag**2 * np.eye(2 * n) if x.imag > 0.0 else step)
-                P /= np.max(np.abs(P))
+                P /= np.max(np.abs(P)) or 1.0
             columns += list(np.linalg.svd(P)[2][-len(both) :])
         modes.append(Block(list(range(begin, len(columns))), both.tolist(), pair))
     V[: 2 * n, : 2 * n] = np.transpose(columns) / unit[:, None]
