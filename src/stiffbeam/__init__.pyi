@@ -45,7 +45,6 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.derivative import Derivative as Derivative
 from .references.exact.orbit import Orbit as Orbit
 from .references.exact.orbit import periodic_orbit as periodic_orbit
-from .references.exact.rigid_reference import rigid_limit as rigid_limit
 from .references.horizon import PerturbationGrowth as PerturbationGrowth
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import JaxFlow as JaxFlow

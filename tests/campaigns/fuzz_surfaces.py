@@ -158,7 +158,6 @@ FUNCTIONS = [
     Surface("cached_reference", sb.cached_reference,
             {"system": mass(), "t_end": 0.5, "method": "cvode", "t_eval": [0.0, 0.1, 0.5], "rtol": 1e-7}),
     Surface("reference_ensemble", sb.reference_ensemble, {"system": mass(), "t_end": 0.5, "members": [mass(), mass()]}),
-    Surface("rigid_limit", sb.rigid_limit, {"system": mass(), "t_end": 0.5, "t_eval": [0.0, 0.1, 0.5]}),
     Surface("lyapunov", sb.lyapunov, {"system": mass(), "t_end": 0.5}),
     Surface("compare", sb.compare, {"run": run(), "reference": exact()}),
     Surface("modes", sb.modes, {"system": beam()}, 1),

@@ -19,7 +19,7 @@ import stiffbeam
 PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
 ROOMS = (
-    "basics", "kernels", "model", "schemes", "trajectory", "piecewise", "march", "references", "files", "measures",
+    "basics", "kernels", "model", "schemes", "trajectory", "march", "references", "files", "measures",
     "figures", "testset", "studies", "cli",
 )  # fmt: skip
 STRANGERS = {("march", "references"), ("references", "march")}

@@ -9,7 +9,7 @@ import pytest
 from systems import two_contacts
 
 import stiffbeam as sb
-from stiffbeam.references.exact.piecewise import solve_exact
+from stiffbeam.references.exact.solution import solve_exact
 
 
 @pytest.fixture(scope="module")

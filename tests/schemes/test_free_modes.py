@@ -12,7 +12,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.model.modes import modes
-from stiffbeam.piecewise.measures import within_float64
+from stiffbeam.references.exact.contacts import within_float64
 from stiffbeam.schemes import registered
 from stiffbeam.studies import study
 from stiffbeam.trajectory.trajectory import SolverFailure, Trajectory, Work

@@ -26,10 +26,9 @@ from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
-from ..piecewise.motion import Motion
-from ..piecewise.tracer import tracer_of
 from ..references import solve
-from ..references.exact.piecewise import reference_of
+from ..references.exact.motion import Motion, Solver, fresh_after, joined
+from ..references.exact.solution import reference_of
 from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, output_index
@@ -167,7 +166,7 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
 
 def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     """Integrate again from stored state to stored state, and compare every event with the file."""
-    tracer = tracer_of(system)
+    solver = Solver(system)
     times, sides = data["switch_time"].values, data["side"].values.astype(np.int64)
     sides = sides[:, None] if sides.ndim == 1 else sides
     stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
@@ -177,18 +176,16 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
         # To the middle of the segment after the span, so that rounding cannot hide its last event.
         until = 0.5 * (ends[last] + ends[last + 1]) if last < len(times) else t_end
-        # The contact whose gap is exactly zero; none where a record has a sample.
-        changed = np.flatnonzero(sides[piece] != sides[piece - 1]) if piece else []
-        resting = int(changed[0]) if len(changed) else -1
         start = data["q"].values[row], data["q_rate"].values[row]
-        part = tracer.trace(float(times[piece]), tuple(sides[piece].tolist()), *start, resting, float(until))
+        fresh = fresh_after(system, sides[max(piece - 1, 0)].tolist(), sides[piece].tolist())
+        part = solver.trace(float(times[piece]), np.ascontiguousarray(sides[piece]), fresh, start, float(until))
         # The events must be those of the file, in sides and in times.
         count = last - piece
         same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
         if not same or np.max(np.abs(part.times[:count] - times[piece:last])) > BOUND * t_end:
             raise InputError("file", source, "give the switches it lists", "it is damaged: remake it")
         parts.append(part.first(count))
-    return parts[0].joined(parts)  # with the times re-marched, to which the coefficients belong
+    return joined(parts)  # with the times re-marched, to which the coefficients belong
 
 
 def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:

@@ -31,7 +31,7 @@ from ..basics.text import table
 from ..basics.validation import InputError, instance, number, numbers, sequence
 from ..model.contact import channel_motion
 from ..model.scales import scales
-from ..piecewise.measures import NODES, WEIGHTS
+from ..references.exact.contacts import NODES, WEIGHTS
 from ..trajectory.ensemble import record_from
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -337,7 +337,7 @@ def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array
     """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part."""
     contact, end = run.contacts[i], float(edges[-1])
     source, blows = "impacts", []
-    if isinstance(run, Reference) and hasattr(run.solution, "presses"):
+    if isinstance(run, Reference) and run.solution is not None:
         source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), end)
     elif reactions is not None:
         source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])

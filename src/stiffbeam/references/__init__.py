@@ -140,7 +140,7 @@ def best_reference(
 
 def substitute(system: System, t_end: float) -> str:
     """Sentence with the best reference of a system that has no exact solution, and the reason; else empty."""
-    from .exact.piecewise import refuse
+    from .exact.solution import refuse
 
     if system.rigid:
         return ""
@@ -190,7 +190,7 @@ def solve(
         for contact in system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
     try:
-        solver = import_module(f".{(system.rigid and entry.rigid) or entry.module}", __name__)
+        solver = import_module(f".{entry.module}", __name__)
         return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
@@ -262,7 +262,7 @@ def expected_seconds(
 
 def _judged(system: System, t_end: float) -> float:
     """Return how often an adaptive solver runs for its horizon: once beside an exact solution, else twice."""
-    from .exact.piecewise import refuse
+    from .exact.solution import refuse
 
     try:
         refuse(system, t_end)

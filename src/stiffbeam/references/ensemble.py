@@ -16,16 +16,14 @@ from ..basics.resources import cores, on_executor, over_slices, require_executor
 from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..piecewise.measures import audit, within_float64
-from ..piecewise.regimes import Known
-from ..piecewise.tracer import tracer_of
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
-from .exact.piecewise import observations, reference_of, solve_exact
-from .exact.rigid_reference import solve_rigid
+from .exact.contacts import audit, within_float64
+from .exact.motion import Solver
+from .exact.solution import observations, reference_of, solve_exact
 
 
 def reference_ensemble(
@@ -89,14 +87,12 @@ def reference_ensemble(
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
-    one = _solve if method == "exact" else partial(_adaptive, method)
-    # Modes are shared between members; the first one finds them.
-    known: Known | None = None if members.separate else {}
-    first = one(members[0], t_end, at, known, since)
+    one = solve_exact if method == "exact" else partial(_adaptive, method)
+    first = one(members[0], t_end, at, since)
     solving = Solving(method, t_end, at, since, len(times))
     report = None if progress is None else lambda done: progress(1 + done)
     if executor is None:
-        solve = solving.solver(members, known)
+        solve = solving.solver(members)
         # SUNDIALS' solvers do not run side by side in one process.
         threads = cores() if method == "exact" else 1
         parts = list(over_slices(solve, members[1:], MEMBERS_PER_SLICE, threads, report))
@@ -123,28 +119,28 @@ class Solving:
 
     def __call__(self, part: EnsembleMembers) -> Runs:
         """Runs of some of the members."""
-        return self.solver(part, None if part.separate else {})(part)
+        return self.solver(part)(part)
 
-    def solver(self, members: EnsembleMembers, known: Known | None) -> Callable[[EnsembleMembers], Runs]:
-        """Function that solves some of the members, with modes that they share."""
+    def solver(self, members: EnsembleMembers) -> Callable[[EnsembleMembers], Runs]:
+        """Function that solves some of the members."""
         system, t_end, since = members.system, self.t_end, self.since
-        one = _solve if self.method == "exact" else partial(_adaptive, self.method)
+        one = solve_exact if self.method == "exact" else partial(_adaptive, self.method)
 
         def solve(part: EnsembleMembers) -> Runs:
-            return Runs.joined([Runs.of([one(x, t_end, self.at, known, since)], self.outputs) for x in part])
+            return Runs.joined([Runs.of([one(x, t_end, self.at, since)], self.outputs) for x in part])
 
-        # Members that differ in their starts alone share one tracer.
+        # Members that differ in their starts alone share one solver.
         exact = self.method == "exact" and not system.rigid
         if not exact or not set(members.fields) <= {"q0", "v0"}:
             return solve
-        begun, tracer = wall_clock(), tracer_of(system, known=known, span=t_end)  # one for all
+        begun, solver = wall_clock(), Solver(system)  # one for all
 
         def solve_starts(part: EnsembleMembers) -> Runs:
             runs = []
             for i in range(len(part)):
                 start = part.start(i)
                 with within_float64("exact", t_end):
-                    solution = tracer.solve(t_end, start)
+                    solution = solver.solve(t_end, start, self.at)
                     audit(system, solution, t_end, start=start)
                     observe = partial(observations, start=start)
                     run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
@@ -154,28 +150,21 @@ class Solving:
         return solve_starts
 
 
-def _solve(system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:
-    if system.rigid:
-        return solve_rigid(system, t_end, at, since, trusted=False)
-    return solve_exact(system, t_end, at, known=known, since=since)
-
-
 def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:
     """Energy (k,) of some members at the output times. Of exact members without the work of loads and dashpots, which
     takes longer than the motion."""
-    known: Known | None = None if many.members.separate else {}
     for i in members:
         if many.provenance["method"] != "exact":
             yield many.ledger(i).energy
         else:
             system = many.members[i]
-            run = _solve(system, float(many.provenance["t_end"]), many.t, known, 0.0)
+            run = solve_exact(system, float(many.provenance["t_end"]), many.t, 0.0)
             yield sum(system.energies(many.t, *run.states), np.zeros(len(many.t)))
 
 
-def _adaptive(method: str, system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:
+def _adaptive(method: str, system: System, t_end: float, at: Array, since: float) -> Reference:
     return solve_by(system, t_end, method, at, BEST_RTOL, None)
 
 
 def _ledger(one: Callable[..., Reference], members: EnsembleMembers, t_end: float, at: Array, i: int) -> Ledger:
-    return one(members[i], t_end, at, {}, 0.0).energy
+    return one(members[i], t_end, at, 0.0).energy

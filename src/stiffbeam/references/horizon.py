@@ -4,59 +4,53 @@ tip and at every contact; and the rate at which neighbouring motions diverge, by
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last segment ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
 If the force is continuous, tangent vectors do not jump at an event (the saltation matrix is the identity), and Phi is
-the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see follow.py.
+the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see ``entry``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, IntArray
 from ..basics.resources import Show, silent
 from ..basics.validation import InputError, integer, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
-from ..piecewise.follow import entry
-from ..piecewise.generator import Generators
-from ..piecewise.linear import Perturbation
-from ..piecewise.measures import audit, entries, path_of, within_float64
-from ..piecewise.motion import Motion
-from ..piecewise.regimes import Source
-from ..piecewise.spectrum import known_until
-from ..piecewise.tangent import Tangent
-from ..piecewise.tracer import Tracer, tracer_of
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
+from .exact.contacts import audit, entries, path_of, withheld, within_float64
 from .exact.derivative import path_of_solution
-from .exact.impacting import Tracer as ImpactTracer
-from .exact.piecewise import afford_search, refuse, solve_exact
-from .exact.rigid_motion import RigidMotion
+from .exact.generator import Generators
+from .exact.motion import Motion, Solver
+from .exact.solution import afford_search, refuse, solve_exact
+from .exact.tangent import Tangent
 from .registry import KEEP, OUTPUTS, Steps
-from .rigid_stops import require_rigid
 
-COPIES = 4  # of the exact solution, each perturbed in its own way
+COPIES = 8  # of the problem, each perturbed in its own way
+PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with
-MARGIN = 4.0  # times the rounding, for the perturbed copies
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
+IMPULSES = 0.01  # of the largest impulse of a contact
+AT_ONCE = 1e-14  # of t_end
 LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 
 class Watched(NamedTuple):
-    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, and the
-    impacts of each contact."""
+    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, the impacts of
+    each contact, and the impulses of rigid stops at t = 0, but for rounding."""
 
     t: Array
     paths: tuple[Array, ...]
     impacts: tuple[Impacts, ...]
+    struck: Array = np.zeros(0)
 
 
 def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0) -> float:
@@ -72,7 +66,19 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0)
 
 def watched(run: Trajectory) -> Watched:
     """The data of a run that define the horizon, at its output times."""
-    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
+    impacts = tuple(c.impacts for c in run.contacts)
+    solution, rigid = getattr(run, "solution", None), run.system is not None and run.system.rigid
+    if rigid and isinstance(solution, Motion):
+        end = float(run.t[-1])
+        impacts = tuple(entries(solution, i, end) for i in range(len(impacts)))
+        return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), impacts, _struck_at_once(solution, end))
+    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), impacts)
+
+
+def _struck_at_once(solution: Motion, t_end: float) -> Array:
+    """Impulses of rigid stops at t = 0, but for rounding, (m,)."""
+    blows = solution.blows
+    return np.bincount(blows.contact, blows.outward * (blows.t <= AT_ONCE * t_end), len(solution.system.contacts))
 
 
 def scales_of(run: Trajectory) -> list[float]:
@@ -102,6 +108,8 @@ def agree_until(
     """See ``agreement``; part: of the tolerances; chatters: see ``impacts_match_until``."""
     end = float(min(a.t[-1], b.t[-1]))
     horizon = end
+    if len(a.struck) and np.max(np.abs(a.struck - b.struck)) > IMPULSES * np.max(np.abs([a.struck, b.struck])):
+        return 0.0
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
         close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
         horizon = min(horizon, last_before(a.t, ~close, end))
@@ -127,10 +135,13 @@ def impacts_match_until(
     (t1, stops1), (t2, stops2) = ((x.times[rows], x.stops[rows]) for x, rows in zip((a, b), late, strict=True))
     n = min(len(t1), len(t2))
     bad = (stops1[:n] != stops2[:n]) | (np.abs(t1[:n] - t2[:n]) > tolerance)
+    # Of rigid stops the impulses, too: where the order of two impacts at one time decides, they differ at once.
+    x, y = (x.impulses[rows][:n] for x, rows in zip((a, b), late, strict=True))
+    bad |= np.abs(x - y) > IMPULSES * np.nanmax(x, initial=0.0)
     # Both sequences agree up to the earlier of the first two impacts that do not match.
     if np.any(bad):
         k = int(np.argmax(bad))
-        return float(min(t1[k], t2[k]))
+        return float(np.nextafter(min(t1[k], t2[k]), 0.0))
     # Where one sequence is longer, its next impact is missing in the other.
     unpaired = np.concatenate([t1[n:], t2[n:]])
     unpaired = unpaired[unpaired < end - tolerance]
@@ -153,17 +164,33 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copies(source: Source, t_end: float, t: Array, size: float) -> Iterator[Watched]:
-    """Perturbed copies of the exact solution with this source, an endless sequence, each by ``size`` in its own way; t:
-    as in ``Watched``."""
-    system = source.system
-    for seed in count():
-        with within_float64("exact", t_end):
-            solution = Tracer(source, Perturbation(size, size, seed)).solve(t_end)
-            seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
-            paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
-            impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
-        yield Watched(t, paths, impacts)  # outside: what float64 raises inside is not for who goes on with it
+def copy_of(solver: Solver, seed: int, t: Array) -> Watched:
+    """The solution of a perturbed copy of the problem to the last of the times t (k,), see ``Solver.perturbed``."""
+    system, t_end = solver.system, float(t[-1])
+    with within_float64("exact", t_end):
+        solution = solver.perturbed(PERTURBATION, seed).solve(t_end, stations=t)
+        seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
+        paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
+        impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
+    return Watched(t, paths, impacts, _struck_at_once(solution, t_end) if system.rigid else np.zeros(0))
+
+
+def copies_agree_until(
+    nominal: Watched, system: System, tolerance: float, scales: list[float], horizon: float, show: Show = silent
+) -> float:
+    """The time, ``horizon`` at most, to which COPIES of the problem agree with its solution."""
+    solver, whole = Solver(system), nominal
+    for seed in range(COPIES):
+        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
+        # The first copy to diverge ends it: no other need go further.
+        count = min(len(whole.t), max(2, 1 + int(np.searchsorted(whole.t, horizon))))
+        end = float(whole.t[count - 1])
+        impacts = tuple(each.until(end) for each in whole.impacts)
+        part = Watched(whole.t[:count], tuple(u[:count] for u in whole.paths), impacts, whole.struck)
+        # Of a chatter either may count more impacts.
+        other = copy_of(solver, seed, part.t)
+        horizon = min(horizon, agree_until(part, other, tolerance, scales, PART, system.rigid))
+    return horizon
 
 
 def exact_horizon(
@@ -171,40 +198,27 @@ def exact_horizon(
 ) -> tuple[float, dict[str, Any]]:
     """Horizon of the exact float64 solution, and the evidence for it.
 
-    COPIES of the solution are perturbed by MARGIN times what its own construction loses to rounding, in
-    frequencies, forces and at every event. The horizon is the time to which all of them agree with the
-    solution to half the tolerance. Rounding and perturbations grow at the same rate, but start in different
-    directions. For its error to be twice that of every copy, rounding has to start 2 MARGIN times closer to
-    the direction of growth than each of them: a chance of the order of (2 MARGIN)^-COPIES, 2e-4. The margin
-    shortens a chaotic horizon by ln(2 MARGIN)/ln(1e-3/eps), a fourteenth. Phases w t are known to eps w t, which
-    no copy shows: the horizon ends where MARGIN times that reaches the tolerance, and likewise where a mode that counts
-    as free would be held back by a stiffness within the rounding of K, or one that damping makes slow decays at a rate
-    that is lost beside the fast ones. ``horizon_predicted``: the horizon that the tangent flow predicts.
+    It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
+    solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
+    would hold back: the horizon ends where that reaches the tolerance.
     """
-    eps = MARGIN * float(np.finfo(float).eps)
-    # Errors that no copy shows end the horizon by estimates: of phases, free modes and slow modes.
-    solution = reference.solution
-    fastest = 2.0 * np.pi / solution.shortest_period
-    unseen = min(t_end, DISPLACEMENT_TOLERANCE / (eps * fastest), _of_free_modes(system))
-    unseen = min(unseen, *(_of_slow_modes(system, sides) for sides in set(map(tuple, solution.sides.tolist()))))
-    horizon, scales = unseen, scales_of(reference)
+    horizon, scales = min(t_end, _of_free_modes(system)), scales_of(reference)
+    if system.rigid:
+        # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
+        _, kept = withheld(system, reference.solution, t_end)
+        rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
+        scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
     # Outputs that begin late show nothing of the time before.
     if reference.t[0] > 0.0:
         early = np.linspace(0.0, reference.t[0], OUTPUTS, endpoint=False)
         reference = solve_exact(system, t_end, np.append(early, reference.t))
-    own = watched(reference)
-    # The first copy to diverge ends it.
-    others = copies(solution.regimes.source, t_end, reference.t, eps)
-    for seed in range(COPIES):
-        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        horizon = min(horizon, agree_until(own, next(others), tolerance, scales, PART))
+    unseen = horizon
+    horizon = copies_agree_until(watched(reference), system, tolerance, scales, horizon, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
-        horizon = min(unseen, _soon(reference, system, t_end, tolerance, eps))
-    return horizon, {
-        "horizon_predicted": predicted_horizon(system, solution, t_end, DISPLACEMENT_TOLERANCE),
-        "against": f"{COPIES} copies perturbed by {MARGIN:g} times its rounding, to half the tolerance",
-    }
+        horizon = min(unseen, _soon(reference, system, t_end, tolerance))
+    against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
+    return horizon, {"against": against}
 
 
 def _of_free_modes(system: System) -> float:
@@ -217,20 +231,7 @@ def _of_free_modes(system: System) -> float:
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
 
 
-def _of_slow_modes(system: System, sides: tuple[int, ...]) -> float:
-    """Horizon from slow modes while the contacts press on these sides, see ``known_until``."""
-    closed = [
-        (x.row, *x.stops.spring(1), x.stops.damping) for x, side in zip(system.contacts, sides, strict=False) if side
-    ]
-    # Dashpots of closed contacts damp the system in this regime.
-    C = system.damping + sum(c * np.outer(row, row) for row, _, _, c in closed)
-    if not np.any(C):
-        return np.inf
-    basis = undamped_modes(system, tuple((row, kappa) for row, kappa, _, _ in closed))
-    return known_until(basis.omega, basis.shapes.T @ C @ basis.shapes, 0.5 * DISPLACEMENT_TOLERANCE)
-
-
-def _soon(reference: Reference, system: System, t_end: float, tolerance: float, eps: float) -> float:
+def _soon(reference: Reference, system: System, t_end: float, tolerance: float) -> float:
     """The horizon by outputs at t_end 2^-k, if it ends before the first output of the reference.
 
     Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
@@ -239,9 +240,8 @@ def _soon(reference: Reference, system: System, t_end: float, tolerance: float, 
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
     own, scales = watched(solve_exact(system, t_end, times)), scales_of(reference)
-    others = islice(copies(reference.solution.regimes.source, t_end, times, eps), COPIES)
-    horizon = min(agree_until(own, copy, tolerance, scales, PART) for copy in others)
-    if horizon <= times[1]:
+    horizon = copies_agree_until(own, system, tolerance, scales, t_end)
+    if horizon <= times[1] and not system.rigid:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     return horizon
@@ -376,23 +376,19 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     require_system(system)
     t_end = positive("t_end", t_end)
     integer("seed", seed, 0)
-    rigid = system.rigid
-    if rigid:
-        require_rigid(system, t_end)
-        with within_float64("lyapunov", t_end):
-            return growth(system, ImpactTracer(system).solve(t_end), t_end, seed)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         afford_search(system, t_end)
-        solution = tracer_of(system).solve(t_end)
-        audit(system, solution, t_end)
+        solution = Solver(system).solve(t_end)
+        if not system.rigid:
+            audit(system, solution, t_end)
         return growth(system, solution, t_end, seed)
 
 
 def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough: float = np.inf) -> PerturbationGrowth:
     """``lyapunov`` along an existing solution; it ends where a growth, ln, reaches ``enough``."""
     dq, dv = _vectors(system, seed)
-    along = Struck(system, solution, t_end) if isinstance(solution, RigidMotion) else Pressed(system, solution)
+    along = Struck(system, solution, t_end) if system.rigid else Pressed(system, solution)
     # Vectors that held contacts leave nothing of drop out.
     dq, dv = _unit(system, *along.start(dq, dv))
     if not dq.shape[1]:
@@ -400,11 +396,6 @@ def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough
     times = np.asarray(solution.times)
     # Every event is an edge, so that each flow is that of one segment.
     edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    # The compiled loop does it all, unless it cannot follow a regime or a vector under- or overflows.
-    if isinstance(along, Pressed):
-        passed, logs = solution.grow(system, edges, dq, dv, enough)
-        if passed == len(edges) - 1 or np.max(logs[passed]) > enough:
-            return PerturbationGrowth(edges[: passed + 1], logs[: passed + 1])
     segment = np.maximum(np.searchsorted(times, edges[:-1], side="right") - 1, 0)
     logs, last = np.zeros((len(edges), dq.shape[1])), 0
     for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
@@ -449,8 +440,8 @@ class Struck:
     A contact that is held leaves of them what is M-orthogonal to M^-1 row^T: impulses along the row do not touch it.
     """
 
-    def __init__(self, system: System, solution: RigidMotion, t_end: float) -> None:
-        self.n, self.held = system.size, solution.held
+    def __init__(self, system: System, solution: Motion, t_end: float) -> None:
+        self.n, self.held = system.size, [tuple(np.flatnonzero(sides).tolist()) for sides in solution.sides]
         self.tangent = Tangent(Generators(system), path_of_solution(system, solution, t_end))
 
     def start(self, dq: Array, dv: Array) -> tuple[Array, Array]:
@@ -508,17 +499,16 @@ def _carried(
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
-def predicted_horizon(system: System, solution: Motion, t_end: float, tolerance: float) -> float:
-    """The first time at which rounding, eps (1 + w_max t) |Phi(t)| of the motion, reaches ``tolerance`` of it.
+def entry(system: System, before: IntArray, after: IntArray, dq: Array, dv: Array) -> Array:
+    """dq' (n, k) after an event from the sides ``before`` to those ``after`` (m,).
 
-    An error eps w_max of the frequencies turns a mode by eps w_max t: that much more than a rounding of
-    the initial data is there to be magnified, all of it counted as if it had been there from the start.
+    A neighbour enters a damped stop later by -(row dq)/d', without its force c d' until then.
     """
-    eps, fastest = float(np.finfo(float).eps), 2.0 * np.pi / solution.shortest_period
-    # Growth beyond tolerance/eps is not needed: there a rounding has reached the tolerance.
-    grown = growth(system, solution, t_end, enough=float(np.log(tolerance / eps)))
-    over = np.flatnonzero(np.log(eps * (1.0 + fastest * grown.t)) + grown.largest > np.log(tolerance))
-    return float(grown.t[over[0]]) if len(over) else t_end
+    for contact, old, new in zip(system.contacts, before.tolist(), after.tolist(), strict=True):
+        if contact.stops.damping > 0.0 and old == 0 and new:
+            kick = np.linalg.solve(system.mass, contact.row)
+            dv = dv - float(contact.stops.damping) * np.outer(kick, contact.row @ dq)
+    return dv
 
 
 def _vectors(system: System, seed: int) -> tuple[Array, Array]:

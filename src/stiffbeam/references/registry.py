@@ -26,8 +26,8 @@ EXACT, MULTIPRECISION, ADAPTIVE = "exact", "multiprecision", "adaptive"
 class Method:
     """A reference solver.
 
-    name: the name for users. module: in this folder, with ``solve(request) -> Reference``. rigid: the module for
-    systems with rigid stops, where that is another one. label: its name in pictures. look: the number of its dashes and
+    name: the name for users. module: in this folder, with ``solve(request) -> Reference``.
+    label: its name in pictures. look: the number of its dashes and
     marker there, unique and permanent. seconds: time for Table 10 to t = 0.06 at rtol 1e-6, roughly, to run fast
     methods first or leave slow ones out. kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
     in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its impacts are events). libraries: import
@@ -42,7 +42,6 @@ class Method:
     kind: str = ADAPTIVE
     libraries: dict[str, str] = field(default_factory=dict)
     solver: str = ""
-    rigid: str = ""
 
     def versions(self) -> dict[str, str]:
         """The versions of its libraries by distribution, "missing" for one that is not installed."""
@@ -61,7 +60,7 @@ _DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}
 REFERENCES = {
     method.name: method
     for method in (
-        Method("exact", "exact.piecewise", "exact", 0, 0.004, EXACT, rigid="exact.rigid_reference"),
+        Method("exact", "exact.solution", "exact", 0, 0.004, EXACT),
         Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, 0.13, MULTIPRECISION, _FLINT),
         Method("cvode", "adaptive.sundials", "CVODE BDF", 2, 0.4, libraries=_SUNDIALS),
         Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, 0.3, libraries=_SUNDIALS),

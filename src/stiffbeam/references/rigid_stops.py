@@ -1,4 +1,4 @@
-"""Systems with rigid stops: checks, contacts at the start, and simultaneous impacts whose order matters."""
+"""Systems with rigid stops: checks, and contacts at the start."""
 
 from __future__ import annotations
 
@@ -6,19 +6,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value
-from ..kernels.contact import solve_node
 from ..model.contact import Contact
 from ..model.sampled import Sampled
 from ..model.system import System
 from ..model.time_functions import covered, offset_values, parts_of, require_closed_form
 
 REMEDY = "use a scheme with an impact law"
-MOST_BLOWS = 1000  # of one order; what they have not settled by then is as good as settled, or has no end
-SPENT = 1e-12  # of the fastest approach: a contact so slow is hit no more
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop
-ALIKE = 1e-6  # of the largest impulse: orders that differ by less give one result
 
 
 def require_rigid(system: System, t_end: float) -> None:
@@ -48,44 +43,6 @@ def require_smooth(system: System) -> None:
         if isinstance(part, Sampled) and part.degree < 2:
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
-
-
-def order_decides(compliance: Array, e: Array, speeds: Array, sides: dict[int, int], pressed: set[int]) -> bool:
-    """Return True if impacts in sequence, in two opposite orders, end differently from all of them at once.
-
-    compliance: row M^-1 row^T (m, m). e: restitutions (m,). speeds: u' of every contact before (m,), 0 where it rests.
-    sides: contacts that are on a stop at this time. pressed: those among them that a force holds there, which no change
-    of the start within its rounding would open; they answer every blow at once.
-    """
-    at = sorted(sides)
-    signs = np.array([sides[c] for c in at], float)
-    # Speeds into the stops: positive where a contact approaches.
-    A, e, w = np.outer(signs, signs) * compliance[np.ix_(at, at)], e[at], signs * speeds[at]
-    held = np.array([c in pressed for c in at])
-    # Without two contacts that may be hit apart, and one that approaches, there is no order.
-    if np.count_nonzero(~held) < 2 or not np.any(w > 0.0):
-        return False
-    least = SPENT * float(np.max(np.abs(w)))
-
-    def blow(w: Array, struck: Array) -> Array:
-        # Held contacts pass blows on but do not rebound: their speed before counts as zero.
-        law = np.array([[np.inf, -np.inf, 0.0 if hit else np.inf] for hit in struck])
-        return solve_node((1.0 + e) * np.where(held & (w > -least), 0.0, w), A, law)
-
-    # The result that the solver goes on with.
-    together = blow(w, np.ones(len(at), bool))
-    # One blow at a time, until no contact approaches.
-    for order in (range(len(at)), range(len(at) - 1, -1, -1)):
-        now, total = w.copy(), np.zeros(len(at))
-        for _ in range(MOST_BLOWS):
-            hit = next((i for i in order if now[i] > least), None)
-            if hit is None:
-                break
-            P = blow(now, (held & (now > -least)) | (np.arange(len(at)) == hit))
-            now, total = now + A @ P, total + P
-        if np.max(np.abs(total - together)) > ALIKE * np.max(np.abs(together)):
-            return True
-    return False
 
 
 def shift_at_start(contact: Contact) -> float:
@@ -124,18 +81,8 @@ def off_stop(system: System, contact: int, side: int) -> bool:
     return pi or shift_at_start(each) != 0.0 or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
 
 
-def together_but_for_rounding(system: System, compliance: Array, closed: dict[int, int], going: dict[int, int]) -> bool:
-    """Tell whether contacts that move each other start on their stops but for rounding, so that who is hit first is not
-    known."""
-    joined = {c for c in closed for x in going if c != x and compliance[c, x]}
-    return any(off_stop(system, c, closed[c]) for c in joined | (going.keys() if joined else set()))
-
-
-def at_rest(system: System) -> list[int]:
-    """Contacts that start at rest on their stops as they are written, not but for rounding."""
-    resting = []
-    for contact, each in enumerate(system.contacts):
-        still = each.offset is None and not np.any(each.row * system.v0)
-        if still and not all(off_stop(system, contact, side) for side, _ in each.stops.sides):
-            resting.append(contact)
-    return resting
+def resting(system: System) -> tuple[list[int], list[int]]:
+    """Contacts that start on their stops as they are written, not but for rounding, and those of them at rest there."""
+    on = [i for i, side in on_stops(system).items() if not off_stop(system, i, side)]
+    still = [i for i in on if system.contacts[i].offset is None and not np.any(system.contacts[i].row * system.v0)]
+    return on, still

@@ -18,7 +18,7 @@ from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..model.members import varied_members
-from ..references.exact.rigid_reference import rigid_limit
+from ..references.exact.solution import solve_exact
 from . import common
 from .base import Answer, Row, Study, Table, option
 
@@ -73,7 +73,8 @@ class Rigid(Study):
         """Distance of the compliant motion at one stiffness from the rigid one."""
         system, n = case.system(self.form), self.impacts
         stops = system.contacts[0].stops
-        kappa, rigid = stops.stiffness * factor, rigid_limit(system, case.t_end)
+        kappa, hard = stops.stiffness * factor, replace(stops, stiffness=np.inf, restitution=1.0)
+        rigid = solve_exact(varied_members(system, stops=[hard])[0], case.t_end)
         if rigid.impacts.count <= n:
             remedy = "ask for fewer, or lengthen t_end"
             raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops", remedy)

@@ -39,7 +39,7 @@ from ..model.system import System
 from ..model.time_functions import Drive, covered
 from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
-from ..references.exact.piecewise import refuse
+from ..references.exact.solution import refuse
 from ..schemes import Scheme
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble

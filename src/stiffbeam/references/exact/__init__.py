@@ -1,7 +1,11 @@
-"""The exact solution in float64, based on the package piecewise. In reading order:
+"""The exact solution in float64, by the kernel of exact motion. In reading order:
 
-piecewise                          compliant stops: checks, the Reference, perturbed copies for the horizon
-rigid_reference, rigid_motion      rigid stops with restitution: the Reference; a motion and its Taylor series
-impacting                          solver for rigid stops, from event to event
-derivative, orbit                  derivatives in parameters; periodic orbits
+free           a system in its free modes, as the kernel takes it
+motion         solver, perturbed copies, and a motion at any time
+contacts       records of contacts and the energy balance of a motion
+solution       checks, and the solution as a Reference
+generator      generators of regimes, with their derivatives in parameters
+tangent        derivatives along a motion
+derivative     derivatives of a Reference
+orbit          periodic orbits
 """

@@ -15,20 +15,17 @@ from ...basics.validation import InputError
 from ...model.modes import undamped_modes
 from ...model.system import System
 from ...model.system_data import slopes
-from ...piecewise.generator import Generators
-from ...piecewise.linear import Perturbation
-from ...piecewise.measures import NODES, WEIGHTS, panels
-from ...piecewise.tangent import Forms, Path, Tangent
-from ...piecewise.tracer import tracer_of
 from ...trajectory.trajectory import Reference
-from .impacting import Tracer as ImpactTracer
-from .rigid_motion import RigidMotion
+from .contacts import NODES, WEIGHTS, panels
+from .generator import Generators
+from .motion import Motion, Solver
+from .tangent import Forms, Path, Tangent
 
 PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for
-STEPS = 12  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
+STEPS = 24  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
 RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
-# As large as the perturbations of the copies of a horizon, horizon.MARGIN roundings.
+# As large as the perturbations of the copies of a horizon.
 COPY = 4.0 * float(np.finfo(float).eps)
 
 
@@ -280,10 +277,7 @@ class Derivative:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""
         # A copy as for the horizon of the motion: rounded otherwise, or with other segments.
         t, system, t_end = self.t, self._system, float(self.reference.provenance["t_end"])
-        if self.tangent.path.rigid:
-            copy: Any = ImpactTracer(system, 0.7, 4.0, 1).solve(t_end)
-        else:
-            copy = tracer_of(system, Perturbation(COPY, COPY, 1)).solve(t_end)
+        copy = Solver(system).perturbed(COPY, 1).solve(t_end)
         tangent = Tangent(self.tangent.generators, path_of_solution(system, copy, t_end))
         other = Derivative(self.reference, self.wrt, t, self.bounds, self.exists_until, self.reason, tangent)
         largest = np.maximum.accumulate(np.nan_to_num(np.abs(self.tip)), axis=0)
@@ -323,32 +317,45 @@ def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) ->
     for _ in range(STEPS):  # Newton's method in a bracket
         rate, curve = (tangent.values(forms, top, segments[place], order)[:, 0] for order in (1, 2))
         low, high = np.where(rate > 0.0, top, low), np.where(rate > 0.0, high, top)
-        # Where the curvature is not negative Newton's method would leave the maximum: bisect.
-        step = -rate / np.where(curve < 0.0, curve, -np.inf)
-        top = np.where(curve < 0.0, np.clip(top + step, low, high), 0.5 * (low + high))
+        # Where Newton's method leaves the bracket, or the curvature is not negative: bisect.
+        after = top - rate / np.where(curve < 0.0, curve, -np.inf)
+        inside = (curve < 0.0) & (after >= low) & (after <= high)
+        top = np.where(inside, after, 0.5 * (low + high))
     return top, place
 
 
-def path_of_solution(system: System, solution: Any, t_end: float) -> Path:
-    """Segments of an exact solution, compliant or rigid."""
-    count = int(np.searchsorted(solution.times, t_end, side="left"))
-    times = solution.times[: max(1, count)]
-    q, v = solution.states_in(times, np.arange(len(times)))
-    if not isinstance(solution, RigidMotion):
-        return Path(times, solution.sides[: len(times)], q, v, t_end)
+def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
+    """Segments of an exact solution, compliant or rigid, which also begin at the samples of records."""
+    count = max(1, int(np.searchsorted(solution.times, t_end, side="left")))
+    times, segments = solution.times[:count], np.arange(count)
+    edges = np.setdiff1d(solution.drive.edges, times)
+    edges = edges[(edges > 0.0) & (edges < t_end)]
+    place = np.searchsorted(times, edges, "right")
+    times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
+    q, v = solution.states_in(times, segments)
+    if not system.rigid:
+        return Path(times, solution.sides[segments], q, v, t_end)
     hits: dict[int, list[int]] = {}
     # A contact may take two blows at one time, for example where it is then held: it is hit once.
-    for segment, contact in dict.fromkeys(solution.blows):
-        hits.setdefault(segment, []).append(contact)
-    return Path(times, np.abs(solution.sides[: len(times)]), q, v, t_end, True, hits)
+    first = {int(mark): k for k, mark in reversed(list(enumerate(solution.first_mark[segments].tolist())))}
+    for mark, contact in dict.fromkeys(zip(solution.blows.mark.tolist(), solution.blows.contact.tolist(), strict=True)):
+        if mark in first:
+            hits.setdefault(first[mark], []).append(contact)
+    return Path(times, np.abs(solution.sides[segments]), q, v, t_end, True, hits)
+
+
+def chatter_ends(solution: Motion) -> list[float]:
+    """Times at which impacts on a rigid stop have accumulated, and the contact is held."""
+    times, contacts, sides, _ = solution.events
+    e = np.array([contact.stops.restitution for contact in solution.system.contacts], float)
+    return times[(np.abs(sides) == 1) & (e[contacts] > 0.0)].tolist()
 
 
 def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative:
     """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution
     assert system is not None
-    rigid = system.rigid
-    if solution is None or rigid != isinstance(solution, RigidMotion):
+    if not isinstance(solution, Motion):
         rule, remedy = 'be of method "exact" and solved in this process for a derivative', "take stiffbeam.reference"
         raise InputError("reference", reference.provenance["method"], rule, remedy)
     names, columns, bounds = slopes(system, wrt)
@@ -368,10 +375,8 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
     """
     ends = [(t, "a contact grazes its stop") for t in tangent.grazes]
     ends += [(t, "two impacts at one time change each other") for t in tangent.ties]
-    if isinstance(solution, RigidMotion):
-        ends += [(t, "the impacts of a chatter end") for t, _ in solution.stuck]
-        if np.isfinite(solution.tie):
-            ends.append((solution.tie, "two contacts close together, and their order decides"))
+    if system.rigid:
+        ends += [(t, "the impacts of a chatter end") for t in chatter_ends(solution)]
         if 0 in tangent.path.hits:
             ends.append((0.0, "an impact at the start"))
     # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.

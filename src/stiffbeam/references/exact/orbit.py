@@ -24,17 +24,14 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.sampled import Sampled
 from ...model.system import System, require_system
 from ...model.time_functions import Harmonic, parts_of
-from ...piecewise.follow import switched_by_force
-from ...piecewise.generator import Generators
-from ...piecewise.measures import within_float64
-from ...piecewise.tangent import GRAZE, Path, Tangent, monodromy
-from ...piecewise.tracer import Tracer, tracer_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import beyond_stops, require_rigid
-from .derivative import ends_of, path_of_solution
-from .impacting import Tracer as ImpactTracer
-from .piecewise import afford_search, refuse, solve_exact
-from .rigid_reference import solve_rigid
+from .contacts import within_float64
+from .derivative import chatter_ends, ends_of, path_of_solution
+from .generator import Generators
+from .motion import Motion, Solver, switched_by_force
+from .solution import afford_search, refuse, solve_exact
+from .tangent import GRAZE, Path, Tangent, monodromy
 
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
@@ -118,10 +115,7 @@ class Orbit:
         """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""
         t_end = positive("periods", periods) * self.period
         system = replace(self.system, q0=self.q, v0=self.v, origin=None)
-        times = None if t_eval is None else np.atleast_1d(numbers("t_eval", t_eval))
-        if system.rigid:
-            return solve_rigid(system, t_end, times)
-        return solve_exact(system, t_end, times)
+        return solve_exact(system, t_end, None if t_eval is None else np.atleast_1d(numbers("t_eval", t_eval)))
 
 
 class PeriodMap:
@@ -131,37 +125,33 @@ class PeriodMap:
         self.system, self.period = system, period
         self.rigid = system.rigid
         self.generators = Generators(system)
-        self.tracer: Tracer | None = None if self.rigid else tracer_of(system, span=period)
+        self.solver = None if self.rigid else Solver(system)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
         return path_of_solution(self.system, self.solve(z), self.period)
 
-    def solve(self, z: Array) -> Any:
+    def solve(self, z: Array) -> Motion:
         """The exact motion over a period from the state z (2n,)."""
         n = self.system.size
-        if self.tracer is None:
-            moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
-            try:
-                solution: Any = ImpactTracer(moved).solve(self.period)
-            except InputError as error:  # a state of Newton's method beyond a stop, or on it but for rounding
-                on_stop = beyond_stops(moved) < CLOSED * float(np.max(np.abs(z) * np.repeat([1.0, self.period], n)))
-                reason = START if on_stop else f"a state on the way has no motion: {error}"
-                raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase, or give a closer guess") from error
-            if solution.stuck:
-                reason = "a chatter ends on the way, where the flow has no derivative"
-                t, remedy = solution.stuck[0][0], "take restitution 0, or another guess"
-                raise SolverFailure("periodic_orbit", t, reason, remedy)
-        else:
-            solution = self.tracer.solve(self.period, (z[:n].copy(), z[n:].copy()))
+        if self.solver is not None:
+            return self.solver.solve(self.period, (z[:n].copy(), z[n:].copy()))
+        moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
+        try:
+            solution = Solver(moved).solve(self.period)
+        except InputError as error:  # a state of Newton's method beyond a stop, or on it but for rounding
+            on_stop = beyond_stops(moved) < CLOSED * float(np.max(np.abs(z) * np.repeat([1.0, self.period], n)))
+            reason = START if on_stop else f"a state on the way has no motion: {error}"
+            raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase, or give a closer guess") from error
+        if ends := chatter_ends(solution):
+            reason = "a chatter ends on the way, where the flow has no derivative"
+            raise SolverFailure("periodic_orbit", ends[0], reason, "take restitution 0, or another guess")
         return solution
 
     def ahead(self, z: Array, periods: int) -> Array:
         """The state so many periods after z (2n,)."""
-        t = np.array([self.period])
         for _ in range(periods):
-            solution = self.solve(z)
-            q, v = solution.at(t)[:2] if self.rigid else solution.states(t)
+            q, v = self.solve(z).states(np.array([self.period]))
             z = np.concatenate([q[0], v[0]])
         return z
 

@@ -20,8 +20,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
+from ...basics.arrays import Array
 from ...model.system import System
 from ...model.time_functions import Drive
 from .rational import channels, exact_problem, number, taylor
@@ -269,3 +271,52 @@ def with_drives(modes: Sequence[Block], drives: Sequence[Block]) -> list[Block]:
 def _meet(block: Block, drive: Block, nothing: float) -> bool:
     pairs = ((x, y) for x in block.values for y in drive.values)
     return any(abs(x - y) <= CLOSE * (abs(x) + abs(y)) + nothing for x, y in pairs)
+
+
+def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
+    """Columns V (N, N) and blocks of a regime by float64, and of the drives behind it: the constant, sine and cosine of
+    every frequency, and the derivatives of every record."""
+    n, V = flow.n, np.eye(flow.N)
+    A = np.array([[float(x) for x in line[: 2 * n]] for line in G.tolist()[: 2 * n]])
+    # Positions in units that bring both halves of A to one size.
+    unit = np.repeat([math.sqrt(float(np.linalg.norm(A[n:, :n], 2))) or 1.0, 1.0], n)
+    A *= unit[:, None] / unit
+    values, vectors = np.linalg.eig(A)
+    columns: list[Array] = []
+    modes = []
+    for group in _groups(values):
+        own, begin = values[group], len(columns)
+        pair = len(group) == 1 and bool(own[0].imag > CLOSE * abs(own[0]))
+        both = np.concatenate([own, own[own.imag > 0.0].conj()])
+        if pair:  # real and imaginary part of an eigenvector
+            columns += [vectors[:, group[0]].real, -vectors[:, group[0]].imag]
+        elif len(both) == 1:
+            columns.append(vectors[:, group[0]].real)
+        else:  # eigenvalues that meet share the kernel of their polynomial
+            P = np.eye(2 * n)
+            for x in own:
+                step = A - x.real * np.eye(2 * n)
+                P = P @ (step @ step + x.imag**2 * np.eye(2 * n) if x.imag > 0.0 else step)
+                P /= np.max(np.abs(P)) or 1.0
+            columns += list(np.linalg.svd(P)[2][-len(both) :])
+        modes.append(Block(list(range(begin, len(columns))), both.tolist(), pair))
+    V[: 2 * n, : 2 * n] = np.transpose(columns) / unit[:, None]
+    # Drives: the constant, sine and cosine of every frequency, the derivatives of every record.
+    drives = [Block([2 * n], [0.0], False)]
+    for k, frequency in enumerate(flow.drive.frequencies):
+        places = [2 * n + 1 + 2 * k, 2 * n + 2 + 2 * k]
+        drives.append(Block(places, [1j * frequency, -1j * frequency], True))
+    for begin in range(2 * n + flow.drive.size, flow.N, DERIVATIVES):
+        drives.append(Block(list(range(begin, begin + DERIVATIVES)), [0.0], False))
+    return arb_mat([[arb(x) for x in line] for line in V.tolist()]), with_drives(modes, drives)
+
+
+def _groups(values: Array) -> list[list[int]]:
+    """Numbers of eigenvalues in the upper half plane, in groups of those that meet, or meet their conjugates."""
+    upper = [k for k, x in enumerate(values.tolist()) if x.imag >= 0.0]
+    nothing, groups = NOTHING * float(np.max(np.abs(values))), list[list[int]]()
+    for k in upper:
+        x = values[k]
+        near = [g for g in groups if any(abs(values[j] - x) <= CLOSE * (abs(values[j]) + abs(x)) + nothing for j in g)]
+        groups = [g for g in groups if g not in near] + [[*(j for g in near for j in g), k]]
+    return groups

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -29,23 +29,31 @@ from flint import arb, arb_mat, ctx
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.resources import Forecast, clock
+from ...basics.resources import afford, clock
 from ...basics.validation import InputError, positive
+from ...kernels.exact import Marks
+from ...model.contact import Stops
 from ...model.system import System
 from ...model.time_functions import Drive
-from ...piecewise.follow import LET_GO, pressed, side_of, switched_by_force
-from ...piecewise.linear import Regime, spin_of
-from ...piecewise.measures import path_of
-from ...piecewise.motion import Motion
-from ...piecewise.regimes import Regimes, Source
-from ...piecewise.search import EPS, REMEDY
-from ...piecewise.tracer import Gaps
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.piecewise import reference_of, refuse
+from ..exact.contacts import path_of
+from ..exact.motion import (
+    EPS,
+    LET_GO,
+    NO_BLOWS,
+    NO_EVENTS,
+    REMEDY,
+    Motion,
+    Solver,
+    fresh_after,
+    pressed,
+    switched_by_force,
+)
+from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request
-from .linear_flow import DERIVATIVES, Block, LinearFlow, Split, with_drives
+from .linear_flow import LinearFlow, Split, by_float64
 from .rational import carried, exact_problem
 
 BITS = math.log2(10.0)
@@ -216,22 +224,22 @@ def _agreement(a: Reference, b: Reference) -> float:
 
 
 class PreciseRegime:
-    """The flow with contacts ``closed``, and the same regime in float64, ``rounded``.
+    """The flow with contacts ``closed``.
 
     known: splits by the contacts that are closed, on either side; this one is added.
     """
 
-    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], rounded: Regime, known: Known) -> None:
+    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], known: Known) -> None:
         self.flow, self.G = flow, flow.closed(closed)
-        self.rounded = rounded
         # A stop adds the same stiffness and damping on either side; only the constant term of G differs. The split of
         # one side is therefore where the refinement of the other begins.
         contacts = tuple(map(abs, closed))
         if contacts in known:
             self.split = known[contacts].again(self.G)
         else:
-            self.split = Split(self.G, *_by_float64(self.rounded, flow), drives=2 * flow.n)
+            self.split = Split(self.G, *by_float64(flow, self.G), drives=2 * flow.n)
         known[contacts] = self.split
+        self.rates = np.array([x for block in self.split.blocks for x in block.values])
         self._rows: dict[tuple[int, int, bool], Any] = {}
 
     @cached_property
@@ -249,12 +257,6 @@ class PreciseRegime:
 
     def _seen(self, *forms: Any) -> Any:
         return (arb_mat([form.entries() for form in forms]) * self.split.V).mid()
-
-    def coefficients(self, z: Any, t: float) -> Any:
-        """Values of ``rounded`` where z (N, 1) is at t."""
-        n = self.flow.n
-        values = np.array([float(x) for x in z.entries()[: 2 * n]])
-        return self.rounded.coefficients(values[:n], values[n:], spin_of(self.flow.drive, np.array([t]))[0])
 
 
 class Piece(NamedTuple):
@@ -279,20 +281,15 @@ class Unrounded(Motion):
     """A motion with the states of its ``precise`` pieces, for motions that are small differences of
     large amplitudes: of these only the values are rounded."""
 
-    precise: list[Piece]
+    precise: list[Piece] = field(default_factory=list)  # of every mark
 
-    def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
-        """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
-        n, z = self.precise[0].regime.flow.n, np.empty((len(t), self.precise[0].regime.flow.N))
-        for i, (k, when) in enumerate(zip(piece.tolist(), t.tolist(), strict=True)):
+    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
+        where = self.piece_at(t) if piece is None else piece
+        n, z = self.system.size, np.empty((len(t), self.precise[0].regime.flow.N))
+        for i, (k, when) in enumerate(zip(self.mark_at(t, where).tolist(), t.tolist(), strict=True)):
             with carried(self.precise[k].bits):
                 z[i] = [float(x) for x in self.precise[k].state(when).entries()]
-        return z[:, :n], z[:, n : 2 * n]
-
-    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
-        """row @ q and its rate at any times, (k,)."""
-        q, v = self.states(t)
-        return q @ row, v @ row
+        return *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
 
 
 def follow(
@@ -303,61 +300,53 @@ def follow(
 
     told: events that float64 does not see, in order. known: see ``PreciseRegime``.
     """
-    room, drive = ctx.prec, Drive.of(system)
-    # The flow in many digits, beside it the regimes of float64 that find the events.
-    flow, gaps = LinearFlow(system), Gaps(system, drive)
-    float64 = Regimes(Source(system, span=t_end))
-    float64.source.damped = True  # exponentials in every regime
-    regimes: dict[tuple[int, ...], PreciseRegime] = {}
+    room, drive, solver = ctx.prec, Drive.of(system), Solver(system)
+    # The flow in many digits; the events are found by float64.
+    flow, regimes = LinearFlow(system), dict[tuple[int, ...], PreciseRegime]()
     t, z = arb(0), flow.start()
-    # Side of every contact at the start.
     chi = [
         side_of(contact.stops, *(float((form * z)[0, 0]) for form in forms))
         for contact, *forms in zip(system.contacts, flow.forms, flow.rates, strict=False)
     ]
-    times, sides, coefficients, resting, evaluations = [], [], [], -1, 0
-    pieces: list[Piece] = []
-    forecast, untold = Forecast(t_end), list(told)
+    sides, states, first = list[list[int]](), list[Array](), list[int]()  # of marks, and the marks of events
+    fresh, pieces, untold = np.zeros(len(chi), np.int64), list[Piece](), list(told)
     fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
     while True:
         # The regime of these contacts, refined where it is first met.
-        key = tuple(chi)
+        key = tuple(pressed(chi).tolist())
         if key not in regimes:
             with carried(room):
-                closed = tuple(pressed(key).tolist())
-                rounded = float64.made[float64.at(closed, t_end)].exponentials  # refuses what float64 refuses
-                assert rounded is not None
-                regimes[key] = regimes.get(closed) or PreciseRegime(flow, closed, rounded, known)
-            values = regimes[key].rounded.eigenvalues
-            fastest = max(fastest, float(np.max(np.abs(values))))
-            turning = max(turning, float(np.max(np.abs(values.imag))))
+                regimes[key] = PreciseRegime(flow, key, known)
+            fastest = max(fastest, float(np.max(np.abs(regimes[key].rates))))
+            turning = max(turning, float(np.max(np.abs(regimes[key].rates.imag))))
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         regime, begun = regimes[key], float(t)
         ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
-        times.append(begun)
+        if not sides or chi != sides[-1]:
+            first.append(len(sides))
         sides.append(list(chi))
-        coefficients.append(regime.coefficients(z, begun))
+        states.append(np.array([float(x) for x in z.entries()[: 2 * flow.n]]))
         pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
+        afford("t_end", t_end, "shorten t_end", floats=len(sides) * (full / 32.0 + 20.0) * system.size)
         # Next event before the next sample: by float64, or one that float64 passes over if that comes first.
         edge = drive.next_edge(begun, t_end)
-        start, contact, side, used = gaps.next_switch(
-            regime.rounded, coefficients[-1], np.array(chi, np.int64), np.arange(len(chi)) == resting, begun, edge
-        )
-        evaluations += used
-        if untold and untold[0].t < (begun + start if contact >= 0 else edge):
-            start, contact, side = untold[0].t - begun, untold[0].contact, untold[0].side
+        found = solver.first_event(begun, np.array(chi, np.int64), fresh, np.split(states[-1], 2), edge)
+        start, contact, side = found or (edge, -1, 0)
+        if untold and untold[0].t < (start if contact >= 0 else edge):
+            start, contact, side = untold[0]
             # In contact the event that was passed over is an exit.
             side = 0 if chi[contact] else side
             del untold[0]
-        if contact >= 0 and begun + start < edge:
+        if contact >= 0 and start < edge:
             # Refine the event to all digits, and go on from there in the new regime.
-            forecast.check(begun, len(times) * (full / 32.0 + 20.0) * system.size)
-            gap = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
-            tau, shift, ahead = _locate(partial(_at, pieces[-1], gap), start, fastest, 2.0 * np.pi / turning, begun)
+            gap = regime.gap(contact, int(np.sign(side or chi[contact])), switched_by_force(chi[contact], side))
+            look = partial(_at, pieces[-1], gap)
+            tau, shift, ahead = _locate(look, start - begun, fastest, 2.0 * np.pi / turning, begun)
             when = (t + tau + shift).mid()
             # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
             if not drive.records or t <= when < edge:
-                t, chi[contact], resting = when, side, contact
+                after = [side if i == contact else x for i, x in enumerate(chi)]
+                t, fresh, chi = when, fresh_after(system, chi, after), after
                 z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 continue
             if when < t:
@@ -365,44 +354,22 @@ def follow(
         # No event before the sample: the same regime goes on with the next polynomials of the records.
         if edge >= t_end:
             break
-        t, z, resting = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), -1
-    # The motion as float64 stores it: times, sides and coefficients of every segment.
-    numbers = [float64.number[tuple(pressed(line).tolist())] for line in sides]
-    x, y = np.zeros((2, len(times), float64.table.sigma.shape[1]))
-    for i, (r, c) in enumerate(zip(numbers, coefficients, strict=True)):
-        x[i, : len(c)], y[i, : len(c)] = float64.made[r].pairs(c)
-    on = np.array(sides, np.int64).reshape(len(times), len(chi))
-    motion = float64, np.array(times), on, np.array(numbers, np.int64), x, y, evaluations
-    return Motion(*motion), partial(_sample, times, pieces), Unrounded(*motion, pieces)
+        t, z, fresh = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), 0 * fresh
+    # The motion as float64 stores it: the states at all marks.
+    q, v = np.split(np.array(states), 2, axis=1)
+    times, at = np.array([float(x.t) for x in pieces]), np.array(sides, np.int64).reshape(len(sides), len(chi))
+    marks = Marks(times, *solver.made.start(q, v), at)
+    places = np.array(first)
+    motion = (
+        system, solver.made, solver.radians, times[places], at[places], places, marks, len(sides), NO_EVENTS, NO_BLOWS,
+    )  # fmt: skip
+    return Motion(*motion), partial(_sample, times.tolist(), pieces), Unrounded(*motion, precise=pieces)
 
 
-def _by_float64(regime: Regime, flow: LinearFlow) -> tuple[Any, list[Block]]:
-    """Columns V (N, N) and blocks of a float64 regime and of the drives behind it: the constant, sine and cosine of
-    every frequency, and the derivatives of every record."""
-    n, V = flow.n, np.eye(flow.N)
-    # Eigenvalues that meet form a chain, which is one block; each of the others is a block of its own.
-    chains = [chain.modes.tolist() for chain in regime.chains if len(chain.T) > 1]
-    alone = set(range(len(regime.eigenvalues))) - {k for modes in chains for k in modes}
-    columns: list[Array] = []
-    modes = []
-    for group in (*([k] for k in sorted(alone)), *chains):
-        values = regime.eigenvalues[group]
-        both, first = np.concatenate([regime.W, regime.W_rate])[:, group].T, len(columns)
-        columns += [x.real for x in both]
-        # Real and imaginary part of an eigenvector are two real columns of its pair.
-        if paired := bool(np.all(values.imag > 0.0)):
-            columns += [-x.imag for x in both]
-            values = np.append(values, values.conj())
-        modes.append(Block(list(range(first, len(columns))), values.tolist(), paired and len(group) == 1))
-    V[: 2 * n, : 2 * n] = np.transpose(columns)
-    # Drives: the constant, sine and cosine of every frequency, the derivatives of every record.
-    drives = [Block([2 * n], [0.0], False)]
-    for k, frequency in enumerate(flow.drive.frequencies):
-        places = [2 * n + 1 + 2 * k, 2 * n + 2 + 2 * k]
-        drives.append(Block(places, [1j * frequency, -1j * frequency], True))
-    for first in range(2 * n + flow.drive.size, flow.N, DERIVATIVES):
-        drives.append(Block(list(range(first, first + DERIVATIVES)), [0.0], False))
-    return arb_mat([[arb(x) for x in line] for line in V.tolist()]), with_drives(modes, drives)
+def side_of(stops: Stops, u: float, velocity: float) -> int:
+    """The side of a contact at u."""
+    closed = int(stops.state(u, velocity))
+    return closed if closed else LET_GO * int(np.sign(stops.penetration(u))) if stops.dissipative else 0
 
 
 def _sample(
@@ -516,7 +483,7 @@ def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float,
 def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
     """Number of gap evaluations in every segment, and their distance in time, (segments,) each."""
     length = np.diff(np.append(solution.times, t_end))
-    count = np.ceil(np.maximum(1.0, PER_PERIOD * length / np.minimum(solution.periods, t_end)))
+    count = np.ceil(np.maximum(1.0, PER_PERIOD * length / min(solution.shortest_period, t_end)))
     return count.astype(np.int64), length / count
 
 

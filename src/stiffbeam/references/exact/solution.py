@@ -18,49 +18,46 @@ from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import Drive, covered, parts_of, require_closed_form
-from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
-from ...piecewise.motion import Motion
-from ...piecewise.regimes import Known
-from ...piecewise.tracer import tracer_of
 from ...trajectory.records import ContactRecord, as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
+from ..rigid_stops import require_rigid
+from .contacts import audit, audit_rigid, contact_between, exact_ledger, path_of, record_of, within_float64
 from .derivative import derivative
+from .motion import Motion, Solver
 
 
 def solve(request: Request) -> Reference:
-    """Return the exact solution with compliant stops; of a request it takes system, t_end and t_eval."""
+    """Return the exact solution; of a request it takes system, t_end and t_eval."""
     return solve_exact(request.system, request.t_end, request.t_eval)
 
 
-def solve_exact(
-    system: System, t_end: float, t_eval: Array | None = None, known: Known | None = None, since: float = 0.0
-) -> Reference:
-    """The exact piecewise-linear solution in float64, with a search that misses no event deeper than rounding.
+def solve_exact(system: System, t_end: float, t_eval: Array | None = None, since: float = 0.0) -> Reference:
+    """The exact solution in float64, from event to event, with a search that misses none deeper than rounding.
 
     Takes any damping, critical too, free bodies, drives in resonance with any regime, any number of contacts, linear
-    stops, damped ones too (follow.py), and time functions made of Harmonic, Constant and Sampled. Raises InputError
-    with the reason for other time functions. ``known`` keeps the modes of systems that share their matrices and contact
-    rows, see ``Source``. Contacts are recorded from ``since`` on. Raises SolverFailure where the search cannot go on,
-    or the energy balance of the motion is open.
+    stops, damped ones too, or all of them rigid with Newton's law of restitution, and time functions made of Harmonic,
+    Constant and Sampled. Contacts are recorded from ``since`` on. Impacts that two rigid contacts deal each other
+    without end are counted as far as float64 tells them apart: how many is not a number of the motion.
 
-    With u the gap's position, u' its rate and B >= |u''| on the rest of the segment, no event lies
-    before the smaller positive root s of (g2 - u) - u' s - B s^2/2 = 0 and (u - g1) + u' s - B s^2/2 = 0;
-    B = sum_j |row_j| (amplitude of eta_j'') + that of the drive. Stepping by s approaches a transversal
-    crossing quadratically and from before. After an event the gap is exactly 0 and s = 2 |u'|/B; where
-    u' vanishes too the first derivative that does not decides (search.py).
+    Raises InputError with the reason for what it does not take, and for more than 200 000 impacts (restitution 1 with a
+    lasting load has infinitely many); SolverFailure where it cannot go on, or the energy balance of the motion is open.
+    The search: see kernels/exact.c.
     """
     begun = clock()
     positive("t_end", t_end)
     refuse(system, t_end)
     with within_float64("exact", t_end):
-        tracer = tracer_of(system, known=known, span=t_end)
         afford_search(system, t_end)
-        solution = tracer.solve(t_end)
+        solution = Solver(system).solve(t_end, stations=output_times(t_eval, t_end))
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
-        audit(system, solution, t_end)
+        if not system.rigid:
+            audit(system, solution, t_end)
         frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-        return reference_of(system, solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
+        reference = reference_of(system, solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
+        if system.rigid:
+            audit_rigid(solution, reference.energy, t_end)
+        return reference
 
 
 def observed_paths(
@@ -76,7 +73,7 @@ def observations(
 ) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
     """Tip and tip velocity at the times t (k,), and the records of the contacts; start: see ``as_it_starts``."""
     seen = observed_paths(system, solution, t, start)
-    contacts = (record_of(system, solution, i, seen[i], t_end, since) for i in range(len(system.contacts)))
+    contacts = (record_of(system, solution, i, (t, *seen[i]), t_end, since) for i in range(len(system.contacts)))
     return *seen[system.tip_channel], tuple(contacts)
 
 
@@ -91,8 +88,7 @@ def reference_of(
     since: float = 0.0,
     observe: Callable[..., Any] = observations,
 ) -> Reference:
-    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began. observe: of rigid stops
-    their own ``observations``."""
+    """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
     t = output_times(t_eval, t_end)
     tip, velocity, contacts = observe(system, solution, t, t_end, since)
     seconds = clock() - begun
@@ -127,7 +123,9 @@ def afford_search(system: System, t_end: float) -> None:
 
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
-    damped stops that move by samples, and for samples that end before t_end."""
+    damped stops that move by samples, for samples that end before t_end, and for what ``require_rigid`` refuses."""
+    if system.rigid:
+        return require_rigid(system, t_end)
     for contact in system.contacts:
         contact.stops.require_linear("the exact solution", damped=True)
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):

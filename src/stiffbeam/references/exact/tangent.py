@@ -4,7 +4,7 @@
     at an event h = 0    dt = -(h.dZ + dh.Z)/(h.Z'),  dZ+ = J (dZ- + Z'- dt) - Z'+ dt
 
 J is the derivative of what happens there. On a compliant stop nothing does, and Z' is continuous: dZ+ = dZ-. At the
-entry into a damped one the force jumps by c d', see follow.py. On a rigid one with restitution the impulses P solve
+entry into a damped one the force jumps by c d', see exact.c. On a rigid one with restitution the impulses P solve
 
     M (q'+ - q'-) = H^T P,   H q'+ + o' = -e (H q'- + o')
 
@@ -22,9 +22,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..basics.arrays import Array
-from .follow import LET_GO, switched_by_force
+from ...basics.arrays import Array
 from .generator import Generators, RegimeFlow, saddle, saddle_times
+from .motion import LET_GO, switched_by_force
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone

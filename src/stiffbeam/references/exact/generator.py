@@ -25,18 +25,16 @@ from typing import Any, cast
 import numpy as np
 from scipy.linalg import eigh, expm, lapack, solve_triangular
 
-from ..basics.arrays import Array, IntArray
-from ..model.sampled import Sampled, moved
-from ..model.system import System
-from ..model.system_data import SystemData, data_of, load_terms, offset_terms
-from ..model.time_functions import Constant, Harmonic
-from .spectrum import KEPT
+from ...basics.arrays import Array, IntArray
+from ...model.sampled import Sampled, moved
+from ...model.system import System
+from ...model.system_data import SystemData, data_of, load_terms, offset_terms
+from ...model.time_functions import Constant, Harmonic
 
 WORST = 1e5  # condition of the eigenvectors, in units of energy, up to which they are used
 NEAR = 0.05  # of the lowest frequency: eigenvalues that lie closer have their difference by sinh(x)/x
+KEPT = 100  # unknowns up to which eigenvectors are kept for the next system
 RECORD_TERMS = 3  # s, s^2, s^3
-ORDER = 18  # of a Taylor series: 1/(ORDER + 1)! = 8e-18 is left out of a radian of the fastest motion
-OVER_FACTORIALS = np.array([1.0 / math.factorial(k) for k in range(ORDER + 1)])
 Complex = Any  # arrays of complex128
 
 
@@ -370,20 +368,6 @@ class RegimeFlow:
         rates, V, W = self.upper
         left = V * np.exp(np.multiply.outer(tau, rates))[:, None]
         return np.concatenate([left.real, left.imag], axis=2) @ np.concatenate([W.real, -W.imag])
-
-    def series(self, Z: Array) -> Array:
-        """Taylor series of the motions from Z (..., N): coefficients (ORDER + 1, ..., N) of the powers of tau."""
-        C = np.empty((ORDER + 1, *Z.shape))
-        C[0] = Z
-        for k in range(ORDER):
-            np.matmul(C[k], self._turned, out=C[k + 1])
-        C *= OVER_FACTORIALS.reshape(-1, *[1] * Z.ndim)
-        return C
-
-    @cached_property
-    def _turned(self) -> Array:
-        """A transposed, in rows."""
-        return np.ascontiguousarray(self.A.T)
 
     def ahead(self, dZ: Array, tau: float) -> Array:
         """exp(A tau) dZ, (N, columns)."""

@@ -1,0 +1,1972 @@
+/* Exact motion of M q'' + C q' + K q = f(t) + sum_i row_i^T F_i, event by event, in the modes of the free system.
+ *
+ * FLIGHT  No contact is pressed or held, or a single spring is: every mode is a closed form, and so is what a contact
+ *         sees. A gap is searched by leaps: its slow terms as a Taylor polynomial, its fast ones bounded by their
+ *         amplitudes. Under records (piecewise cubic in time) a flight goes from sample to sample. Modes that a drive
+ *         meets in resonance, and critically damped ones, are Taylor polynomials too, which bounds the flight's length.
+ * SERIES  All else: the Taylor series of the modes with the contact forces as feedback or as multipliers,
+ *             a[k+2] = (f[k] + sum_i row_i lam_i[k] - (k+1) D a[k+1] - w^2 a[k]) / ((k+1)(k+2)).
+ *
+ * Arguments and shapes: exact.h. Nothing here checks them: exact.py does. No global state; the work memory of a call is
+ * one block (`layout`). Sums that may be taken in any order say so (omp simd): no -ffast-math, which would also drop NaN,
+ * infinities (a missing stop) and the compensated sums of `advance`.
+ */
+#include "exact.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PI 3.14159265358979323846
+#define EPS 2.220446049250313e-16
+#define MOST 44      /* terms of a series */
+#define ROOM 24      /* terms of the polynomial part of a flight */
+#define CHATTER 1e-6 /* radians of the fastest motion in which the rest of a chatter must end */
+#define BETWEEN 32   /* flights or steps of series between two marks */
+#define TURNS 100     /* events without an advance of time from which on rigid contacts come to rest */
+#define STILL 1000   /* events without an advance of time that end a solve */
+#define LOOSE 4       /* events without an advance of time from which on a spring's contact moves by rounding alone */
+#define ROUNDINGS 64.0
+#ifndef HOT
+#define HOT /* what a compiler needs to make several versions of a loop for several processors */
+#endif
+
+typedef struct { /* Taylor series at one time */
+    double *a, *u, *lam, *G; /* (MOST, n) modes, (MOST, m) positions, (MOST, m) forces, (MOST, B) drive */
+    Int *held;               /* rigid contacts that are held */
+    double *inverse, *A;     /* of their rows rows^T; scratch */
+    Int loaded, only;        /* number of rows of loads that are not zero, and the last of them */
+} Series;
+
+typedef struct { /* a flight from t on */
+    Int T, deg;           /* terms, degree of the slides */
+    double *z;            /* (2, N) amplitudes of the exponentials */
+    double *poly;         /* (2, N, ROOM) of a mode (x, y if complex) beside its exponential: a polynomial in tau */
+    Int *degree;          /* (N,) of it; -1 for none */
+    double *Z, *slide;    /* (2, m, T), (m, ROOM): the same as a contact sees it */
+    double *sizes;        /* (m, T) |Z| */
+    double *C, *S, *x, *y; /* (T,) scratch */
+    double *h;            /* (2 n) */
+    double *c;            /* (R, 4) records at t */
+    Int *cross;           /* (m,) the side at which a gap is sure to cross zero once */
+} Flight;
+
+typedef struct { double s; Int contact, side; } Event; /* contact -1: none until s */
+
+typedef struct { /* one call */
+    const Free *free, *up, *low; /* up, low: with its only contact pressed (or NULL), whose modes are V eta */
+    const double *V;
+    State *c;
+    double t_end, radians, free_fast;
+    int full; /* terms of a series at full length */
+    Series s;
+    Flight g;
+    double *turned, *turned_rate, *at_eta, *at_rate, *terms, *P, *r, *v, *A, *b; /* scratch; of impacts */
+    Int *on, *at, *left;
+    Output *out;
+} Motion;
+
+static double least(double x, double y) { return x < y ? x : y; }
+static double most(double x, double y) { return x > y ? x : y; }
+static double stop_of(const Free *f, Int i, Int side) { return f->stops[2 * i + (side > 0)]; }
+static int rigid(const Free *f, Int i) { return isinf(f->laws[3 * i]); }
+static int presses(const State *c, Int i) { return c->side[i] == 1 || c->side[i] == -1; }
+
+/* ------------------------------------------------------------------ a pressed spring: a rank-one change of the modes */
+
+/* The root number k of f(mu) = 1/kappa + sum_j row_j^2/(w2_j - mu), relative to the nearer pole `*near`. Between two
+ * poles f rises from -inf to inf; the iteration fits a rational function with these poles, and halves where that fails. */
+static double secular_root(const double *w2, const double *row, double kappa, double total, Int n, Int k, Int *near)
+{
+    double gap = (k + 1 < n ? w2[k + 1] : w2[k] + kappa * total) - w2[k], middle = 0.5 * gap, f = 1.0 / kappa;
+    for (Int j = 0; j < n; j++) f += row[j] * row[j] / ((w2[j] - w2[k]) - middle);
+    Int at = f > 0.0 || k + 1 == n ? k : k + 1;
+    double lo = at == k ? 0.0 : -middle, hi = at != k ? 0.0 : k + 1 < n ? middle : gap, x = 0.5 * (lo + hi);
+    for (int it = 0; it < 100; it++) {
+        double sum = 0.0, slope = 0.0;
+#pragma omp simd reduction(+ : sum, slope)
+        for (Int j = 0; j < n; j++) {
+            double d = 1.0 / ((w2[j] - w2[at]) - x), term = row[j] * row[j] * d;
+            sum += term;
+            slope += term * d;
+        }
+        f = 1.0 / kappa + sum;
+        if (f < 0.0) lo = x;
+        else hi = x;
+        double step = -f / slope;
+        if (k + 1 < n) {
+            double d1 = (w2[k] - w2[at]) - x, d2 = (w2[k + 1] - w2[at]) - x, below = 0.0, above;
+            for (Int j = 0; j <= k; j++) {
+                double d = 1.0 / ((w2[j] - w2[at]) - x);
+                below += row[j] * row[j] * d * d;
+            }
+            above = slope - below;
+            double c = f - d1 * below - d2 * above, A = (d1 + d2) * f - d1 * d2 * slope, B = d1 * d2 * f;
+            double root = sqrt(most(A * A - 4.0 * B * c, 0.0));
+            step = A > 0.0 ? 2.0 * B / (A + root) : (A - root) / (2.0 * c);
+        }
+        double next = x + step;
+        if (!(lo < next && next < hi)) next = 0.5 * (lo + hi);
+        if (fabs(next - x) <= 4e-16 * fabs(next)) { x = next; break; }
+        x = next;
+    }
+    *near = at;
+    return x;
+}
+
+/* Squares of the pressed frequencies, mu_k = w2[near_k] + shift_k, and V: its rows are their modes in the free ones. */
+void exact_pressed_modes(Int n, const double *w2, const double *row, double kappa, double *shift, Int *near, double *V, double *r)
+{
+    double total = 0.0;
+    for (Int j = 0; j < n; j++) total += row[j] * row[j];
+    for (Int k = 0; k < n; k++) shift[k] = secular_root(w2, row, kappa, total, n, k, near + k);
+    for (Int j = 0; j < n; j++) { /* the row for which the computed roots are exact (Gu and Eisenstat) */
+        double p = 1.0;
+        for (Int k = 0; k < n; k++) {
+            double x = (w2[near[k]] - w2[j]) + shift[k];
+            p *= k == j ? x : x / (w2[k] - w2[j]);
+        }
+        r[j] = copysign(sqrt(fabs(p) / kappa), row[j]);
+    }
+    for (Int k = 0; k < n; k++) {
+        double s = 0.0, *v = V + k * n, pole = w2[near[k]], x = shift[k];
+#pragma omp simd reduction(+ : s)
+        for (Int j = 0; j < n; j++) {
+            v[j] = r[j] / ((w2[j] - pole) - x);
+            s += v[j] * v[j];
+        }
+        s = 1.0 / sqrt(s);
+        for (Int j = 0; j < n; j++) v[j] *= s;
+    }
+}
+
+/* ------------------------------------------------------------------ first zero of a polynomial of degree n */
+
+static double value(const double *p, int n, double s)
+{
+    double x = 0.0;
+    for (int k = n; k >= 0; k--) x = x * s + p[k];
+    return x;
+}
+
+/* Coefficients in s/h; returns the sum of their sizes. */
+static double scaled(const double *p, int n, double h, double *out)
+{
+    double power = 1.0, size = 0.0;
+    for (int k = 0; k <= n; k++, power *= h) {
+        out[k] = p[k] * power;
+        size += fabs(out[k]);
+    }
+    return size;
+}
+
+/* Coefficients to Bernstein's on [0, 1]: b_i = sum_j C(i, j)/C(n, j) p_j; all weights are below 1. */
+static void bernstein(double *p, int n)
+{
+    for (int i = n; i > 0; i--) {
+        double b = 0.0, c = 1.0;
+        for (int j = 0; j <= i; j++) {
+            b += c * p[j];
+            c *= j < n ? (double)(i - j) / (n - j) : 0.0;
+        }
+        p[i] = b;
+    }
+}
+
+/* The only zero in [lo, hi], where p falls through zero: bisection, and Newton wherever it stays inside. */
+static double only_zero(const double *p, int n, double lo, double hi)
+{
+    for (;;) {
+        double x = 0.5 * (lo + hi), y = 0.0, slope = 0.0;
+        for (int k = n; k >= 0; k--) {
+            slope = slope * x + y;
+            y = y * x + p[k];
+        }
+        if (y > 0.0) lo = x;
+        else hi = x;
+        if (slope < 0.0 && lo < x - y / slope && x - y / slope < hi) {
+            x -= y / slope;
+            y = value(p, n, x);
+            double width = most(4.0 * fabs(y / slope), 2.0 * EPS * x); /* the zero is within, most likely */
+            if (y > 0.0) {
+                lo = x;
+                if (value(p, n, least(hi, x + width)) <= 0.0) hi = least(hi, x + width);
+            } else {
+                hi = x;
+                if (value(p, n, most(lo, x - width)) > 0.0) lo = most(lo, x - width);
+            }
+        }
+        if (hi - lo <= 4.0 * EPS * hi) return hi;
+    }
+}
+
+/* The first s in (0, h] at which a polynomial of `size` coefficients that starts positive turns negative; -1 for none.
+ * The first `zeros` coefficients are zero exactly. A start below zero by rounding counts as zero if it rises.
+ * The signs of the Bernstein coefficients tell how often it may cross; halves are looked at until none or one is left. */
+static double first_zero(const double *given, int size, double h, int zeros)
+{
+    double all[MOST + 1], *p = all, stack[64][MOST + 1], ends[64][2], low;
+    int n = size - zeros - 1, top = 0;
+    if (n < 0) return -1.0;
+    double sum = scaled(given + zeros, n, h, p);
+    for (int first = zeros == 0; n > 0 && (p[0] == 0.0 || (first && p[0] < 0.0 && p[1] > 0.0)); first = 0, p++, n--) {}
+    if (p[0] < 0.0) return 0.0;
+    low = p[0];
+    for (int k = 1; k <= n; k++) low += least(0.0, p[k]);
+    if (low >= 0.0) return -1.0;
+    while (n > 0 && fabs(p[n]) <= 1e-18 * sum) n--; /* what is below rounding need not be converted */
+    memcpy(stack[0], p, (size_t)(n + 1) * sizeof *p);
+    bernstein(stack[0], n);
+    ends[0][0] = 0.0, ends[0][1] = 1.0;
+    while (top >= 0) {
+        double *b = stack[top], lo = ends[top][0], hi = ends[top][1], middle = 0.5 * (lo + hi);
+        int changes = 0;
+        for (int i = 0; i < n; i++) changes += (b[i] > 0.0) != (b[i + 1] > 0.0);
+        if (changes == 0 && b[0] > 0.0) {
+            top--;
+            continue;
+        }
+        if (changes <= 1 || hi - lo < 1e-13 || top > 60) return h * only_zero(p, n, lo, hi); /* Descartes */
+        top++; /* halves by de Casteljau: the left one above the right one on the stack */
+        for (int r = 0; r <= n; r++) {
+            stack[top][r] = b[0];
+            for (int i = 0; i < n - r; i++) b[i] = 0.5 * (b[i] + b[i + 1]);
+        }
+        ends[top][0] = lo, ends[top][1] = middle, ends[top - 1][0] = middle;
+    }
+    return -1.0;
+}
+
+/* ------------------------------------------------------------------ series */
+
+/* Terms of a series over x radians: what is left out is below rounding. */
+static int terms_for(double x)
+{
+    int k = 1;
+    for (double size = x; (size > 1e-17 || k < 8) && k < MOST - 1; size *= x / k) k++;
+    return k;
+}
+
+/* b becomes the solution of A x = b, A symmetric and positive definite; A is lost. */
+static void eliminate(double *A, double *b, Int n)
+{
+    for (Int k = 0; k < n; k++)
+        for (Int i = k + 1; i < n; i++) {
+            double x = A[i * n + k] / A[k * n + k];
+            for (Int j = k; j < n; j++) A[i * n + j] -= x * A[k * n + j];
+            b[i] -= x * b[k];
+        }
+    for (Int k = n - 1; k >= 0; k--) {
+        for (Int j = k + 1; j < n; j++) b[k] -= A[k * n + j] * b[j];
+        b[k] /= A[k * n + k];
+    }
+}
+
+/* Record r as a cubic in the time since t. */
+static void record_at(const Free *f, Int piece, Int r, double t, double *out)
+{
+    const double *c = f->pieces + 4 * (piece * f->R + r), x = t - f->edges[piece];
+    out[0] = c[0] + x * (c[1] + x * (c[2] + x * c[3]));
+    out[1] = c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]);
+    out[2] = c[2] + 3.0 * x * c[3];
+    out[3] = c[3];
+}
+
+/* Taylor coefficients (K+1, B) of the drive at t. */
+static void drive_series(const Free *f, double t, Int piece, int K, double *G)
+{
+    Int B = 2 * f->F + f->R;
+    memset(G, 0, (size_t)((K + 1) * B) * sizeof *G);
+    for (Int i = 0; i < f->F; i++) {
+        double w = f->waves[i], s = sin(w * t), c = cos(w * t), over = 1.0;
+        for (int k = 0; k <= K; k++, over *= w / k) {
+            double old = s;
+            G[k * B + 2 * i] = s * over, G[k * B + 2 * i + 1] = c * over;
+            s = c, c = -old;
+        }
+    }
+    for (Int r = 0; r < f->R; r++) {
+        double c[4];
+        record_at(f, piece, r, t, c);
+        for (int k = 0; k < 4; k++) G[k * B + 2 * f->F + r] = c[k];
+    }
+}
+
+/* One more term of all coordinates in one pass, and what the contact sees of it. */
+HOT static double next_term(double *restrict new, const double *restrict old, const double *restrict w2,
+                            const double *restrict load, const double *restrict row, double g, double x, double over, Int n)
+{
+    double r = 0.0;
+#pragma omp simd reduction(+ : r)
+    for (Int j = 0; j < n; j++) {
+        double y = (g * load[j] + x * row[j] - w2[j] * old[j]) * over;
+        new[j] = y;
+        r += y * row[j];
+    }
+    return r;
+}
+
+HOT static double dot(const double *restrict x, const double *restrict y, Int n)
+{
+    double s = 0.0;
+#pragma omp simd reduction(+ : s)
+    for (Int j = 0; j < n; j++) s += x[j] * y[j];
+    return s;
+}
+
+/* out = rows x; four rows at a time, since one sum alone waits for its own additions. */
+HOT static void see_all(const double *restrict rows, const double *restrict x, Int m, Int n, double *restrict out)
+{
+    Int i = 0;
+    for (; i + 4 <= m; i += 4) {
+        const double *p = rows + i * n;
+        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+#pragma omp simd reduction(+ : a, b, c, d)
+        for (Int j = 0; j < n; j++) {
+            a += p[j] * x[j];
+            b += p[n + j] * x[j];
+            c += p[2 * n + j] * x[j];
+            d += p[3 * n + j] * x[j];
+        }
+        out[i] = a, out[i + 1] = b, out[i + 2] = c, out[i + 3] = d;
+    }
+    for (; i < m; i++) out[i] = dot(rows + i * n, x, n);
+}
+
+HOT static void add(double *restrict y, const double *restrict x, double factor, Int n)
+{
+    for (Int j = 0; j < n; j++) y[j] += factor * x[j];
+}
+
+HOT static void free_term(double *restrict new, const double *restrict before, const double *restrict old,
+                          const double *restrict w2, const double *restrict drag, double k, Int n)
+{
+    for (Int j = 0; j < n; j++) new[j] = (1.0 - k) * drag[j] * before[j] - w2[j] * old[j];
+}
+
+/* Term k - 2 of the force of a spring and dashpot that presses. */
+static double spring_term(const Free *f, const State *c, const Series *s, int k, Int i)
+{
+    double g = k == 2 ? stop_of(f, i, c->side[i]) : 0.0;
+    return -(f->laws[3 * i] * (s->u[(k - 2) * f->m + i] - g) + f->laws[3 * i + 1] * (k - 1.0) * s->u[(k - 1) * f->m + i]);
+}
+
+/* The contacts that rigid stops hold, and the inverse of their rows rows^T. */
+static Int hold(const Free *f, const State *c, Series *s)
+{
+    Int m = f->m, count = 0;
+    for (Int i = 0; i < m; i++)
+        if (presses(c, i) && rigid(f, i)) s->held[count++] = i;
+    for (Int z = 0; z < count; z++) {
+        double *column = s->inverse + z * count;
+        for (Int x = 0; x < count; x++) {
+            column[x] = x == z;
+            for (Int y = 0; y < count; y++) s->A[x * count + y] = f->meet[s->held[x] * m + s->held[y]];
+        }
+        eliminate(s->A, column, count);
+    }
+    return count;
+}
+
+/* Term k of all modes: inertia against stiffness, loads, damping, springs, and the reactions of what is held. */
+static void any_term(const Free *f, const State *c, Series *s, int k, Int count)
+{
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R;
+    double *new = s->a + k * n, *before = new - n, *old = before - n, *lam = s->lam + (k - 2) * m;
+    free_term(new, before, old, f->w2, f->drag, f->coupling == 1 ? k : 1.0, n);
+    for (Int b = 0; b < B; b++)
+        if (s->G[(k - 2) * B + b] != 0.0) add(new, f->loads + b * n, s->G[(k - 2) * B + b], n);
+    for (Int j = 0; f->coupling == 2 && j < n; j++) new[j] -= (k - 1.0) * dot(f->damping + j * n, before, n);
+    for (Int i = 0; i < m; i++)
+        if (presses(c, i) && !rigid(f, i)) {
+            lam[i] = spring_term(f, c, s, k, i);
+            add(new, f->rows + i * n, lam[i], n);
+        }
+    for (Int x = 0; x < count; x++) {
+        double r = dot(f->rows + s->held[x] * n, new, n);
+        for (Int b = 0; b < B; b++) r += f->offsets[b * m + s->held[x]] * s->G[k * B + b] * k * (k - 1.0);
+        for (Int y = 0; y < count; y++) lam[s->held[y]] -= s->inverse[y * count + x] * r;
+    }
+    for (Int x = 0; x < count; x++) add(new, f->rows + s->held[x] * n, lam[s->held[x]], n);
+    for (Int j = 0; j < n; j++) new[j] *= 1.0 / (k * (k - 1.0));
+}
+
+/* At t the series a (K+1, n) of the modes, u (K+1, m) of the positions, lam (K+1, m) of the contact forces. */
+static void expand(const Free *f, double t, Int piece, int K, const double *eta, const double *rate, const State *c, Series *s)
+{
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R, count = hold(f, c, s);
+    int one = m == 1 && count == 0 && s->loaded <= 1 && f->coupling == 0 && B > 0; /* in one pass over the modes */
+    drive_series(f, t, piece, K, s->G);
+    memset(s->lam, 0, (size_t)((K + 1) * m) * sizeof(double));
+    memcpy(s->a, eta, (size_t)n * sizeof(double));
+    memcpy(s->a + n, rate, (size_t)n * sizeof(double));
+    for (int k = 0; k <= K; k++) {
+        double *new = s->a + k * n, *u = s->u + k * m;
+        if (k >= 2 && one) {
+            double x = presses(c, 0) ? s->lam[k - 2] = spring_term(f, c, s, k, 0) : 0.0;
+            u[0] = next_term(new, new - 2 * n, f->w2, f->loads + s->only * n, f->rows, s->G[(k - 2) * B + s->only], x,
+                             1.0 / (k * (k - 1.0)), n);
+        } else {
+            if (k >= 2) any_term(f, c, s, k, count);
+            see_all(f->rows, new, m, n, u);
+        }
+        for (Int b = 0; b < B; b++)
+            if (s->G[k * B + b] != 0.0)
+                for (Int i = 0; i < m; i++) u[i] += f->offsets[b * m + i] * s->G[k * B + b];
+    }
+}
+
+/* Value and rate of a series at s. */
+HOT static void horner(const double *restrict a, int K, double s, double *restrict eta, double *restrict rate, Int n)
+{
+    for (Int j = 0; j < n; j++) eta[j] = a[K * n + j], rate[j] = 0.0;
+    for (int k = K - 1; k >= 0; k--)
+        for (Int j = 0; j < n; j++) {
+            rate[j] = rate[j] * s + eta[j];
+            eta[j] = eta[j] * s + a[k * n + j];
+        }
+}
+
+/* The modes at the end of a step. `lost` (2, n) keeps what rounding cuts off: else a million steps would err by a
+ * million roundings. e and r are scratch. */
+HOT static void advance(const double *restrict a, int K, double s, double *restrict eta, double *restrict rate,
+                        double *restrict lost, double *restrict e, double *restrict r, Int n)
+{
+    for (Int j = 0; j < n; j++) e[j] = a[K * n + j], r[j] = 0.0;
+    for (int k = K - 1; k > 1; k--)
+        for (Int j = 0; j < n; j++) {
+            r[j] = r[j] * s + e[j];
+            e[j] = e[j] * s + a[k * n + j];
+        }
+    for (Int j = 0; j < n; j++) {
+        double y = s * (a[n + j] + s * e[j]) - lost[j];
+        eta[j] = a[j] + y;
+        lost[j] = (eta[j] - a[j]) - y;
+        y = s * (2.0 * e[j] + s * r[j]) - lost[n + j];
+        rate[j] = a[n + j] + y;
+        lost[n + j] = (rate[j] - a[n + j]) - y;
+    }
+}
+
+/* A bound of the speed of all motions with the contacts as they are. */
+static double fastest(const Free *f, const State *c)
+{
+    double k = 0.0, dash = 0.0, d = 0.0, w2 = 0.0;
+    for (Int j = 0; j < f->n; j++) w2 = most(w2, f->w2[j]);
+    for (Int i = 0; i < f->m; i++) {
+        double x = 0.0, y = 0.0;
+        for (Int j = 0; j < f->m; j++)
+            if (presses(c, i) && !rigid(f, i) && presses(c, j) && !rigid(f, j)) {
+                x += sqrt(f->laws[3 * i] * f->laws[3 * j]) * fabs(f->meet[i * f->m + j]);
+                y += sqrt(f->laws[3 * i + 1] * f->laws[3 * j + 1]) * fabs(f->meet[i * f->m + j]);
+            }
+        k = most(k, x), dash = most(dash, y);
+    }
+    if (f->coupling == 1)
+        for (Int j = 0; j < f->n; j++) d = most(d, fabs(f->drag[j]));
+    for (Int j = 0; f->coupling == 2 && j < f->n; j++) {
+        double x = 0.0;
+        for (Int l = 0; l < f->n; l++) x += fabs(f->damping[j * f->n + l]);
+        d = most(d, x);
+    }
+    d = 0.5 * (d + dash);
+    double fast = d + sqrt(d * d + w2 + k);
+    for (Int i = 0; i < f->F; i++) fast = most(fast, f->waves[i]);
+    return most(fast, 1e-300);
+}
+
+/* Coefficients (K+1,) of the rounding of a contact's position. */
+static void rounding_of(const Free *f, const Series *s, Int i, int K, double *noise)
+{
+    Int n = f->n;
+    for (int k = 0; k <= K; k++) {
+        double terms = 0.0;
+        for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * s->a[k * n + j]);
+        noise[k] = ROUNDINGS * EPS * terms;
+    }
+}
+
+/* The first event within h of a series. Gaps and forces of contacts with `slack` count from there on. */
+static Event watch(const Free *f, int K, double h, const State *c, const Series *s)
+{
+    Event e = {h, -1, 0};
+    double p[MOST + 1], noise[MOST + 1] = {0.0};
+    Int m = f->m;
+    for (Int i = 0; i < m; i++)
+        for (Int way = 1; way >= -1; way -= 2) {
+            double g = stop_of(f, i, way), kappa = f->laws[3 * i], dash = f->laws[3 * i + 1], at;
+            Int side = c->side[i], found = way;
+            if (isinf(g) || (side != 0 && (side > 0) != (way > 0))) continue;
+            int loose = c->slack[i] > 0.0, zeros = c->fresh_side[i] == way && !loose ? (int)c->fresh[i] : 0;
+            if (loose) {
+                rounding_of(f, s, i, K, noise);
+                noise[0] += ROUNDINGS * EPS * fabs(g) + c->slack[i];
+            }
+            if (side == 0 || (presses(c, i) && !rigid(f, i) && dash == 0.0)) { /* a gap, or a depth */
+                double sign = (double)(side == 0 ? -way : way);
+                for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i];
+                p[0] -= sign * g;
+                if (rigid(f, i) && zeros == 1) p[1] = c->speed[i];
+                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
+                at = first_zero(p, K + 1, e.s, zeros);
+            } else if (presses(c, i)) { /* a force or reaction */
+                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i];
+                for (int k = 0; loose && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+                at = first_zero(p, K - 1, e.s, zeros);
+            } else { /* let go: the force that is cut off, then the depth */
+                for (int k = 0; k < K; k++)
+                    p[k] = -(double)way * (kappa * (s->u[k * m + i] - (k == 0 ? g : 0.0)) + dash * (k + 1.0) * s->u[(k + 1) * m + i]);
+                for (int k = 0; loose && k < K; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+                at = first_zero(p, K, e.s, zeros);
+                for (int k = 0; k <= K; k++) p[k] = (double)way * s->u[k * m + i];
+                p[0] -= (double)way * g;
+                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
+                double other = first_zero(p, K + 1, e.s, 0);
+                if (other >= 0.0 && (at < 0.0 || other <= at)) at = other, found = 2 * way; /* it opens */
+            }
+            if (at >= 0.0 && (at < e.s || e.contact < 0)) e = (Event){at, i, found};
+        }
+    return e;
+}
+
+/* ------------------------------------------------------------------ flight */
+
+/* exp(sigma tau) cos, sin(omega tau) of `count` poles: reduction by pi/2 in three parts and the polynomials of fdlibm,
+ * written without a branch, so that compilers use vector registers. Adding and taking away 1.5 2^52 rounds to an
+ * integer. `last` bounds omega. */
+HOT static void waves_at(const double *restrict sigma, const double *restrict omega, Int count, Int damped, double last,
+                         double tau, double *restrict C, double *restrict S)
+{
+    const double round = 6755399441055744.0;
+    if (last * tau > 1.6e6)
+        for (Int k = 0; k < count; k++) C[k] = cos(omega[k] * tau), S[k] = sin(omega[k] * tau);
+    else
+        for (Int k = 0; k < count; k++) {
+            double x = omega[k] * tau, q = (x * 0.63661977236758134308 + round) - round;
+            double r = ((x - q * 1.57079632673412561417) - q * 6.07710050630396597660e-11) - q * 2.02226624871116645580e-21;
+            double z = r * r;
+            double sine = r + r * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03 + z * (
+                -1.98412698298579493134e-04 + z * (2.75573137070700676789e-06 + z * (
+                    -2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)))));
+            double cosine = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (
+                2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07 + z * (
+                    2.08757232129817482790e-09 - z * 1.13596475577881948265e-11)))));
+            double half = 0.5 * q - 0.25, odd = q - 2.0 * ((half + round) - round); /* the quarter turns q = 2 p + odd */
+            double p = 0.5 * (q - odd), flip = 1.0 - 2.0 * fabs(p - 2.0 * ((0.5 * p + round) - round));
+            C[k] = flip * ((1.0 - odd) * cosine - odd * sine);
+            S[k] = flip * ((1.0 - odd) * sine + odd * cosine);
+        }
+    for (Int k = 0; damped && k < count; k++) {
+        double e = exp(sigma[k] * tau);
+        C[k] *= e;
+        S[k] *= e;
+    }
+}
+
+/* The particular solution of the harmonic loads, and its rate, at t. */
+HOT static void respond(const Free *f, double t, double *restrict eta, double *restrict rate)
+{
+    Int n = f->n;
+    for (Int j = 0; j < n; j++) eta[j] = rate[j] = 0.0;
+    for (Int i = 0; i < f->F; i++) {
+        double w = f->waves[i], s = sin(w * t), c = cos(w * t);
+        const double *restrict of_sin = f->answer + 2 * i * n, *restrict of_cos = of_sin + n;
+        for (Int j = 0; j < n; j++) {
+            eta[j] += s * of_sin[j] + c * of_cos[j];
+            rate[j] += w * (c * of_sin[j] - s * of_cos[j]);
+        }
+    }
+}
+
+/* Mode j beside its exponential, as a polynomial `out` in tau, from h, v on under the loads that are polynomials;
+ * returns its degree, -1 for none. A fast mode: the particular solution (h, v are left to the exponential). A mode that
+ * turns by less than a radian during the flight: all of its motion, since its particular solution is far larger than
+ * the motion, and would cancel; so also a free body. A mode `apart`: all of its motion under all loads, whose Taylor
+ * coefficients are G. */
+static int beside(const Free *f, Int j, const double *G, const double *c, double length, double h, double v, double *out)
+{
+    Int N = f->N, T = N + f->F, B = 2 * f->F, all = B + f->R;
+    double omega = f->poles[T + j], w2 = f->w2[j], d = f->drag[j], p[4] = {0.0, 0.0, 0.0, 0.0};
+    if (f->apart[j]) {
+        int degree = terms_for(1.0);
+        out[0] = h, out[1] = v;
+        for (int k = 0; k + 2 <= degree; k++) {
+            double load = 0.0;
+            for (Int b = 0; b < all; b++) load += G[k * all + b] * f->loads[b * f->n + j];
+            out[k + 2] = (load - (k + 1.0) * d * out[k + 1] - w2 * out[k]) / ((k + 1.0) * (k + 2.0));
+        }
+        return degree;
+    }
+    if (f->R == 0 && omega > 0.0) return -1;
+    for (Int r = 0; r < f->R; r++)
+        for (int k = 0; k < 4; k++) p[k] += f->loads[(B + r) * f->n + j] * c[4 * r + k];
+    if (omega > 0.0 && w2 * length * length > 1.0) {
+        for (int k = 3; k >= 0; k--) {
+            double x = p[k];
+            if (k < 3) x -= (k + 1.0) * d * out[k + 1];
+            if (k < 2) x -= (k + 1.0) * (k + 2.0) * out[k + 2];
+            out[k] = x / w2;
+        }
+        return 3;
+    }
+    for (Int i = 0; omega == 0.0 && i < f->F; i++) /* constants have no static answer of a free body */
+        if (f->waves[i] == 0.0) p[0] += f->loads[(2 * i + 1) * f->n + j];
+    int degree = omega > 0.0 ? terms_for(1.0) : f->R ? 5 : 2;
+    out[0] = h, out[1] = v;
+    for (int k = 0; k + 2 <= degree; k++)
+        out[k + 2] = ((k < 4 ? p[k] : 0.0) - (k + 1.0) * d * out[k + 1] - w2 * out[k]) / ((k + 1.0) * (k + 2.0));
+    return degree;
+}
+
+/* The same of complex mode k, whose amplitude z obeys z' = pole z + b(tau): its polynomial re + i im in place of h, v.
+ * z becomes what is left to the exponential. */
+static int beside_complex(const Free *f, Int k, const double *c, double length, double z[2], double *re, double *im)
+{
+    Int n = f->n, N = f->N, B = 2 * f->F;
+    double sigma = f->poles[k], omega = f->poles[N + f->F + k], size = sigma * sigma + omega * omega, b[2][4] = {{0.0}, {0.0}};
+    if (f->R == 0) return -1;
+    for (Int r = 0; r < f->R; r++)
+        for (int part = 0; part < 2; part++) {
+            double x = dot(f->back + (part * N + k) * 2 * n + n, f->loads + (B + r) * n, n);
+            for (int l = 0; l < 4; l++) b[part][l] += x * c[4 * r + l];
+        }
+    if (size * length * length > 1.0) {
+        for (int l = 3; l >= 0; l--) {
+            double x = (l < 3 ? (l + 1.0) * re[l + 1] : 0.0) - b[0][l], y = (l < 3 ? (l + 1.0) * im[l + 1] : 0.0) - b[1][l];
+            re[l] = (x * sigma + y * omega) / size, im[l] = (y * sigma - x * omega) / size;
+        }
+        z[0] -= re[0], z[1] -= im[0];
+        return 3;
+    }
+    int degree = terms_for(1.0);
+    re[0] = z[0], im[0] = z[1], z[0] = z[1] = 0.0;
+    for (int l = 0; l < degree; l++) {
+        re[l + 1] = (sigma * re[l] - omega * im[l] + (l < 4 ? b[0][l] : 0.0)) / (l + 1.0);
+        im[l + 1] = (sigma * im[l] + omega * re[l] + (l < 4 ? b[1][l] : 0.0)) / (l + 1.0);
+    }
+    return degree;
+}
+
+/* Amplitudes of complex modes from h, the state beside the harmonic solution. */
+static void launch_complex(const Free *f, double length, Flight *g)
+{
+    Int n = f->n, N = f->N, m = f->m;
+    for (Int k = 0; k < N; k++) {
+        double z[2], *re = g->poly + k * ROOM, *im = re + N * ROOM;
+        for (int part = 0; part < 2; part++) z[part] = dot(f->back + (part * N + k) * 2 * n, g->h, 2 * n);
+        int degree = beside_complex(f, k, g->c, length, z, re, im);
+        g->degree[k] = degree, g->z[k] = z[0], g->z[N + k] = z[1];
+        if (degree > g->deg) g->deg = degree;
+        for (Int i = 0; i < m; i++)
+            for (int l = 0; l <= degree; l++)
+                g->slide[i * ROOM + l] += f->seen[i * N + k] * re[l] - f->seen[(m + i) * N + k] * im[l];
+    }
+}
+
+/* A flight from t on, of at most `length`: the amplitudes of its modes and their polynomials. G: scratch. */
+static void launch(const Free *f, double t, Int piece, double length, const double *eta, const double *rate, double *G,
+                   Flight *g)
+{
+    Int n = f->n, N = f->N, m = f->m, T = N + f->F;
+    g->T = T, g->deg = 0;
+    respond(f, t, g->h, g->h + n);
+    memset(g->slide, 0, (size_t)(m * ROOM) * sizeof(double));
+    for (Int r = 0; r < f->R; r++) {
+        record_at(f, piece, r, t, g->c + 4 * r);
+        for (Int i = 0; i < m; i++) { /* stops that move by a record */
+            double factor = f->offsets[(2 * f->F + r) * m + i];
+            for (int k = 0; k < 4 && factor != 0.0; k++) g->slide[i * ROOM + k] += factor * g->c[4 * r + k], g->deg = 3;
+        }
+    }
+    for (Int j = 0; j < n; j++) g->h[j] = eta[j] - g->h[j], g->h[n + j] = rate[j] - g->h[n + j];
+    if (f->kind == 2) {
+        launch_complex(f, length, g);
+        return;
+    }
+    if (isfinite(f->longest)) drive_series(f, t, piece, terms_for(1.0), G);
+    for (Int j = 0; j < n; j++) {
+        double h = g->h[j], v = g->h[n + j], *poly = g->poly + j * ROOM, sigma = f->poles[j], omega = f->poles[T + j];
+        int degree = beside(f, j, G, g->c, length, h, v, poly);
+        g->degree[j] = degree;
+        if (degree == 3) h -= poly[0], v -= poly[1];
+        else if (degree >= 0) h = v = 0.0;
+        g->z[j] = h;
+        g->z[n + j] = omega > 0.0 ? (sigma * h - v) / omega : 0.0;
+        if (degree > g->deg) g->deg = degree;
+        for (Int i = 0; i < m; i++)
+            for (int k = 0; k <= degree; k++) g->slide[i * ROOM + k] += f->rows[i * n + j] * poly[k];
+    }
+}
+
+/* What the contacts see of a flight: amplitudes of the poles from slow to fast. */
+static void see(const Free *f, double t, Flight *g)
+{
+    Int n = f->n, N = f->N, m = f->m, T = g->T;
+    double *Zx = g->Z, *Zy = g->Z + m * T;
+    for (Int at = 0; at < T; at++) {
+        Int k = f->order[at];
+        double c = k < N ? g->z[k] : cos(f->waves[k - N] * t), s = k < N ? g->z[N + k] : sin(f->waves[k - N] * t);
+        for (Int i = 0; i < m; i++) {
+            double x, y; /* times c + i s */
+            if (k >= N) {
+                x = f->offsets[(2 * (k - N) + 1) * m + i] + dot(f->rows + i * n, f->answer + (2 * (k - N) + 1) * n, n);
+                y = -f->offsets[2 * (k - N) * m + i] - dot(f->rows + i * n, f->answer + 2 * (k - N) * n, n);
+            } else {
+                x = f->kind == 2 ? f->seen[i * N + k] : f->rows[i * n + k];
+                y = f->kind == 2 ? f->seen[(m + i) * N + k] : 0.0;
+            }
+            Zx[i * T + at] = x * c - y * s, Zy[i * T + at] = x * s + y * c;
+            g->sizes[i * T + at] = hypot(Zx[i * T + at], Zy[i * T + at]);
+        }
+    }
+}
+
+/* The modes at tau. */
+static void land(const Free *f, const Flight *g, double t, double tau, double *eta, double *rate)
+{
+    Int n = f->n, N = f->N, T = g->T;
+    const double *sigma = f->poles, *omega = f->poles + T, *z = g->z;
+    waves_at(sigma, omega, N, f->damped, T ? f->sorted[2 * T + T - 1] : 0.0, tau, g->C, g->S);
+    respond(f, t + tau, eta, rate);
+    if (f->kind == 2) {
+        for (Int k = 0; k < N; k++) {
+            const double *re = g->poly + k * ROOM, *im = re + N * ROOM;
+            g->x[k] = z[k] * g->C[k] - z[N + k] * g->S[k], g->y[k] = z[k] * g->S[k] + z[N + k] * g->C[k];
+            if (g->degree[k] >= 0) g->x[k] += value(re, (int)g->degree[k], tau), g->y[k] += value(im, (int)g->degree[k], tau);
+        }
+        for (Int j = 0; j < n; j++) {
+            const double *out = f->out + j * N;
+            eta[j] += dot(out, g->x, N) - dot(out + n * N, g->y, N);
+            rate[j] += dot(out + 2 * n * N, g->x, N) - dot(out + 3 * n * N, g->y, N);
+        }
+        return;
+    }
+    for (Int j = 0; j < n; j++) {
+        double x = z[j] * g->C[j] - z[n + j] * g->S[j], y = z[j] * g->S[j] + z[n + j] * g->C[j], u = 0.0, v = 0.0;
+        for (Int k = g->degree[j]; k >= 0; k--) {
+            v = v * tau + u;
+            u = u * tau + g->poly[j * ROOM + k];
+        }
+        eta[j] += x + u;
+        rate[j] += sigma[j] * x - omega[j] * y + v;
+    }
+}
+
+/* The slide of contact i as a polynomial in the time since tau: p[0..K]. Returns the size of what is summed. */
+static double slide_at(const Flight *g, Int i, double tau, int K, double *p)
+{
+    const double *c = g->slide + i * ROOM;
+    double size = 0.0;
+    for (int k = 0; k <= K; k++) p[k] = k <= g->deg ? c[k] : 0.0;
+    for (int k = (int)g->deg; k >= 0; k--) size = size * tau + fabs(c[k]);
+    for (int k = 0; k < g->deg; k++)
+        for (int l = (int)g->deg - 1; l >= k; l--) p[l] += tau * p[l + 1];
+    return size;
+}
+
+/* p: the series of the position of contact i at tau, of degree K, from its `slow` slowest terms. Bounds of the others,
+ * of their rates, and of all. */
+HOT static void gap_series(const Free *f, const Flight *g, Int i, double tau, Int slow, int K, double *p, double bounds[3])
+{
+    Int T = g->T;
+    const double *restrict Zx = g->Z + i * T, *restrict Zy = g->Z + (f->m + i) * T, *restrict C = g->C, *restrict S = g->S;
+    const double *restrict sigma = f->sorted, *restrict omega = sigma + T, *restrict speed = omega + T, *restrict sizes = g->sizes + i * T;
+    double *restrict x = g->x, *restrict y = g->y, rest = 0.0, rate = 0.0, every = slide_at(g, i, tau, K, p);
+#pragma omp simd reduction(+ : every)
+    for (Int k = 0; k < slow; k++) {
+        x[k] = Zx[k] * C[k] - Zy[k] * S[k], y[k] = Zx[k] * S[k] + Zy[k] * C[k];
+        every += fabs(x[k]) + fabs(y[k]);
+    }
+#pragma omp simd reduction(+ : rest, rate)
+    for (Int k = slow; k < T; k++) {
+        double size = sizes[k] * sqrt(C[k] * C[k] + S[k] * S[k]);
+        rest += size;
+        rate += size * speed[k];
+    }
+    for (int l = 0; l <= K; l++) {
+        double over = 1.0 / (l + 1.0), sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+        for (Int k = 0; k < slow; k++) {
+            double old = x[k];
+            sum += old;
+            x[k] = (sigma[k] * old - omega[k] * y[k]) * over;
+            y[k] = (sigma[k] * y[k] + omega[k] * old) * over;
+        }
+        p[l] += sum;
+    }
+    bounds[0] = rest, bounds[1] = rate, bounds[2] = every + rest;
+}
+
+/* The zero of a gap known to cross once within h after tau: Newton, and bisections where it leaves the bracket. */
+static double crossing(const Free *f, Flight *g, Int i, double way, double stop, double t, double tau, double h, Int *counts)
+{
+    Int T = g->T;
+    const double *Zx = g->Z + i * T, *Zy = g->Z + (f->m + i) * T, *sigma = f->sorted, *omega = sigma + T;
+    double lo = 0.0, hi = h, s = 0.5 * h, fast = f->sorted[3 * T - 1];
+    for (int it = 0; it < 80; it++) {
+        double x = tau + s, u = 0.0, v = 0.0, du = 0.0, dv = 0.0;
+        waves_at(sigma, omega, T, f->damped, fast, x, g->C, g->S);
+        counts[2]++;
+#pragma omp simd reduction(+ : du, dv)
+        for (Int k = 0; k < T; k++) {
+            double real = Zx[k] * g->C[k] - Zy[k] * g->S[k], imag = Zx[k] * g->S[k] + Zy[k] * g->C[k];
+            du += real;
+            dv += sigma[k] * real - omega[k] * imag;
+        }
+        for (Int k = g->deg; k >= 0; k--) {
+            v = v * x + u;
+            u = u * x + g->slide[i * ROOM + k];
+        }
+        double left = -way * (stop - u - du), fall = -way * (v + dv);
+        if (left > 0.0) lo = s;
+        else hi = s;
+        double move = fall > 0.0 ? left / fall : INFINITY;
+        if (!(lo <= s + move && s + move <= hi)) move = 0.5 * (lo + hi) - s;
+        s += move;
+        if (fabs(move) <= EPS * (t + x) || (fabs(move) < 1e-8 * s && move * move * fast < EPS * (t + tau))) break;
+    }
+    return s;
+}
+
+/* Looks at the gaps over [tau, tau + h] with the terms below `slow` as series. False where a leap must be shorter to
+ * tell. Where the series is all there is (slow = T), it decides; else gaps sure to cross once are marked in g->cross. */
+static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slow, int K, const State *c, Event *e)
+{
+    double p[MOST + 1], gap[MOST + 1], b[MOST + 1], bounds[3];
+    for (Int i = 0; i < f->m; i++) {
+        g->cross[i] = 0;
+        gap_series(f, g, i, tau, slow, K, p, bounds);
+        for (Int side = 1; side >= -1; side -= 2) {
+            double stop = stop_of(f, i, side), way = (double)(c->side[i] == 0 ? -side : side);
+            if (isinf(stop) || c->side[i] == -side) continue;
+            for (int k = 0; k <= K; k++) gap[k] = way * p[k]; /* of an open contact; the depth of a pressed one */
+            gap[0] -= way * stop;
+            if (slow == g->T) {
+                int zeros = tau == 0.0 && c->fresh_side[i] == side ? (int)c->fresh[i] : 0;
+                if (zeros == 1 && c->speed[i] > 0.0) gap[1] = c->speed[i];
+                double s = first_zero(gap, K + 1, e->s, zeros);
+                if (s >= 0.0) *e = (Event){s, i, side};
+                continue;
+            }
+            scaled(gap, K, h, b);
+            bernstein(b, K);
+            double wrong = bounds[0] + EPS * (20.0 + 2.0 * sqrt((double)g->T)) * (fabs(stop) + bounds[2]), low = b[0], steep = -INFINITY;
+            for (int k = 1; k <= K; k++) {
+                low = least(low, b[k]);
+                steep = most(steep, K * (b[k] - b[k - 1]));
+            }
+            if (low > wrong) continue;
+            if (!(b[0] > wrong && b[K] < -wrong && steep + bounds[1] * h < 0.0)) return 0;
+            g->cross[i] = side; /* falls all the way, and through */
+        }
+    }
+    return 1;
+}
+
+/* The first gap that closes within `length`. A leap h takes the terms below radians/h as a series. `leap` keeps its
+ * length for a flight that goes on where this one ends. */
+static Event flight(const Free *f, Flight *g, double t, double length, double radians, const State *c, double *leap, Int *counts)
+{
+    Int T = g->T;
+    int K = terms_for(radians);
+    const double *speed = f->sorted + 2 * T;
+    double fast = most(T ? speed[T - 1] : 0.0, 1.0 / length), tau = 0.0, wish = most(radians / fast, *leap);
+    if (K < g->deg) K = (int)g->deg;
+    for (;;) {
+        double h = least(wish, length - tau);
+        Int slow = T;
+        while (slow && speed[slow - 1] * h > radians * (1.0 + 1e-9)) slow--;
+        waves_at(f->sorted, f->sorted + T, T, f->damped, T ? speed[T - 1] : 0.0, tau, g->C, g->S);
+        counts[2]++;
+        Event e = {h, -1, 0};
+        if (!leap_is_clear(f, g, tau, h, slow, K, c, &e)) {
+            wish = 0.4 * h;
+            continue;
+        }
+        for (Int i = 0; i < f->m; i++)
+            if (g->cross[i] != 0) {
+                double way = (double)(c->side[i] == 0 ? -g->cross[i] : g->cross[i]);
+                double s = crossing(f, g, i, way, stop_of(f, i, g->cross[i]), t, tau, h, counts);
+                if (s < e.s) e = (Event){s, i, g->cross[i]};
+            }
+        *leap = e.contact < 0 ? wish : 0.0;
+        if (e.contact >= 0 || tau + h >= length) {
+            e.s += tau;
+            return e;
+        }
+        tau += h, wish = 3.0 * h;
+    }
+}
+
+/* ------------------------------------------------------------------ stretches: a flight, or a step of series */
+
+static void expand_here(Motion *x, int K) { expand(x->free, x->c->t, x->c->piece, K, x->c->eta, x->c->rate, x->c, &x->s); }
+
+/* The free system, or that with its only contact pressed, if a closed form is at hand; NULL for none. Short motions
+ * from rest would cancel in closed form. Shortens `length` to what its polynomials allow. */
+static const Free *flies(const Motion *x, double *length)
+{
+    const Free *f = x->free;
+    const Int *side = x->c->side;
+    if (f->m == 1 && side[0] != 0) {
+        f = side[0] == 1 ? x->up : side[0] == -1 ? x->low : NULL;
+        if (!f || f->kind != 1) return NULL;
+    } else {
+        for (Int i = 0; i < f->m; i++)
+            if (side[i] != 0) return NULL;
+        if (!f->kind) return NULL;
+    }
+    for (Int i = 0; i < f->m; i++)
+        if (x->c->slack[i] > 0.0) return NULL;
+    double most_of_it = least(*length, f->longest);
+    if (!(most_of_it * x->free_fast > 4.0 * x->radians)) return NULL;
+    *length = most_of_it;
+    return f;
+}
+
+static void turn_back(const double *V, const double *y, double *x, Int n)
+{
+    memset(x, 0, (size_t)n * sizeof *x);
+    for (Int k = 0; k < n; k++) add(x, V + k * n, y[k], n);
+}
+
+static void turn(const double *V, const double *x, double *y, Int n)
+{
+    for (Int k = 0; k < n; k++) y[k] = dot(V + k * n, x, n);
+}
+
+/* Begins a stretch of at most `length`: what flies, or NULL for a step of series of K terms. Returns its length. */
+static double begin(Motion *x, double length, const Free **flown, int *K)
+{
+    Int n = x->free->n;
+    State *c = x->c;
+    *flown = flies(x, &length);
+    if (*flown) {
+        const double *eta = c->eta, *rate = c->rate;
+        if (*flown != x->free) {
+            turn(x->V, eta, x->turned, n), turn(x->V, rate, x->turned_rate, n);
+            eta = x->turned, rate = x->turned_rate;
+        }
+        launch(*flown, c->t, c->piece, length, eta, rate, x->s.G, &x->g);
+        return length;
+    }
+    double fast = fastest(x->free, c), h = least(x->radians / fast, length);
+    *K = terms_for(h * fast);
+    expand_here(x, *K);
+    return h;
+}
+
+/* The modes at tau of a stretch. */
+static void state_at(Motion *x, const Free *flown, int K, double tau, double *eta, double *rate)
+{
+    Int n = x->free->n;
+    if (!flown) horner(x->s.a, K, tau, eta, rate, n);
+    else if (flown == x->free) land(flown, &x->g, x->c->t, tau, eta, rate);
+    else {
+        land(flown, &x->g, x->c->t, tau, x->turned, x->turned_rate);
+        turn_back(x->V, x->turned, eta, n);
+        turn_back(x->V, x->turned_rate, rate, n);
+    }
+}
+
+/* The reactions of held contacts at tau of a stretch. */
+static void forces_at(const Motion *x, const Free *flown, int K, double tau, double *force)
+{
+    Int m = x->free->m;
+    for (Int i = 0; i < m; i++) {
+        force[i] = 0.0;
+        if (flown || !presses(x->c, i) || !rigid(x->free, i)) continue;
+        for (int k = K - 2; k >= 0; k--) force[i] = force[i] * tau + x->s.lam[k * m + i];
+    }
+}
+
+/* The state moves to the end of a stretch at tau. */
+static void move(Motion *x, const Free *flown, int K, double tau)
+{
+    State *c = x->c;
+    Int n = x->free->n;
+    double y = tau - c->late, next = c->t + y;
+    if (flown) {
+        state_at(x, flown, K, tau, c->eta, c->rate);
+        memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
+        c->late = 0.0;
+    } else {
+        advance(x->s.a, K, tau, c->eta, c->rate, c->lost, x->turned, x->turned_rate, n);
+        c->late = (next - c->t) - y;
+    }
+    c->t = next;
+}
+
+/* Time to the next sample of a record, or to `until`; the records' piece at the time. */
+static double room_for(Motion *x, double until)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    while (c->piece + 1 < f->E && f->edges[c->piece + 1] <= c->t + 4.0 * EPS * c->t) c->piece++;
+    double length = until - c->t;
+    return c->piece + 1 < f->E ? least(length, f->edges[c->piece + 1] - c->t) : length;
+}
+
+/* ------------------------------------------------------------------ rigid stops */
+
+/* P with w = S P + r, 0 <= P _|_ w >= 0 among the closed contacts, outward, by moving one contact at a time in or out;
+ * firm: w = 0 of all of them. */
+static void push(Motion *x, int firm)
+{
+    Int m = x->free->m, *on = x->on, *at = x->at, *closed = x->c->closed;
+    const double *meet = x->free->meet, *r = x->r;
+    double *P = x->P, *A = x->A, *b = x->b, scale = 0.0;
+    for (Int i = 0; i < m; i++) {
+        on[i] = closed[i] != 0 && (firm || r[i] < 0.0);
+        if (closed[i] != 0) scale = most(scale, fabs(r[i]));
+    }
+    for (Int turns = 0; turns < 100 + 10 * m; turns++) {
+        Int count = 0, drop = -1, enter = -1;
+        double worst = 0.0, lowest = -1e-14 * scale;
+        for (Int i = 0; i < m; i++) {
+            P[i] = 0.0;
+            if (on[i]) at[count++] = i;
+        }
+        for (Int i = 0; i < count; i++) {
+            b[i] = -r[at[i]];
+            for (Int j = 0; j < count; j++) A[i * count + j] = (double)(closed[at[i]] * closed[at[j]]) * meet[at[i] * m + at[j]];
+            A[i * count + i] *= 1.0 + 1e-15;
+        }
+        eliminate(A, b, count);
+        for (Int i = 0; i < count; i++) {
+            P[at[i]] = b[i];
+            if (b[i] < worst) worst = b[i], drop = at[i];
+        }
+        if (firm) return;
+        for (Int i = 0; drop < 0 && i < m; i++)
+            if (closed[i] != 0 && !on[i]) {
+                double w = r[i];
+                for (Int j = 0; j < m; j++) w += (double)(closed[i] * closed[j]) * meet[i * m + j] * P[j];
+                if (w < lowest) lowest = w, enter = i;
+            }
+        if (drop >= 0) on[drop] = 0;
+        else if (enter >= 0) on[enter] = 1;
+        else return;
+    }
+}
+
+/* v: the rates at which the gaps of the closed contacts open. The drive must have been expanded at t. */
+static void outward(Motion *x, double *v)
+{
+    const Free *f = x->free;
+    Int B = 2 * f->F + f->R;
+    for (Int i = 0; i < f->m; i++) {
+        double s = dot(f->rows + i * f->n, x->c->rate, f->n);
+        for (Int b = 0; b < B; b++) s += f->offsets[b * f->m + i] * x->s.G[B + b];
+        v[i] = -(double)x->c->closed[i] * s;
+    }
+}
+
+/* Rounding of the rate of contact i. The drive must have been expanded at t. */
+static double rate_rounding(const Motion *x, Int i)
+{
+    const Free *f = x->free;
+    Int B = 2 * f->F + f->R;
+    double terms = 0.0;
+    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x->c->rate[j]);
+    for (Int b = 0; b < B; b++) terms += fabs(f->offsets[b * f->m + i] * x->s.G[B + b]);
+    return 4.0 * EPS * terms;
+}
+
+/* The impulses P act; x->v are the speeds before, and then those behind. */
+static void blow(Motion *x)
+{
+    const Free *f = x->free;
+    Output *o = x->out;
+    Int first = o->blows;
+    for (Int i = 0; i < f->m; i++)
+        if (x->P[i] != 0.0) {
+            add(x->c->rate, f->rows + i * f->n, -(double)x->c->closed[i] * x->P[i], f->n);
+            o->blow_t[o->blows] = x->c->t, o->blow_contact[o->blows] = i, o->blow_impulse[o->blows] = -(double)x->c->closed[i] * x->P[i];
+            o->blow_before[o->blows] = -(double)x->c->closed[i] * x->v[i], o->blow_side[o->blows] = x->c->closed[i], o->blow_mark[o->blows++] = o->marks;
+        }
+    outward(x, x->v);
+    for (Int k = first; k < o->blows; k++) o->blow_after[k] = -(double)x->c->closed[o->blow_contact[k]] * x->v[o->blow_contact[k]];
+}
+
+/* Position of contact i at t, from the state and the drive there. */
+static double place(const Motion *x, Int i)
+{
+    const Free *f = x->free;
+    Int B = 2 * f->F + f->R;
+    double u = dot(f->rows + i * f->n, x->c->eta, f->n);
+    for (Int b = 0; b < B; b++) u += f->offsets[b * f->m + i] * x->s.G[b];
+    return u;
+}
+
+/* Open rigid contacts that reach their stops together with `hit` but for rounding are closed as well; each is an event. */
+static void gather(Motion *x, Int hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Output *o = x->out;
+    Int B = 2 * f->F + f->R;
+    for (Int i = 0; i < f->m; i++)
+        for (Int s = 1; s >= -1 && rigid(f, i) && i != hit && c->closed[i] == 0; s -= 2) {
+            double g = stop_of(f, i, s), into = 0.0;
+            if (isinf(g)) continue;
+            into = dot(f->rows + i * f->n, c->rate, f->n);
+            for (Int b = 0; b < B; b++) into += f->offsets[b * f->m + i] * x->s.G[B + b];
+            into *= (double)s;
+            if (!(into > 0.0) || (c->fresh_side[i] == s && c->fresh[i] > 0)) continue;
+            if ((double)s * (g - place(x, i)) > c->together * EPS * (c->t * into + 0.25 * fabs(g))) continue;
+            c->closed[i] = s;
+            o->event_t[o->events] = c->t, o->event_contact[o->events] = i, o->event_mark[o->events] = o->marks;
+            o->event_side[o->events++] = 9 * s;
+        }
+}
+
+/* The contacts that reach their stops leave them by Newton's law, all at once, and push those that are closed at rest. */
+static void rebound(Motion *x, Int hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    if (c->begun > 1) gather(x, hit);
+    outward(x, x->v);
+    double size = 0.0;
+    for (Int i = 0; i < f->m; i++) {
+        int struck = i == hit || (c->closed[i] != 0 && c->side[i] == 0 && x->v[i] < 0.0);
+        x->b[i] = struck ? x->v[i] : 0.0; /* the speed of those at rest is rounding */
+        if (struck) size = most(size, fabs(x->v[i]));
+    }
+    c->fastest = most(c->fastest, size);
+    double *before = x->v + f->m; /* blow and push change v and b */
+    for (Int i = 0; i < f->m; i++) {
+        before[i] = x->b[i];
+        x->r[i] = (1.0 + most(0.0, f->laws[3 * i + 2])) * before[i];
+    }
+    push(x, 0);
+    blow(x);
+    Int *struck_side = x->at; /* which stops close, while contacts leave them */
+    memcpy(struck_side, c->closed, (size_t)f->m * sizeof(Int));
+    for (Int i = 0; i < f->m; i++)
+        if (c->closed[i] != 0) {
+            double v = before[i]; /* of one at rest not the rounding of its speed */
+            for (Int j = 0; j < f->m; j++)
+                if (x->P[j] != 0.0) v += (double)(c->closed[i] * struck_side[j]) * f->meet[i * f->m + j] * x->P[j];
+            if (x->P[i] > 0.0) v = 0.0;
+            if (before[i] < 0.0 && x->P[i] > 0.0) v = -f->laws[3 * i + 2] * before[i]; /* exactly */
+            if (v > 1e-15 * size) {
+                c->side[i] = 0, c->fresh[i] = 1, c->fresh_side[i] = c->closed[i], c->speed[i] = v;
+                c->closed[i] = 0;
+            }
+        }
+}
+
+/* Whether the gap of a closed contact, at rest, opens: by the first term of its series that is not rounding. */
+static int opens(const Motion *x, Int i)
+{
+    const Free *f = x->free;
+    for (int k = 2; k <= x->full; k++) {
+        double terms = 0.0, gap = -(double)x->c->closed[i] * x->s.u[k * f->m + i];
+        for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x->s.a[k * f->n + j]);
+        if (fabs(gap) > 16.0 * EPS * terms) return gap > 0.0;
+    }
+    return 0;
+}
+
+/* Newton's law at contact `hit`, -1 for none, and the closed ones at rest, which are held where they press. */
+static void strike(Motion *x, Int hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Int m = f->m, left = 0;
+    drive_series(f, c->t, c->piece, x->full, x->s.G);
+    if (hit >= 0) rebound(x, hit);
+    for (Int i = 0; i < m; i++)
+        if (c->closed[i] != 0) c->side[i] = 0, left++;
+    if (left == 0) return;
+    expand_here(x, x->full); /* without reactions: those that do not go into their stops leave, */
+    double size = 0.0;
+    for (int k = 2; k < 5 && size == 0.0; k++) /* by the first derivative that decides */
+        for (Int i = 0; i < m; i++) {
+            x->r[i] = -(double)c->closed[i] * x->s.u[k * m + i];
+            size += fabs(x->r[i]);
+        }
+    push(x, 0);
+    for (Int i = 0; i < m; i++) c->side[i] = c->closed[i] != 0 && x->P[i] > 0.0 ? c->closed[i] : c->side[i];
+    expand_here(x, x->full); /* those without a reaction stay where their gaps do not open beside these */
+    for (Int i = 0; i < m; i++)
+        if (c->closed[i] != 0) {
+            int stays = x->P[i] > 0.0 || !opens(x, i);
+            c->side[i] = stays ? c->closed[i] : 0, c->fresh[i] = stays ? 0 : 2;
+            c->fresh_side[i] = c->closed[i], c->speed[i] = 0.0;
+        }
+}
+
+/* A contact that has just left its stop, and that the last blows drive back into it; -1 for none. The speeds of the
+ * others are those behind the blows. left: the contacts that had left before. */
+static Int driven_back(Motion *x, const Int *left)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    for (Int i = 0; i < f->m; i++) {
+        if (!left[i] || c->closed[i] != 0 || c->side[i] != 0) continue;
+        c->closed[i] = left[i];
+        outward(x, x->v);
+        c->closed[i] = 0;
+        double v = x->v[i], old = c->fresh[i] == 1 ? c->speed[i] : 0.0;
+        if (fabs(v - old) <= rate_rounding(x, i)) continue;
+        if (v < 0.0) return i;
+        c->fresh[i] = 1, c->fresh_side[i] = left[i], c->speed[i] = v;
+    }
+    return -1;
+}
+
+/* If contact `hit` chatters to rest in so short a time that acceleration and its rate are all there is, its speed is
+ * taken at once, and it is held; unless another contact that moves it is hit before the last of these impacts. */
+static void chatter(Motion *x, Int hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Int m = f->m;
+    double e = f->laws[3 * hit + 2], v = c->speed[hit], stop = (double)c->fresh_side[hit], after = 0.0, first = v;
+    expand_here(x, x->full);
+    double pull = 2.0 * stop * x->s.u[2 * m + hit], rise = 6.0 * stop * x->s.u[3 * m + hit];
+    if (!(pull > 0.0 && 2.0 * v < most(CHATTER * least(1.0 / fastest(f, c), c->t) * pull * (1.0 - e), 2.0 * rate_rounding(x, hit)))) return;
+    while (v > 1e-18 * first) {
+        double s = 2.0 * v / (0.5 * pull + sqrt(most(0.25 * pull * pull + 2.0 / 3.0 * v * rise, 0.0)));
+        v = e * (pull * s + 0.5 * rise * s * s - v);
+        pull += rise * s;
+        after += s;
+    }
+    Int blows = x->out->blows, coupled = 0;
+    memcpy(x->turned, c->rate, (size_t)f->n * sizeof(double));
+    c->side[hit] = c->fresh_side[hit], c->fresh[hit] = 0;
+    for (Int i = 0; i < m; i++) {
+        c->closed[i] = rigid(f, i) ? c->side[i] : 0;
+        coupled |= i != hit && f->meet[hit * m + i] != 0.0;
+    }
+    outward(x, x->v);
+    memcpy(x->r, x->v, (size_t)m * sizeof(double));
+    push(x, 1);
+    blow(x);
+    memcpy(x->b, c->speed, (size_t)m * sizeof(double));
+    memcpy(x->on, c->fresh, (size_t)m * sizeof(Int));
+    int another = driven_back(x, x->left) >= 0;
+    if (!another) {
+        expand_here(x, x->full);
+        Event next = watch(f, x->full, after, c, &x->s);
+        another = next.contact >= 0 && c->side[next.contact] == 0;
+    }
+    if (coupled && another) { /* impact by impact, then */
+        memcpy(c->speed, x->b, (size_t)m * sizeof(double));
+        memcpy(c->fresh, x->on, (size_t)m * sizeof(Int));
+        memcpy(c->rate, x->turned, (size_t)f->n * sizeof(double));
+        x->out->blows = blows, c->side[hit] = c->closed[hit] = 0, c->fresh[hit] = 1;
+    }
+}
+
+/* ------------------------------------------------------------------ the motion */
+
+/* Contacts that are on or beyond their stops at the start. Returns 1 if rigid ones wait for `strike`. A derivative
+ * below the rounding of its terms counts as zero. */
+static int start(Motion *x, Int *hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Int n = f->n, m = f->m;
+    int waits = 0;
+    expand_here(x, x->full);
+    *hit = -1;
+    for (Int i = 0; i < m; i++)
+        for (Int s = 1; s >= -1; s -= 2) {
+            double g = stop_of(f, i, s), depth = (double)s * (x->s.u[i] - g), into = (double)s * x->s.u[m + i], size = fabs(g);
+            int first = 1;
+            for (Int j = 0; j < n; j++) size = most(size, fabs(f->rows[i * n + j] * c->eta[j]));
+            if (isinf(g) || depth < -4.0 * EPS * size) continue;
+            if (fabs(depth) > 4.0 * EPS * size) {
+                c->side[i] = depth * f->laws[3 * i] + f->laws[3 * i + 1] * into > 0.0 ? s : 2 * s;
+                continue;
+            }
+            for (;;) {
+                double terms = 0.0;
+                for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * x->s.a[first * n + j]);
+                if (fabs(into) > 16.0 * EPS * terms || first == 8) break;
+                into = (double)s * x->s.u[++first * m + i];
+            }
+            c->fresh[i] = first, c->fresh_side[i] = s;
+            if (first == 8 && !rigid(f, i)) c->slack[i] = 1e-300;
+            if (!rigid(f, i)) {
+                c->side[i] = into > 0.0 ? s : 0;
+                if (into > 0.0 && f->laws[3 * i + 1] > 0.0) c->fresh[i] = first - 1;
+            } else if (first == 1 && into <= 0.0) c->speed[i] = -into;
+            else {
+                c->closed[i] = s, waits = 1;
+                if (first == 1) *hit = i;
+            }
+        }
+    return waits;
+}
+
+/* The contact of an event changes its side; true where a rigid stop is struck, which waits for `strike`. */
+static int change(Motion *x, Event e, Int *now)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Int hit = e.contact, was = c->side[hit], stop = e.side > 0 ? 1 : -1;
+    int dash = f->laws[3 * hit + 1] != 0.0;
+    c->fresh_side[hit] = stop;
+    if (rigid(f, hit)) {
+        c->late = 0.0;
+        memset(c->lost, 0, (size_t)(2 * f->n) * sizeof(double));
+        if (was == 0) {
+            for (Int i = 0; i < f->m; i++) c->closed[i] = rigid(f, i) ? c->side[i] : 0;
+            c->closed[hit] = stop;
+            *now = 9 * stop;
+            return 1;
+        }
+        c->side[hit] = 0, c->fresh[hit] = 3; /* held, and presses no more */
+    } else if (was == 0) c->side[hit] = stop, c->fresh[hit] = !dash;
+    else if (was == 1 || was == -1) c->side[hit] = dash ? 2 * stop : 0, c->fresh[hit] = 1;
+    else c->side[hit] = e.side == 2 || e.side == -2 ? 0 : stop, c->fresh[hit] = 1;
+    *now = c->side[hit];
+    return 0;
+}
+
+static void mark(Motion *x)
+{
+    const State *c = x->c;
+    Output *o = x->out;
+    Int n = x->free->n, m = x->free->m, k = o->marks++;
+    o->mark_t[k] = c->t;
+    memcpy(o->mark_eta + k * n, c->eta, (size_t)n * sizeof(double));
+    memcpy(o->mark_rate + k * n, c->rate, (size_t)n * sizeof(double));
+    memcpy(o->mark_side + k * m, c->side, (size_t)m * sizeof(Int));
+    x->c->since = 0;
+}
+
+/* Contacts that throw each other off at one time, ever more slowly, come to rest: true if that is so. */
+static int rest(Motion *x, Int hit)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    if (hit < 0 || c->still <= TURNS) return 0;
+    drive_series(f, c->t, c->piece, x->full, x->s.G);
+    outward(x, x->v);
+    if (!(fabs(x->v[hit]) < 1e-12 * c->fastest)) return 0;
+    for (Int i = 0; i < f->m; i++)
+        if (x->left[i] != 0) c->closed[i] = x->left[i], c->fresh[i] = 0;
+    outward(x, x->v);
+    memcpy(x->r, x->v, (size_t)f->m * sizeof(double));
+    push(x, 1);
+    blow(x);
+    strike(x, -1);
+    return 1;
+}
+
+/* Marks the contacts that have just left their stops. */
+static void mark_left(Motion *x)
+{
+    State *c = x->c;
+    for (Int i = 0; i < x->free->m; i++)
+        x->left[i] = rigid(x->free, i) && c->side[i] == 0 && c->closed[i] == 0 && c->fresh[i] > 0 ? c->fresh_side[i] : 0;
+}
+
+/* Impacts of the contacts that had left, and that blows drive back. */
+static void strike_again(Motion *x)
+{
+    State *c = x->c;
+    Output *o = x->out;
+    for (Int back; (back = driven_back(x, x->left)) >= 0;) {
+        x->left[back] = 0, c->fresh[back] = 0;
+        for (Int i = 0; i < x->free->m; i++) c->closed[i] = rigid(x->free, i) ? c->side[i] : 0;
+        c->closed[back] = c->fresh_side[back];
+        o->event_t[o->events] = c->t, o->event_contact[o->events] = back, o->event_mark[o->events] = o->marks;
+        o->event_side[o->events++] = 9 * c->fresh_side[back];
+        strike(x, back);
+    }
+}
+
+/* Impacts that wait act; the side of contact `hit` is that behind them. */
+static void act(Motion *x)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Output *o = x->out;
+    Int hit = c->hit, last = o->events - 1;
+    mark_left(x);
+    if (!rest(x, hit)) strike(x, hit);
+    strike_again(x);
+    Int count = o->events;
+    for (Int k = c->begun > 1 && hit >= 0 ? last : count; k < count; k++) {
+        Int i = o->event_contact[k];
+        if (c->side[i] != 0 || c->closed[i] != 0 || c->fresh[i] != 1 || f->laws[3 * i + 2] >= 1.0) continue;
+        mark_left(x);
+        x->left[i] = 0;
+        chatter(x, i);
+    }
+    if (c->begun > 1 && hit >= 0) /* the event and those that were gathered behind it */
+        for (Int k = last; k < o->events; k++) {
+            Int i = o->event_contact[k];
+            o->event_side[k] = c->side[i] != 0 ? c->side[i] : 9 * c->fresh_side[i];
+        }
+    c->waits = 0;
+}
+
+/* Rounding of the position of a contact in a stretch of length h. */
+static double rounding(const Motion *x, Int i, Int side, double h)
+{
+    const Free *f = x->free;
+    double terms = side ? fabs(stop_of(f, i, side)) : 0.0;
+    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j]) * (fabs(x->c->eta[j]) + fabs(x->c->rate[j]) * h);
+    return ROUNDINGS * EPS * terms + 1e-300;
+}
+
+/* Whether a spring's contact at its stop turns back before it has passed it by more than `lost`: no event. */
+static int grazes(Motion *x, Event e, double lost)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Int m = f->m, i = e.contact;
+    if (rigid(f, i) || c->slack[i] > 0.0 || f->laws[3 * i + 1] != 0.0) return 0;
+    double way = e.side > 0 ? 1.0 : -1.0, sign = c->side[i] == 0 ? -way : way;
+    expand_here(x, 3);
+    double rate = sign * x->s.u[m + i], turns = 2.0 * sign * x->s.u[2 * m + i];
+    return turns > 0.0 && rate * rate <= 2.0 * turns * lost;
+}
+
+/* A contact whose events do not let time advance moves by rounding alone: these events are none. */
+static void still_contact(Motion *x, Int i)
+{
+    Output *o = x->out;
+    x->c->slack[i] = rounding(x, i, x->c->fresh_side[i], 0.0);
+    while (o->events >= 2 && o->event_contact[o->events - 1] == i && o->event_contact[o->events - 2] == i
+           && o->event_t[o->events - 2] == x->c->t)
+        o->events -= 2;
+}
+
+/* Contacts that have left their stops by more than rounding are followed as all others again. */
+static void wake(Motion *x)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    for (Int i = 0; i < f->m; i++) {
+        if (!(c->slack[i] > 0.0)) continue;
+        double nearest = INFINITY;
+        drive_series(f, c->t, c->piece, 1, x->s.G);
+        for (Int s = 0; s < 2; s++) nearest = least(nearest, fabs(place(x, i) - f->stops[2 * i + s]));
+        if (nearest > 4.0 * (rounding(x, i, 0, 0.0) + c->slack[i])) c->slack[i] = 0.0;
+    }
+}
+
+static Int run(Motion *x)
+{
+    const Free *f = x->free;
+    State *c = x->c;
+    Output *o = x->out;
+    Int n = f->n;
+    if (!c->begun) {
+        c->waits = start(x, &c->hit), c->begun = 1;
+        if (!c->waits) mark(x);
+    }
+    while (c->t < x->t_end) {
+        if (c->waits) act(x), mark(x);
+        else if (c->since >= BETWEEN) mark(x);
+        /* room for all of the next turn, whose impacts come before this line */
+        if (o->marks + 2 > o->room || o->events + 4 * f->m * f->m + 2 > o->room || o->blows + 8 * f->m * f->m > o->room) return FULL;
+        c->begun = 2, c->since++;
+        int K = 0;
+        const Free *flown;
+        double h = begin(x, room_for(x, x->t_end), &flown, &K);
+        Event e;
+        if (flown) {
+            see(flown, c->t, &x->g);
+            e = flight(flown, &x->g, c->t, h, x->radians, c, &c->leap, o->counts);
+        } else {
+            c->leap = 0.0;
+            e = watch(f, K, h, c, &x->s);
+        }
+        o->counts[flown ? 1 : 0]++;
+        for (; o->station < o->n_stations; o->station++) { /* one at an event has the state behind it */
+            double end = c->t + e.s;
+            if (e.contact < 0 ? o->stations[o->station] > end : o->stations[o->station] >= end) break;
+            double tau = o->stations[o->station] - c->t;
+            state_at(x, flown, K, tau, o->eta_at + o->station * n, o->rate_at + o->station * n);
+            forces_at(x, flown, K, tau, o->force_at + o->station * f->m);
+        }
+        for (Int i = 0; i < f->m; i++) c->size[i] = most(c->size[i], rounding(x, i, 0, e.s));
+        double before = c->t, lost = e.contact < 0 ? 0.0 : c->size[e.contact] + ROUNDINGS * EPS * fabs(stop_of(f, e.contact, e.side));
+        move(x, flown, K, e.s);
+        c->still = c->t == before ? c->still + 1 : 0;
+        if (c->still == 0) memset(c->fresh, 0, (size_t)f->m * sizeof(Int));
+        wake(x);
+        if (!isfinite(c->t) || !isfinite(dot(c->eta, c->eta, n)) || !isfinite(dot(c->rate, c->rate, n))) return NOT_FINITE;
+        if (c->still > STILL) return STALLED;
+        if (e.contact < 0) continue;
+        c->leap = 0.0;
+        if (grazes(x, e, lost)) {
+            c->slack[e.contact] = lost;
+            continue;
+        }
+        c->hit = e.contact, c->size[e.contact] = 0.0;
+        c->waits = change(x, e, o->event_side + o->events);
+        o->event_t[o->events] = c->t, o->event_contact[o->events] = c->hit, o->event_mark[o->events++] = o->marks;
+        if (!c->waits) c->since = BETWEEN; /* a mark behind every event */
+        if (c->still > LOOSE && !rigid(f, c->hit)) still_contact(x, c->hit);
+    }
+    return DONE;
+}
+
+/* Every array of a call in one block: called with NULL it returns the size, else it deals the block out. */
+static size_t layout(Motion *x, double *block)
+{
+    const Free *f = x->free;
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T = N + f->F, at = 0;
+    if (n > N) N = n;
+    if (T < n + f->F) T = n + f->F;
+#define REALS(name, count) (name = block ? block + at : NULL, at += (count))
+#define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
+    REALS(x->turned, n), REALS(x->turned_rate, n), REALS(x->at_eta, n), REALS(x->at_rate, n), REALS(x->terms, 4 * T);
+    REALS(x->s.a, MOST * n), REALS(x->s.u, MOST * m), REALS(x->s.lam, MOST * m), REALS(x->s.G, MOST * B);
+    INTS(x->s.held, m), REALS(x->s.inverse, m * m), REALS(x->s.A, m * m);
+    REALS(x->g.z, 2 * N), REALS(x->g.poly, 2 * N * ROOM), INTS(x->g.degree, N), REALS(x->g.Z, 2 * m * T), REALS(x->g.slide, m * ROOM);
+    REALS(x->g.sizes, m * T), REALS(x->g.C, T), REALS(x->g.S, T), REALS(x->g.x, T), REALS(x->g.y, T), REALS(x->g.h, 2 * n);
+    REALS(x->g.c, 4 * f->R), INTS(x->g.cross, m);
+    REALS(x->P, m), REALS(x->r, m), REALS(x->v, 2 * m), REALS(x->A, m * m), REALS(x->b, m), INTS(x->on, m), INTS(x->at, m), INTS(x->left, m);
+    return (size_t)at * sizeof(double);
+}
+
+/* The memory of a call; NULL without any. */
+static double *prepared(Motion *x)
+{
+    const Free *f = x->free;
+    double *block = calloc(1, layout(x, NULL) + 1);
+    if (!block) return NULL;
+    layout(x, block);
+    x->full = terms_for(x->radians);
+    Int T = f->N + f->F;
+    x->free_fast = T ? f->sorted[3 * T - 1] : 0.0;
+    for (Int b = 0; b < 2 * f->F + f->R; b++)
+        for (Int j = 0; j < f->n; j++)
+            if (f->loads[b * f->n + j] != 0.0) {
+                x->s.loaded++, x->s.only = b;
+                break;
+            }
+    return block;
+}
+
+Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
+                 double radians, Output *out)
+{
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = state, .t_end = t_end, .radians = radians, .out = out};
+    double *block = prepared(&x);
+    if (!block) return NO_MEMORY;
+    Int result = run(&x);
+    free(block);
+    return result;
+}
+
+/* ------------------------------------------------------------------ the motion again, from its marks */
+
+/* A state of its own, for parts of a motion: 4 n + m reals and 5 m integers. */
+static double *own_state(State *c, const Free *f)
+{
+    Int n = f->n, m = f->m;
+    double *block = calloc((size_t)(4 * n + 6 * m + 1), sizeof(double));
+    if (!block) return NULL;
+    c->eta = block, c->rate = block + n, c->lost = block + 2 * n, c->speed = block + 4 * n;
+    c->side = (Int *)(c->speed + m), c->fresh = c->side + m, c->fresh_side = c->fresh + m, c->closed = c->fresh_side + m;
+    c->slack = c->size = (double *)(c->closed + m);
+    return block;
+}
+
+static void restore(Motion *x, Int k, const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side)
+{
+    State *c = x->c;
+    Int n = x->free->n, m = x->free->m;
+    c->t = mark_t[k], c->late = 0.0, c->piece = 0;
+    Int lo = 0, hi = x->free->E; /* the piece by bisection; room_for goes on from there */
+    while (hi - lo > 1) {
+        Int middle = (lo + hi) / 2;
+        if (x->free->edges[middle] <= c->t) lo = middle;
+        else hi = middle;
+    }
+    c->piece = lo;
+    memcpy(c->eta, mark_eta + k * n, (size_t)n * sizeof(double));
+    memcpy(c->rate, mark_rate + k * n, (size_t)n * sizeof(double));
+    memcpy(c->side, mark_side + k * m, (size_t)m * sizeof(Int));
+    memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
+}
+
+Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+               const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
+               const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
+{
+    (void)marks;
+    State c = {0};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
+    double *block = prepared(&x), *own = own_state(&c, f);
+    Int n = f->n, m = f->m, result = block && own ? DONE : NO_MEMORY;
+    for (Int i = 0; i < count && result == DONE;) {
+        Int last = i;
+        while (last + 1 < count && mark_of[last + 1] == mark_of[i]) last++;
+        restore(&x, mark_of[i], mark_t, mark_eta, mark_rate, mark_side);
+        for (; i <= last && times[i] <= c.t; i++) {
+            memcpy(eta_at + i * n, c.eta, (size_t)n * sizeof(double));
+            memcpy(rate_at + i * n, c.rate, (size_t)n * sizeof(double));
+            int K = 0;
+            const Free *flown;
+            begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K);
+            forces_at(&x, flown, K, 0.0, force_at + i * m);
+        }
+        while (i <= last) {
+            int K = 0;
+            const Free *flown;
+            double h = begin(&x, room_for(&x, times[last]), &flown, &K), until = c.t + h;
+            if (until == c.t) until = times[i]; /* roundings of the time are left */
+            for (; i <= last && times[i] <= until; i++) {
+                state_at(&x, flown, K, times[i] - c.t, eta_at + i * n, rate_at + i * n);
+                forces_at(&x, flown, K, times[i] - c.t, force_at + i * m);
+            }
+            if (i <= last) move(&x, flown, K, h);
+        }
+    }
+    free(block);
+    free(own);
+    return result;
+}
+
+/* The largest value, if above `best`, of a polynomial on [0, h]. */
+static double highest(const double *given, int n, double h, double best)
+{
+    double stack[64][MOST + 1];
+    int top = 0;
+    scaled(given, n, h, stack[0]);
+    bernstein(stack[0], n);
+    while (top >= 0) {
+        double *b = stack[top], most_of_all = b[0], size = 0.0;
+        for (int i = 0; i <= n; i++) most_of_all = most(most_of_all, b[i]), size = most(size, fabs(b[i]));
+        best = most(best, most(b[0], b[n])); /* the values at the ends */
+        if (most_of_all <= best + 4.0 * EPS * size || top > 60) {
+            top--;
+            continue;
+        }
+        top++;
+        for (int r = 0; r <= n; r++) {
+            stack[top][r] = b[0];
+            for (int i = 0; i < n - r; i++) b[i] = 0.5 * (b[i] + b[i + 1]);
+        }
+    }
+    return best;
+}
+
+/* Coefficients of a polynomial in s - a. */
+static void shifted(double *p, int n, double a)
+{
+    for (int k = 0; k < n && a != 0.0; k++)
+        for (int l = n - 1; l >= k; l--) p[l] += a * p[l + 1];
+}
+
+/* Depth of the only contact, pressed without damping, at tau of a flight, with its rate and curvature. */
+static double depth_at(const Free *f, Flight *g, double way, double stop, double tau, double *rate, double *curve)
+{
+    Int T = g->T;
+    const double *restrict Zx = g->Z, *restrict Zy = g->Z + T, *restrict omega = f->sorted + T;
+    double u = 0.0, v = 0.0, w = 0.0, x = 0.0, y = 0.0, z = 0.0;
+    waves_at(f->sorted, omega, T, 0, f->sorted[3 * T - 1], tau, g->C, g->S);
+#pragma omp simd reduction(+ : u, v, w)
+    for (Int k = 0; k < T; k++) {
+        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = omega[k] * (Zx[k] * g->S[k] + Zy[k] * g->C[k]);
+        u += re;
+        v -= im;
+        w -= omega[k] * omega[k] * re;
+    }
+    for (Int k = g->deg; k >= 0; k--) {
+        z = z * tau + 2.0 * y;
+        y = y * tau + x;
+        x = x * tau + g->slide[k];
+    }
+    *rate = way * (v + y), *curve = way * (w + z);
+    return way * (u + x - stop);
+}
+
+/* One turn of all terms by C + i S, and the sums of their values and rates. */
+HOT static void turn_all(double *restrict x, double *restrict y, const double *restrict C, const double *restrict S,
+                         const double *restrict omega, Int T, double sums[2])
+{
+    double u = 0.0, v = 0.0;
+#pragma omp simd reduction(+ : u, v)
+    for (Int k = 0; k < T; k++) {
+        double old = x[k];
+        x[k] = old * C[k] - y[k] * S[k];
+        y[k] = old * S[k] + y[k] * C[k];
+        u += x[k];
+        v -= omega[k] * y[k];
+    }
+    sums[0] = u, sums[1] = v;
+}
+
+/* The largest depth of a pressed spring in a flight over [a, b], if above `best`: samples a radian of the fastest motion
+ * apart, and Newton's method for the turns between them that may exceed the best so far. */
+static double deepest(Motion *x, const Free *f, double way, double stop, double a, double b, double best)
+{
+    Flight *g = &x->g;
+    Int T = g->T;
+    const double *omega = f->sorted + T;
+    Int count = 1 + (Int)((b - a) * f->sorted[3 * T - 1]);
+    double d = (b - a) / (double)count, rate, curve, sums[2], depth = depth_at(f, g, way, stop, a, &rate, &curve);
+    double *X = x->terms, *Y = X + T, *C = Y + T, *S = C + T;
+    for (Int k = 0; k < T; k++) {
+        X[k] = g->Z[k] * g->C[k] - g->Z[T + k] * g->S[k];
+        Y[k] = g->Z[k] * g->S[k] + g->Z[T + k] * g->C[k];
+    }
+    waves_at(f->sorted, omega, T, 0, f->sorted[3 * T - 1], d, C, S);
+    best = most(best, depth);
+    for (Int i = 1; i <= count; i++) {
+        double tau = a + i * d, u = 0.0, v = 0.0, before = depth, rise = rate;
+        turn_all(X, Y, C, S, omega, T, sums);
+        for (Int k = g->deg; k >= 0; k--) {
+            v = v * tau + u;
+            u = u * tau + g->slide[k];
+        }
+        depth = way * (sums[0] + u - stop), rate = way * (sums[1] + v);
+        if (i == count) best = most(best, depth_at(f, g, way, stop, b, &rate, &curve));
+        if (!(rise > 0.0 && rate < 0.0)) continue;
+        double meet = (depth - before - rate * d) / (rise - rate); /* of the tangents at both ends */
+        if (before + rise * least(most(meet, 0.0), d) < best) continue;
+        double lo = tau - d, hi = tau, at = lo + d * rise / (rise - rate), r, w;
+        for (int it = 0; it < 30; it++) {
+            double y = depth_at(f, g, way, stop, at, &r, &w);
+            best = most(best, y);
+            if (r > 0.0) lo = at;
+            else hi = at;
+            double step = w < 0.0 ? -r / w : INFINITY;
+            if (fabs(r * step) <= 1e-17 * y) break; /* flat there */
+            at = lo <= at + step && at + step <= hi ? at + step : 0.5 * (lo + hi);
+        }
+    }
+    return best;
+}
+
+/* The integral of depth over [a, b] of a flight without damping. */
+static double depths(Motion *x, const Free *f, double way, double stop, double a, double b)
+{
+    const Flight *g = &x->g;
+    Int T = g->T;
+    const double *Zx = g->Z, *Zy = g->Z + T, *omega = f->sorted + T;
+    double d = b - a, sum = -stop * d, c[ROOM];
+    waves_at(f->sorted, omega, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
+    for (Int k = 0; k < T; k++) {
+        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = Zx[k] * g->S[k] + Zy[k] * g->C[k], half = sin(0.5 * omega[k] * d);
+        sum += omega[k] > 0.0 ? (re * sin(omega[k] * d) - 2.0 * im * half * half) / omega[k] : re * d;
+    }
+    slide_at(g, 0, a, (int)g->deg, c);
+    for (int k = (int)g->deg; k >= 0; k--) sum += c[k] * pow(d, k + 1) / (k + 1.0);
+    return way * sum;
+}
+
+Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+                const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int contact,
+                Int count, const double *starts, const double *ends, double *peak, double *impulse)
+{
+    State c = {0};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
+    double *block = prepared(&x), *own = own_state(&c, f), p[MOST + 1];
+    Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
+    double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
+    for (Int i = 0; i < count && result == DONE; i++) {
+        while (k + 1 < marks && mark_t[k + 1] <= starts[i]) k++;
+        peak[i] = impulse[i] = 0.0;
+        for (Int at = k; at < marks && (at == k || mark_t[at] < ends[i]); at++) {
+            double until = at + 1 < marks ? least(ends[i], mark_t[at + 1]) : ends[i];
+            Int side = mark_side[at * m + contact];
+            if ((side != 1 && side != -1) || until <= starts[i]) continue;
+            restore(&x, at, mark_t, mark_eta, mark_rate, mark_side);
+            while (c.t < until) {
+                int K = 0;
+                const Free *flown;
+                double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side, stop = stop_of(f, contact, side);
+                double a = most(0.0, starts[i] - c.t), b = least(h, until - c.t);
+                if (c.t + h == c.t) break;
+                if (a < b && flown) {
+                    see(flown, c.t, &x.g);
+                    peak[i] = kappa * deepest(&x, flown, way, stop, a, b, peak[i] / kappa);
+                    impulse[i] += kappa * depths(&x, flown, way, stop, a, b);
+                } else if (a < b) {
+                    int degree = rigid(f, contact) ? K - 2 : K - 1;
+                    for (int l = 0; l <= degree; l++)
+                        p[l] = rigid(f, contact) ? -way * x.s.lam[l * m + contact]
+                            : way * (kappa * (x.s.u[l * m + contact] - (l == 0 ? stop : 0.0)) + dash * (l + 1.0) * x.s.u[(l + 1) * m + contact]);
+                    shifted(p, degree, a);
+                    peak[i] = highest(p, degree, b - a, peak[i]);
+                    for (int l = degree; l >= 0; l--) impulse[i] += p[l] * pow(b - a, l + 1) / (l + 1.0);
+                }
+                move(&x, flown, K, h);
+            }
+        }
+    }
+    free(block);
+    free(own);
+    return result;
+}
+
+/* Values and rates (B,) of the drive at t. */
+static void drive_at(const Free *f, double t, Int piece, double *g, double *rate)
+{
+    for (Int i = 0; i < f->F; i++) {
+        double w = f->waves[i], s = sin(w * t), c = cos(w * t);
+        g[2 * i] = s, g[2 * i + 1] = c, rate[2 * i] = w * c, rate[2 * i + 1] = -w * s;
+    }
+    for (Int r = 0; r < f->R; r++) {
+        double c[4];
+        record_at(f, piece, r, t, c);
+        g[2 * f->F + r] = c[0], rate[2 * f->F + r] = c[1];
+    }
+}
+
+/* Powers at tau of a stretch: of loads and moving stops, of damping, and of the stops' dashpots. g: (2, B) scratch;
+ * loads: in the modes of the flight. */
+static void powers(Motion *x, const Free *flown, int K, double tau, const double *loads, double *g, double power[3])
+{
+    const Free *f = x->free;
+    const double *rows = flown ? flown->rows : f->rows;
+    State *c = x->c;
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R;
+    double *q = x->at_eta, *v = x->at_rate, *rate = g + B;
+    if (flown) land(flown, &x->g, c->t, tau, q, v);
+    else horner(x->s.a, K, tau, q, v, n);
+    drive_at(f, c->t + tau, c->piece, g, rate);
+    power[0] = power[1] = power[2] = 0.0;
+    for (Int b = 0; b < B; b++)
+        if (g[b] != 0.0) power[0] += g[b] * dot(loads + b * n, v, n);
+    if (f->coupling == 1)
+        for (Int j = 0; j < n; j++) power[1] += f->drag[j] * v[j] * v[j];
+    for (Int j = 0; f->coupling == 2 && j < n; j++) power[1] += v[j] * dot(f->damping + j * n, v, n);
+    for (Int i = 0; i < m; i++) {
+        Int side = c->side[i];
+        if (side == 0) continue;
+        double speed = dot(rows + i * n, v, n), moves = 0.0, force = 0.0;
+        for (Int b = 0; b < B; b++) moves += f->offsets[b * m + i] * rate[b];
+        speed += moves;
+        if (rigid(f, i)) {
+            if (!flown)
+                for (int k = K - 2; k >= 0; k--) force = force * tau + x->s.lam[k * m + i];
+            power[0] -= force * moves;
+            continue;
+        }
+        double depth = dot(rows + i * n, q, n) - stop_of(f, i, side), drag = f->laws[3 * i + 1] * speed;
+        for (Int b = 0; b < B; b++) depth += f->offsets[b * m + i] * g[b];
+        force = -f->laws[3 * i] * depth;
+        if (presses(c, i)) power[0] += (drag - force) * moves, power[2] += drag * speed;
+        else power[2] += force * speed; /* beyond a stop that has let go its energy falls without a force */
+    }
+}
+
+static const double NODES[5] = {0.1488743389816312, 0.4333953941292472, 0.6794095682990244, 0.8650633666889845, 0.9739065285171717};
+static const double WEIGHTS[5] = {0.2955242247147529, 0.2692667193099963, 0.2190863625159820, 0.1494513491505806, 0.0666713443086881};
+
+Int exact_work(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+               const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
+               const double *edges, double *work)
+{
+    State c = {0};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
+    double *block = prepared(&x), *own = own_state(&c, f);
+    Int B = 2 * f->F + f->R, result = block && own ? DONE : NO_MEMORY, k = 0;
+    double *g = result == DONE ? malloc((size_t)(2 * B + B * f->n + 1) * sizeof(double)) : NULL, *turned = g + 2 * B;
+    if (!g) result = NO_MEMORY;
+    for (Int b = 0; b < B && g && (up || low); b++) turn(V, f->loads + b * f->n, turned + b * f->n, f->n);
+    for (Int i = 0; i + 1 < count && result == DONE; i++) {
+        double *sum = work + 3 * i;
+        sum[0] = sum[1] = sum[2] = 0.0;
+        if (i == 0 || (k + 1 < marks && mark_t[k + 1] <= edges[i])) {
+            while (k + 1 < marks && mark_t[k + 1] <= edges[i]) k++;
+            restore(&x, k, mark_t, mark_eta, mark_rate, mark_side);
+        }
+        while (c.t < edges[i + 1]) {
+            int K = 0;
+            const Free *flown;
+            if (k + 1 < marks && mark_t[k + 1] <= c.t) restore(&x, ++k, mark_t, mark_eta, mark_rate, mark_side);
+            double until = k + 1 < marks ? least(edges[i + 1], mark_t[k + 1]) : edges[i + 1];
+            double h = begin(&x, room_for(&x, until), &flown, &K), a = 0.0, longest = h, part = h;
+            if (flown) { /* half of the shortest period, and short where a mode decays */
+                double omega = 1e-300, decay = 1e-300;
+                for (Int j = 0; j < flown->N + flown->F; j++) {
+                    omega = most(omega, flown->sorted[flown->N + flown->F + j]);
+                    decay = most(decay, -flown->sorted[j]);
+                }
+                longest = least(h, PI / omega), part = least(longest, 1.0 / decay);
+            }
+            while (a < h) {
+                double b = least(h, a + part), middle = 0.5 * (a + b), half = 0.5 * (b - a), power[3];
+                if (h - b < 0.1 * part) b = h, middle = 0.5 * (a + b), half = 0.5 * (b - a);
+                for (int j = 0; j < 10; j++) {
+                    powers(&x, flown, K, middle + (j < 5 ? -half : half) * NODES[j % 5], flown && flown != f ? turned : f->loads, g, power);
+                    for (int l = 0; l < 3; l++) sum[l] += half * WEIGHTS[j % 5] * power[l];
+                }
+                a = b, part = least(longest, 2.0 * part);
+            }
+            double before = c.t;
+            move(&x, flown, K, h);
+            if (c.t == before) c.t = until;
+        }
+    }
+    free(block);
+    free(own);
+    free(g);
+    return result;
+}
+
+/* Value and rate of x'' + d x' + w2 x = 0 over tau. */
+static void oscillate(double w2, double d, double tau, double *x, double *v)
+{
+    double sigma = -0.5 * d, q = w2 - sigma * sigma, r = sqrt(fabs(q)), c, s, e = exp(sigma * tau);
+    if (r * tau < 1e-8) c = e, s = e * tau;
+    else if (q > 0.0) c = e * cos(r * tau), s = e * sin(r * tau) / r;
+    else { /* without overflow */
+        double up = exp((sigma + r) * tau), down = exp((sigma - r) * tau);
+        c = 0.5 * (up + down), s = r * tau < 1.0 ? e * sinh(r * tau) / r : 0.5 * (up - down) / r;
+    }
+    double y = *v - sigma * *x, old = *x;
+    *x = c * old + s * y;
+    *v = sigma * *x + c * y - q * s * old;
+}
+
+Int exact_carry(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Int *sides,
+                double tau, Int count, double *eta, double *rate)
+{
+    Int n = f->n, m = f->m, open = 1;
+    for (Int i = 0; i < m; i++) open &= sides[i] != 1 && sides[i] != -1;
+    const Free *one = m == 1 && !open ? (sides[0] == 1 ? up : low) : NULL;
+    State c = {0};
+    Free still = *f;
+    still.F = still.R = still.E = 0;
+    Motion x = {.free = &still, .V = V, .c = &c, .radians = radians};
+    double *block = prepared(&x), *own = own_state(&c, f), *zero = calloc((size_t)(2 * m + 1), sizeof(double));
+    Int result = block && own && zero ? DONE : NO_MEMORY;
+    still.stops = zero;
+    for (Int k = 0; k < count && result == DONE; k++) {
+        double *q = eta + k * n, *v = rate + k * n;
+        if (open && f->coupling < 2)
+            for (Int j = 0; j < n; j++) oscillate(f->w2[j], f->coupling ? f->drag[j] : 0.0, tau, q + j, v + j);
+        else if (one && one->kind == 1) {
+            turn(V, q, x.turned, n), turn(V, v, x.turned_rate, n);
+            for (Int j = 0; j < n; j++) oscillate(one->w2[j], 0.0, tau, x.turned + j, x.turned_rate + j);
+            turn_back(V, x.turned, q, n), turn_back(V, x.turned_rate, v, n);
+        } else {
+            c.t = c.late = 0.0;
+            memset(c.lost, 0, (size_t)(2 * n) * sizeof(double));
+            memcpy(c.eta, q, (size_t)n * sizeof(double)), memcpy(c.rate, v, (size_t)n * sizeof(double));
+            for (Int i = 0; i < m; i++) c.side[i] = sides[i] == 1 || sides[i] == -1 ? sides[i] : 0;
+            still.kind = 0;
+            while (c.t < tau) {
+                int K = 0;
+                const Free *flown;
+                double h = begin(&x, tau - c.t, &flown, &K), before = c.t;
+                move(&x, flown, K, h);
+                if (!(c.t > before)) break;
+            }
+            memcpy(q, c.eta, (size_t)n * sizeof(double)), memcpy(v, c.rate, (size_t)n * sizeof(double));
+        }
+    }
+    free(block);
+    free(own);
+    free(zero);
+    return result;
+}

@@ -1,0 +1,116 @@
+/* Exact motion, event by event. Matrices are row by row.
+ *
+ * Sizes: n modes, m contacts, F frequencies (the first is 0: constants), R records, E edges of the records' pieces,
+ * N exponentials of the modes, B = 2 F + R rows of loads, T = N + F terms of a motion in closed form.
+ * Sides of a contact: 0 open, +-1 pressed or held at the upper/lower stop, +-2 beyond a damped stop that has let go.
+ */
+#ifndef STIFFBEAM_EXACT_H
+#define STIFFBEAM_EXACT_H
+
+#include <stdint.h>
+
+#ifdef _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+typedef int64_t Int;
+
+enum { DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY }; /* results of exact_follow */
+
+/* The free system in its modes, and its contacts. The same order as in exact.py. */
+typedef struct {
+    Int n, m, F, R, E, N;
+    Int coupling; /* of the damping: 0 none, 1 diagonal, 2 full */
+    Int kind;     /* of flight: 0 none, 1 real pairs (N = n), 2 complex modes */
+    Int damped;   /* 1 if a pole has a real part */
+    double longest;        /* flight: inverse of the fastest rate of the modes that are `apart`; else infinity */
+    const double *w2;      /* (n,) squared frequencies */
+    const double *drag;    /* (n,) diagonal of the damping */
+    const double *damping; /* (n, n) */
+    const double *rows;    /* (m, n) */
+    const double *stops;   /* (m, 2) lower, upper; infinite for none */
+    const double *laws;    /* (m, 3) stiffness (infinite: rigid), damping, restitution */
+    const double *meet;    /* (m, m) rows rows^T */
+    const double *loads;   /* (B, n) of sin and cos of every frequency, then of the records */
+    const double *offsets; /* (B, m) of the stops */
+    const double *waves;   /* (F,) frequencies */
+    const double *edges;   /* (E,) */
+    const double *pieces;  /* (E, R, 4) cubics of the records in the time since each edge */
+    const double *poles;   /* (2, T) sigma and omega of the modes' exponentials, then of the frequencies */
+    const double *sorted;  /* (3, T) sigma, omega and size, from slow to fast */
+    const double *answer;  /* (2 F, n) particular solution of sin and cos */
+    const double *out;     /* (4, n, N) eta = out[0] x - out[1] y, eta' = out[2] x - out[3] y of modes x + iy; kind 2 */
+    const double *back;    /* (2, N, 2 n) x and y of (eta, eta'); kind 2 */
+    const double *seen;    /* (2, m, N) x and -y as the contacts see them; kind 2 */
+    const Int *order;      /* (T,) of `sorted` */
+    const Int *apart;      /* (n,) 1 for modes that are polynomials in a flight: resonant, critically damped; kind 1 */
+} Free;
+
+/* State of a motion, advanced in place. Zero but for t, eta, rate at the start. */
+typedef struct {
+    double t, late;                /* time, and its rounding */
+    double leap;                   /* length of the last leap */
+    double fastest;                /* impact so far */
+    double together;               /* roundings of the time within which rigid stops are hit together */
+    Int piece, begun, waits, hit;  /* piece of the records; 1 after the start; 1 before an impact, of contact `hit` */
+    Int still;                     /* events without an advance of time */
+    Int since;                     /* flights and steps of series since the last mark */
+    double *eta, *rate;            /* (n,) */
+    double *lost;                  /* (2, n) roundings of eta, rate */
+    double *speed;                 /* (m,) at which a gap opens after an impact */
+    double *size;                  /* (m,) largest rounding of a contact's position since its last event */
+    double *slack;                 /* (m,) rounding of contacts of springs that move by rounding alone; else 0 */
+    Int *side;                     /* (m,) */
+    Int *fresh, *fresh_side;       /* (m,) number of derivatives of the gap to fresh_side that start at zero exactly */
+    Int *closed;                   /* (m,) the rigid stop that a contact is on */
+} State;
+
+/* Results of exact_follow. Marks are states from which a part of the motion is computed again. */
+typedef struct {
+    Int room, marks, events, blows;  /* of the arrays; numbers used */
+    Int n_stations, station;         /* numbers of stations, and of those passed */
+    Int counts[3];                   /* series steps, flights, evaluations in flight */
+    double *mark_t, *mark_eta, *mark_rate;              /* (room,), (room, n), (room, n) */
+    Int *mark_side;                                     /* (room, m) */
+    double *event_t;                                    /* (room,) */
+    Int *event_contact, *event_side, *event_mark;       /* (room,) contact, its new side (9 times the stop: a rebound), mark behind it */
+    double *blow_t, *blow_impulse, *blow_before, *blow_after; /* (room,) impulses of rigid stops on the positions; their rates */
+    Int *blow_contact, *blow_side, *blow_mark;          /* (room,) contact, its stop, mark behind it */
+    const double *stations;                             /* (n_stations,) increasing times */
+    double *eta_at, *rate_at, *force_at;                /* (n_stations, n), (n_stations, n), (n_stations, m) held forces */
+} Output;
+
+/* up, low: the system with its only contact pressed at the upper, lower stop, or NULL; V (n, n): its modes V eta. */
+API Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
+                     double radians, Output *out);
+
+/* The motion from `marks` marks on, again: at `count` times, of which `mark` (count,) is not decreasing and the times
+ * (count,) of one mark increase. */
+API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+                   const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
+                   const double *times, const Int *mark, double *eta_at, double *rate_at, double *force_at);
+
+/* Largest force and impulse of a compliant contact, or impulse of the reaction of a rigid one, in spans from starts
+ * to ends (count,), which lie in order. */
+API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+                    const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side,
+                    Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse);
+
+/* Work between consecutive edges (count,), which include every event: work (count - 1, 3) of the loads and moving
+ * stops, of the damping, and of the stops' dashpots. */
+API Int exact_work(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
+                   const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
+                   const double *edges, double *work);
+
+/* Homogeneous flow over tau with contacts on sides (m,): eta, rate (count, n) in place. */
+API Int exact_carry(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Int *sides,
+                    double tau, Int count, double *eta, double *rate);
+
+/* Squares of the pressed frequencies of one spring, w2[near[k]] + shift[k], and V (n, n): its rows are their modes in
+ * the free ones. w2, row, shift, near, r (n,); r is scratch. */
+API void exact_pressed_modes(Int n, const double *w2, const double *row, double kappa, double *shift, Int *near, double *V,
+                             double *r);
+
+#endif

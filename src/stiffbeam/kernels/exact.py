@@ -1,0 +1,346 @@
+"""Exact motion of M q'' + C q' + K q = f(t) + sum_i row_i^T F_i, event by event: the functions of exact.c.
+
+Arrays are checked here once: a wrong type, shape or order is a TypeError, not a crash. The library releases the GIL.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..basics.arrays import Array, IntArray
+from .library import INTEGER, Address, Int, Real, address, library
+
+DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY = range(5)
+REBOUND = 9  # times the stop: the side of a contact that an impact throws back
+RADIANS = 2.0  # of the fastest motion in a step of series
+TOGETHER = 16.0
+FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
+
+
+def _structure(name: str, *kinds: tuple[Any, str]) -> Any:
+    """A structure in the order of exact.h: (type, names) of its fields."""
+    return type(name, (ctypes.Structure,), {"_fields_": [(x, kind) for kind, names in kinds for x in names.split()]})
+
+
+FREE_REALS = """w2 drag damping rows stops laws meet loads offsets waves edges pieces poles sorted answer out back
+    seen"""
+STATE_INTS = "side fresh fresh_side closed"
+_Free = _structure(
+    "_Free", (Int, "n m F R E N coupling kind damped"), (Real, "longest"), (Address, FREE_REALS),
+    (Address, "order apart"),
+)  # fmt: skip
+_State = _structure(
+    "_State", (Real, "t late leap fastest together"), (Int, "piece begun waits hit still since"),
+    (Address, "eta rate lost speed size slack"), (Address, STATE_INTS),
+)  # fmt: skip
+_Output = _structure(
+    "_Output", (Int, "room marks events blows n_stations station"), (Int * 3, "counts"),
+    (Address, """mark_t mark_eta mark_rate mark_side event_t event_contact event_side event_mark blow_t blow_impulse
+        blow_before blow_after blow_contact blow_side blow_mark stations eta_at rate_at force_at"""),
+)  # fmt: skip
+
+
+@cache
+def _functions() -> ctypes.CDLL:
+    """The library, with the arguments of its functions declared."""
+    lib, at = library(), ctypes.POINTER
+    flown, marks = [at(_Free)] * 3 + [Address], [Int, *[Address] * 4]
+    lib.exact_follow.argtypes = [*flown, at(_State), Real, Real, at(_Output)]
+    lib.exact_read.argtypes = [*flown, Real, *marks, Int, *[Address] * 5]
+    lib.exact_press.argtypes = [*flown, Real, *marks, Int, Int, *[Address] * 4]
+    lib.exact_work.argtypes = [*flown, Real, *marks, Int, Address, Address]
+    lib.exact_carry.argtypes = [*flown, Real, Address, Real, Int, Address, Address]
+    for function in (lib.exact_follow, lib.exact_read, lib.exact_press, lib.exact_work, lib.exact_carry):
+        function.restype = Int
+    lib.exact_pressed_modes.argtypes = [Int, Address, Address, Real, *[Address] * 4]
+    lib.exact_pressed_modes.restype = None
+    return lib
+
+
+def _done(result: int) -> None:
+    if result != DONE:
+        raise MemoryError("no memory for an exact motion")
+
+
+@dataclass(frozen=True, eq=False)
+class Free:
+    """The free system in its modes, and its contacts: see exact.h for the shapes."""
+
+    w2: Array
+    drag: Array
+    damping: Array
+    coupling: int
+    rows: Array
+    stops: Array
+    laws: Array
+    meet: Array
+    loads: Array
+    offsets: Array
+    waves: Array
+    edges: Array
+    pieces: Array
+    kind: int
+    poles: Array
+    order: IntArray
+    answer: Array
+    apart: IntArray
+    longest: float
+    out: Array = field(default_factory=lambda: np.zeros((4, 0, 0)))
+    back: Array = field(default_factory=lambda: np.zeros((2, 0, 0)))
+    seen: Array = field(default_factory=lambda: np.zeros((2, 0, 0)))
+    c: Any = field(init=False, repr=False)
+    sorted: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n, m, F, E, R = len(self.w2), len(self.rows), len(self.waves), len(self.edges), self.pieces.shape[1]
+        N = self.poles.shape[1] - F
+        p = self.poles[:, self.order]
+        object.__setattr__(self, "sorted", np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]])))
+        complex_modes = self.kind == 2 or self.out.size > 0
+        k, N2, M = (n, N, m) if complex_modes else (0, 0, 0)
+        if self.kind == 1 and n != N:
+            raise ValueError("kind: one pair a mode wanted")
+        B, T = 2 * F + R, N + F
+        shapes = {
+            "w2": (n,), "drag": (n,), "damping": (n, n), "rows": (m, n), "stops": (m, 2), "laws": (m, 3),
+            "meet": (m, m), "loads": (B, n), "offsets": (B, m), "waves": (F,), "edges": (E,), "pieces": (E, R, 4),
+            "poles": (2, T), "sorted": (3, T), "answer": (2 * F, n), "out": (4, k, N2), "back": (2, N2, 2 * k),
+            "seen": (2, M, N2),
+        }  # fmt: skip
+        at = [address(getattr(self, x), shapes[x]) for x in FREE_REALS.split()]
+        whole = [address(self.order, (T,), INTEGER), address(self.apart, (n,), INTEGER)]
+        damped = bool(self.poles[0].any())
+        sizes = (n, m, F, R, E, N, self.coupling, self.kind, damped)
+        object.__setattr__(self, "c", _Free(*sizes, self.longest, *at, *whole))
+
+    def changed(self, **values: Any) -> Free:
+        """A copy with other values."""
+        stated = {x.name: getattr(self, x.name) for x in fields(self) if x.init}
+        return Free(**stated | values)
+
+
+class Pressed(NamedTuple):
+    """The system with its only contact pressed at the upper and lower stop, in its modes V eta; None where that is no
+    closed form."""
+
+    up: Free | None
+    low: Free | None
+    V: Array
+
+    def arguments(self, free: Free) -> tuple[Any, ...]:
+        """The arguments of the library."""
+        n = len(free.w2)
+        for x in (self.up, self.low):
+            if x is not None and (len(x.w2) != n or x.edges is not free.edges or self.V.shape != (n, n)):
+                raise ValueError("pressed: the modes of this system wanted")
+        up, low = (None if x is None else ctypes.byref(x.c) for x in (self.up, self.low))
+        return ctypes.byref(free.c), up, low, address(self.V, self.V.shape)
+
+
+NONE_PRESSED = Pressed(None, None, np.zeros((0, 0)))
+
+
+class Blows(NamedTuple):
+    """Impulses of rigid stops on the positions, the rates of these before and after, and the marks behind."""
+
+    t: Array
+    impulse: Array
+    before: Array
+    after: Array
+    contact: IntArray
+    side: IntArray
+    mark: IntArray
+
+    @property
+    def outward(self) -> Array:
+        """Impulses off the stops."""
+        return -self.side * self.impulse
+
+
+class Followed(NamedTuple):
+    """A motion to t_end or to where it cannot go on (``result``): marks, events, blows, and the stations passed."""
+
+    result: int
+    t: float
+    mark_t: Array  # (marks,)
+    mark_eta: Array  # (marks, n)
+    mark_rate: Array
+    mark_side: IntArray  # (marks, m)
+    event_t: Array  # (events,)
+    event_contact: IntArray
+    event_side: IntArray
+    event_mark: IntArray
+    blows: Blows
+    eta_at: Array  # (stations, n)
+    rate_at: Array
+    force_at: Array  # (stations, m)
+    counts: IntArray  # steps of series, flights, evaluations in flight
+
+
+class Follower:
+    """A motion in parts: each call goes on until t_end or until its room is full."""
+
+    def __init__(
+        self, free: Free, pressed: Pressed, eta: Array, rate: Array, t: float = 0.0, sides: IntArray | None = None,
+        fresh: IntArray | None = None, together: float = TOGETHER,
+    ) -> None:  # fmt: skip
+        """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero. together: roundings of
+        the time within which rigid stops are hit together."""
+        n, m = len(free.w2), len(free.rows)
+        self.free, self.pressed = free, pressed
+        self.arrays = {"eta": np.array(eta, float), "rate": np.array(rate, float), "lost": np.zeros(2 * n)}
+        self.arrays |= {x: np.zeros(m) for x in ("speed", "size", "slack")}
+        self.whole = {x: np.zeros(m, np.int64) for x in STATE_INTS.split()}
+        for x in ("eta", "rate"):
+            address(self.arrays[x], (n,))
+        pointers = [x.ctypes.data for x in (*self.arrays.values(), *self.whole.values())]
+        self.state = _State(t, 0.0, 0.0, 0.0, together, *[0] * 6, *pointers)
+        if sides is not None:
+            self.whole["side"][:], self.state.begun, self.state.since = sides, 2, 1 << 40
+        if fresh is not None:
+            self.whole["fresh"][:], self.whole["fresh_side"][:] = fresh != 0, fresh
+
+    def follow(
+        self, t_end: float, stations: Array, radians: float = RADIANS,
+        between: Callable[[float, int, int], None] | None = None,
+    ) -> Followed:  # fmt: skip
+        """Go on to t_end; the states at ``stations`` (k,), increasing. between: called after every part, with the time
+        and the numbers of marks and events so far."""
+        m = len(self.free.rows)
+        room, result, passed, kept, events = FIRST_ROOM + 8 * m * m, FULL, 0, 0, 0
+        counts, parts = np.zeros(3, np.int64), []
+        while result == FULL:
+            result, part, at, used = self._part(t_end, stations[passed:], radians, room)
+            # Numbers of marks count over all parts.
+            part[1][3] += kept
+            part[2][6] += kept
+            parts.append((*part, at))
+            passed, kept, events = passed + len(at[0]), kept + len(part[0][0]), events + len(part[1][0])
+            counts += used
+            if between is not None:
+                between(self.state.t, kept, events)
+            room = min(4 * room, max(LARGEST_ROOM, FIRST_ROOM + 8 * m * m))
+        whole = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
+        marks, found, blows, at = whole
+        return Followed(result, self.state.t, *marks, *found, Blows(*blows), *at, counts)
+
+    def first_event(self, t_end: float, radians: float = RADIANS) -> tuple[float, int, int] | None:
+        """Time, contact and its new side of the first event before t_end; None for none."""
+        while True:
+            result, (_, found, _), _, _ = self._part(t_end, np.zeros(0), radians, 8 * len(self.free.rows) ** 2 + 2)
+            if len(found[0]):
+                return float(found[0][0]), int(found[1][0]), int(found[2][0])
+            if result != FULL:
+                return None
+
+    def _part(self, t_end: float, stations: Array, radians: float, room: int) -> tuple[int, Any, Any, IntArray]:
+        """One call: its result; marks, events and blows; the states at the stations passed; the counts."""
+        n, m, k = len(self.free.w2), len(self.free.rows), len(stations)
+        at = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
+        stations = np.ascontiguousarray(stations, float)
+        marks = np.empty(room), np.empty((room, n)), np.empty((room, n)), np.empty((room, m), np.int64)
+        found = np.empty(room), *np.empty((3, room), np.int64)
+        blows = *np.empty((4, room)), *np.empty((3, room), np.int64)
+        pointers = [x.ctypes.data for x in (*marks, *found, *blows, stations, *at)]
+        out, flown = _Output(room, 0, 0, 0, k, 0, (Int * 3)(), *pointers), self.pressed.arguments(self.free)
+        result = _functions().exact_follow(*flown, ctypes.byref(self.state), t_end, radians, ctypes.byref(out))
+        if result == NO_MEMORY:
+            _done(result)
+        kept = ((marks, out.marks), (found, out.events), (blows, out.blows))
+        parts = [[x[:count].copy() for x in some] for some, count in kept]
+        return result, parts, [x[: out.station] for x in at], np.array(out.counts[:])
+
+
+class Marks(NamedTuple):
+    """States from which parts of a motion are computed again: times (k,), eta, rate (k, n), sides (k, m)."""
+
+    t: Array
+    eta: Array
+    rate: Array
+    side: IntArray
+
+    def arguments(self, free: Free) -> tuple[Any, ...]:
+        """The arguments of the library."""
+        k, n, m = len(self.t), len(free.w2), len(free.rows)
+        return (
+            k, address(self.t, (k,)), address(self.eta, (k, n)),
+            address(self.rate, (k, n)), address(self.side, (k, m), INTEGER),
+        )  # fmt: skip
+
+
+def read(
+    free: Free, pressed: Pressed, marks: Marks, times: Array, mark: IntArray, radians: float = RADIANS
+) -> tuple[Array, Array, Array]:
+    """eta, eta' (k, n) and the reactions of held contacts (k, m) at times (k,), each from its mark."""
+    order = np.lexsort((times, mark))
+    t, at = np.ascontiguousarray(times[order], float), np.ascontiguousarray(mark[order], np.int64)
+    k, n, m = len(t), len(free.w2), len(free.rows)
+    if k and not (at[0] >= 0 and at[-1] < len(marks.t)):
+        raise ValueError("mark: a number of a mark wanted")
+    eta, rate, force = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
+    _done(_functions().exact_read(
+        *pressed.arguments(free), radians, *marks.arguments(free), k, t.ctypes.data, at.ctypes.data, eta.ctypes.data,
+        rate.ctypes.data, force.ctypes.data,
+    ))  # fmt: skip
+    if np.array_equal(order, np.arange(k)):
+        return eta, rate, force
+    back = np.empty(k, np.int64)
+    back[order] = np.arange(k)
+    return eta[back], rate[back], force[back]
+
+
+def press(
+    free: Free, pressed: Pressed, marks: Marks, contact: int, starts: Array, ends: Array, radians: float = RADIANS
+) -> tuple[Array, Array]:
+    """Largest force and impulse of a contact in spans from starts to ends (k,), in order; of rigid stops their
+    reactions."""
+    if not 0 <= contact < len(free.rows):
+        raise ValueError("contact: the number of a contact wanted")
+    a, b = np.ascontiguousarray(starts, float), np.ascontiguousarray(ends, float)
+    peaks, impulses = np.empty(len(a)), np.empty(len(a))
+    _done(_functions().exact_press(
+        *pressed.arguments(free), radians, *marks.arguments(free), contact, len(a), a.ctypes.data,
+        address(b, a.shape), peaks.ctypes.data, impulses.ctypes.data,
+    ))  # fmt: skip
+    return peaks, impulses
+
+
+def work(free: Free, pressed: Pressed, marks: Marks, edges: Array, radians: float = RADIANS) -> Array:
+    """Work between consecutive edges (k,), which include every event: (k - 1, 3) of the loads and moving stops, of the
+    damping, and of the stops' dashpots."""
+    at, found = np.ascontiguousarray(edges, float), np.empty((len(edges) - 1, 3))
+    _done(_functions().exact_work(
+        *pressed.arguments(free), radians, *marks.arguments(free), len(at), at.ctypes.data, found.ctypes.data
+    ))  # fmt: skip
+    return found
+
+
+def carry(
+    free: Free, pressed: Pressed, sides: IntArray, tau: float, eta: Array, rate: Array, radians: float = RADIANS
+) -> tuple[Array, Array]:
+    """The homogeneous flow over tau, contacts on sides (m,), of eta, eta' (k, n)."""
+    eta, rate, n = np.array(eta, float, order="C"), np.array(rate, float, order="C"), len(free.w2)
+    k = len(eta)
+    _done(_functions().exact_carry(
+        *pressed.arguments(free), radians, address(sides, (len(free.rows),), INTEGER), tau, k,
+        address(eta, (k, n)), address(rate, (k, n)),
+    ))  # fmt: skip
+    return eta, rate
+
+
+def pressed_modes(w2: Array, row: Array, kappa: float) -> tuple[Array, NDArray[np.int64], Array]:
+    """Shifts (n,) and poles (n,) of the squared frequencies w2[near] + shift with a spring on a row, and modes V."""
+    n = len(w2)
+    shift, near, V, scratch = np.empty(n), np.empty(n, np.int64), np.empty((n, n)), np.empty(n)
+    _functions().exact_pressed_modes(
+        n, address(w2, (n,)), address(row, (n,)), kappa, shift.ctypes.data,
+        near.ctypes.data, V.ctypes.data, scratch.ctypes.data,
+    )  # fmt: skip
+    return shift, near, V

@@ -1,0 +1,368 @@
+"""Contacts and energy of the exact solution, to rounding. An energy balance that does not close raises an error.
+
+    E - E_0 = input - dissipation,   E = 1/2 q'^T M q' + 1/2 q^T K q + sum_c U_c
+
+Inside a segment the closed form keeps the balance of its own regime, in which U_c = kappa gap^2/2 wherever chi is not 0
+for contact c. The balance of the whole can therefore fail in three places only: at the start; at an event, by the
+energies on its two sides and by the energy of a jump between them; and inside a segment whose gap is not on the side of
+chi, by the error of U_c there. All of these are added up.
+
+A motion far smaller than the amplitudes it is the difference of has lost its digits with the balance intact:
+there the observed positions do not start where they should.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array, IntArray
+from ...basics.resources import afford
+from ...kernels.exact import REBOUND
+from ...model.system import System
+from ...model.time_functions import offset_values
+from ...trajectory.records import ContactRecord, Impacts, Ledger
+from ...trajectory.trajectory import SolverFailure
+from .motion import EPS, REMEDY, Motion, pressed
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
+
+
+def path_of(system: System, solution: Motion, times: Array, channel: int) -> tuple[Array, Array]:
+    """Position and velocity of a channel at any times."""
+    row, offset = system.channels[channel]
+    u, v = solution.observed(times, row)
+    if offset is not None:
+        shift, shift_rate = solution.offset(system, channel)(times)
+        u, v = u + shift, v + shift_rate
+    return solution.settled(channel, times, u, v)
+
+
+def entries(solution: Motion, i: int, t_end: float) -> Impacts:
+    """Impacts of contact i: entries into a stop, without peaks and impulses; of a rigid one every impact, with its
+    impulse but for what presses later."""
+    if solution.system.contacts[i].stops.rigid:
+        times, ends, sides, marks = _struck(solution, i, t_end)
+        mine, blows = solution.blows.contact == i, solution.blows
+        at = np.minimum(np.searchsorted(marks, blows.mark[mine]), max(0, len(marks) - 1))
+        own = marks[at] == blows.mark[mine] if len(marks) else np.zeros(0, bool)
+        impulses = np.bincount(at[own], blows.outward[mine][own], len(times))
+        return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
+    starts, _, sides = _closed(solution, i, t_end)
+    counted = starts > 0.0
+    return Impacts.at(starts[counted], sides[counted], "event")
+
+
+def contact_between(
+    system: System, solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord],
+    start: float, end: float, i: int,
+) -> ContactRecord:  # fmt: skip
+    """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
+    if (start, end) == span:
+        return records[i]
+    pieces, t = solution.first(max(1, int(np.searchsorted(solution.times, end)))), np.array([start, end])
+    return record_of(system, pieces, i, (t, *path_of(system, pieces, t, i)), end, start)
+
+
+def record_of(
+    system: System, solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
+) -> ContactRecord:
+    """Contact history in [since, t_end] by events; seen: output times, position and velocity there. Impacts are the
+    events from free to a stop."""
+    contact = system.contacts[i]
+    if contact.stops.rigid:
+        return _rigid_record(solution, i, seen, t_end, since)
+    # Spans of contact in [since, t_end].
+    starts, ends, sides = _closed(solution, i, t_end)
+    late = ends > since
+    starts, ends, sides = starts[late], ends[late], sides[late]
+    counted = starts > since  # contact that is there at the start is no impact
+    # A contact that exists at t = 0 has a row too, flagged as open at the start.
+    listed = counted | (starts == 0.0)
+    starts = np.maximum(starts, since)
+    peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
+    # A span that t_end cuts has no peak and impulse yet.
+    ended = ends < t_end
+    _, position, velocity = seen
+    return ContactRecord(
+        stops=contact.stops,
+        position=position,
+        velocity=velocity,
+        force=contact.stops.force(position, velocity),
+        impacts=Impacts(
+            times=starts[listed],
+            ends=np.where(ended, ends, np.nan)[listed],
+            stops=sides[listed],
+            peaks=np.where(ended, peaks, np.nan)[listed],
+            impulses=np.where(ended, impulses, np.nan)[listed],
+            kind="event",
+        ).started(~counted[listed]),
+        fraction=float(np.sum(ends - starts) / (t_end - since)),
+        peak_force=float(np.max(peaks, initial=0.0)),
+        impulse=float(np.sum(impulses)),
+    )
+
+
+def _rigid_record(
+    solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
+) -> ContactRecord:
+    """``record_of`` a rigid stop.
+
+    It has no largest force, NaN. What a contact that is held after an impact presses, and what it takes from impacts of
+    others, counts with that impact.
+    """
+    times, ends, sides, marks = _struck(solution, i, t_end)
+    (spans, _), blows = solution.presses(i, since, t_end), solution.blows
+    mine = (blows.contact == i) & (blows.t >= since)
+    struck, at = blows.outward[mine], blows.mark[mine]
+    # The impact that a blow belongs to: its own, or the one after which the contact is held.
+    row = np.searchsorted(marks, at, "right") - 1
+    own = (row >= 0) & ((marks[row] == at) | (blows.t[mine] <= ends[row])) if len(marks) else np.zeros(len(at), bool)
+    impulses = np.bincount(row[own], struck[own], len(times))
+    for begin, _, impulse in spans:
+        k = int(np.searchsorted(times, begin, "right")) - 1
+        if k >= 0 and not begin > ends[k]:
+            impulses[k] += impulse
+    late = times >= since
+    held = sum(b - a for a, b, _ in spans)
+    impacts = Impacts.at(
+        times[late], sides[late], "event", ends=ends[late], impulses=np.where(np.isnan(ends), np.nan, impulses)[late]
+    )
+    total = float(np.sum(struck)) + sum(x for _, _, x in spans)
+    peak = np.nan if np.any(late) or spans else 0.0
+    stops = solution.system.contacts[i].stops
+    t, position, velocity = seen
+    reaction = solution.reactions(t)[:, i]
+    return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
+
+
+def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, IntArray]:
+    """Times, ends, sides and marks of the impacts on a rigid stop; one that begins to press without a blow has a row,
+    too. Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Those that are rounding
+    beside the largest momentum of the contact do not count."""
+    t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
+    blows, free = solution.blows, solution.made.free
+    rates = [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    momentum = max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
+    largest = np.max(blows.outward, initial=momentum)
+    strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
+    hit = side != 0
+    times, sides, marks = t[hit], np.where(np.abs(side[hit]) == REBOUND, side[hit] // REBOUND, side[hit]), mark[hit]
+    ends, kept = times.copy(), np.isin(marks, strong)
+    for start, end, on in zip(*_closed(solution, i, t_end), strict=True):
+        at = solution.first_mark[np.flatnonzero(solution.times == start)]
+        k, end = np.flatnonzero(np.isin(marks, at)), np.nan if end == t_end else end
+        if len(k):
+            ends[k[-1]], kept[k[-1]] = end, True
+            continue
+        place = int(np.searchsorted(times, start, "right"))
+        times, ends, sides, marks, kept = (
+            np.insert(x, place, y)
+            for x, y in zip((times, ends, sides, marks, kept), (start, end, on, at[-1], True), strict=True)
+        )
+    times, ends, sides, marks = (x[kept] for x in (times, ends, sides, marks))
+    return times, ends, sides, marks
+
+
+def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Start, end and side of every interval in which the contact stays on one stop.
+
+    Pieces of no length, where it touches and turns straight back, do not count; pieces in which only
+    other contacts have events belong together.
+    """
+    ends = np.concatenate([solution.times[1:], [t_end]])
+    real = ends > solution.times
+    starts, ends, side = solution.times[real], ends[real], pressed(solution.sides[real, i])
+    # Segments on one side belong to one span: only other contacts have events between them.
+    new = np.concatenate([[True], side[1:] != side[:-1]])
+    first = np.flatnonzero(new)
+    last = np.concatenate([first[1:], [len(side)]]) - 1
+    closed = side[first] != 0
+    return starts[first][closed], ends[last][closed], side[first][closed]
+
+
+def panels(
+    longest: float, starts: Array, ends: Array, decay: float = 0.0, events: Array | None = None
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Panels no longer than half of ``longest``, since products have twice the frequency, of the intervals
+    [starts, ends]: owner, left end and width of each.
+
+    The first of an interval is cut at 1/decay from the event before it, and at twice, four times that and so on: on
+    each part exp(-decay s) is smooth or nothing. events: the times of these, by default the starts.
+    """
+    # Equal panels in every interval, refused first if there are too many.
+    count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
+    total = float(np.sum(count))
+    afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total, seconds=1e-5 * total)
+    count = count.astype(int)
+    index = np.repeat(np.arange(len(starts)), count)
+    inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    width = ((ends - starts) / count)[index]
+    left = starts[index] + inside * width
+    # Without fast decay in a panel they suffice.
+    longest_first = float(np.max((ends - starts) / count, initial=0.0))
+    if decay * longest_first <= 1.0:
+        return index, left, width
+    passed = np.zeros(len(starts)) if events is None else starts - events
+    cuts = 2.0 ** np.arange(np.ceil(np.log2(decay * (longest_first + np.max(passed))))) / decay
+    owners, cut = (x.ravel() for x in np.broadcast_arrays(np.arange(len(starts))[:, None], cuts - passed[:, None]))
+    inner = (cut > 0.0) & (cut < ((ends - starts) / count)[owners])
+    index, left = np.append(index, owners[inner]), np.append(left, (starts[owners] + cut)[inner])
+    order = np.lexsort((left, index))
+    index, left = index[order], left[order]
+    last = np.append(index[1:] != index[:-1], True)
+    return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
+
+
+def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
+    """Energy balance of the exact flow at increasing times, with what impacts take as loss in the stops.
+
+    input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
+    rounding, so the loss left over is the error of the solution itself.
+    """
+    # From t = 0, where the balance starts.
+    edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
+    where = np.searchsorted(edges, times)
+    works = solution.work(system, edges)
+    given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
+    moved, struck = impulsive_work(solution)
+    so_far = np.searchsorted(solution.blows.t, times, side="right")
+    given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
+    energies = system.energies(times, *solution.states(times))
+    loss = (
+        system.energy(np.zeros(1), system.q0[None], system.v0[None])[0]
+        if system.rigid
+        else _energy_at_start(system, solution)
+    )
+    loss = loss - sum(energies) + given - taken - stops
+    return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)
+
+
+def _energy_at_start(system: System, solution: Motion) -> Array:
+    start = np.zeros(1)
+    return system.energy(start, *solution.states(start))[0]
+
+
+def impulsive_work(solution: Motion) -> tuple[Array, Array]:
+    """Work that moving stops do, and energy that is lost, in every blow, (blows,) each.
+
+    With u = row q + o the stop moves at -o', and the impulse P works on the mean of u' before and after.
+    """
+    blows = solution.blows
+    speeds = np.zeros(len(blows.t))
+    for i in np.unique(blows.contact).tolist():
+        here = blows.contact == i
+        speeds[here] = solution.offset(solution.system, i)(blows.t[here])[1]
+    return -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
+
+
+DUST = 1e-13  # of the largest momentum of a contact
+ROUNDINGS = 64.0
+SEEN = 1e-6  # of the largest energy so far: less is not held against a motion
+NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
+START = 1e-3  # of the largest displacement: what a start may be off
+
+
+@contextmanager
+def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
+    """Turn overflows, NaN and matrices without eigenvectors into SolverFailure, so that every result is finite."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        if isinstance(error, OverflowError) or "overflow" in str(error):
+            raise SolverFailure(solver, t_end, f"the motion overflows float64 ({error})", REMEDY) from None
+        reason = f"float64 has no result for a step of the calculation ({error})"
+        raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
+
+
+def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Array] | None = None) -> None:
+    """Raise SolverFailure with the first time at which a contact is not in the regime of its segment.
+
+    Inside a segment the motion is that of its regime: what may fail is an event that was missed. Then the energy of the
+    regime's springs is not that of the stops, by more than rounding, and SEEN of the largest energy so far. Looked at
+    are the outputs, or the middles of segments where these are more. start: q, q' (n,) at t = 0, of the system by
+    default.
+    """
+    q, v = solution.starts
+    energy = sum(system.free_energies(q, v))
+    terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
+    seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
+    t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
+    piece, q0 = solution.piece_at(t), system.q0 if start is None else start[0]
+    wrong, held = np.zeros((2, len(t)))
+    for i, contact in enumerate(system.contacts):
+        shift, stops, chi = solution.offset(system, i), contact.stops, solution.sides[piece, i]
+        u = solution.observed(t, contact.row)[0] + shift(t)[0]
+        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
+        law = stops.energy(u)
+        wrong += np.abs(np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0) * (u - stop) ** 2 - law)
+        held += law
+        given = float(contact.row @ q0 + shift(np.zeros(1))[0][0])
+        begun = float(contact.row @ q[0] + shift(np.zeros(1))[0][0])
+        if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
+            reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
+            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
+    # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
+    largest = np.maximum.accumulate(np.maximum(energy[piece], held))
+    bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
+    if len(bad):
+        share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
+        reason = f"the energy balance is open, by {share:.2g} of the energy"
+        raise SolverFailure("exact", float(t[bad[0]]), reason, REMEDY)
+
+
+BALANCE = 1e-9  # of the energy, and of the largest displacement: what the balance and the stops may be off by
+
+
+def audit_rigid(solution: Motion, ledger: Ledger, t_end: float) -> None:
+    """Raise SolverFailure where the energy balance of a motion between rigid stops is open, or a contact is beyond one,
+    which shows that an event was missed."""
+    opened = np.max(np.abs(ledger.loss))
+    scale = np.max(np.abs(ledger.energy)) + np.max(np.abs(ledger.input))
+    # Bodies at rest on their stops move by rounding alone, which is no fault of the energy balance.
+    rounding, kept = withheld(solution.system, solution, t_end)
+    if opened > BALANCE * scale + rounding:
+        reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
+        raise SolverFailure("exact", t_end, reason, REMEDY)
+    beyond = _beyond(solution.system, solution, kept)
+    if beyond > BALANCE:
+        reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
+        raise SolverFailure("exact", t_end, reason, REMEDY)
+
+
+def withheld(system: System, solution: Motion, t_end: float) -> tuple[float, Array]:
+    """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
+    system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
+    rises from zero is looked at where the last stretch ends, too."""
+    segments = np.arange(len(solution.times))
+    times, segments = np.append(solution.times, t_end), np.append(segments, segments[-1])
+    q, v = solution.states_in(np.append(solution.times, solution.times[-1]), segments)
+    force = system.load(times) - q @ system.stiffness - v @ system.damping
+    acceleration = np.linalg.solve(system.mass, force.T).T
+    # From rest a force f does the work f a t^2/2 in a stretch t.
+    longest = min(t_end, solution.radians * solution.shortest_period / (2.0 * np.pi))
+    energy = 0.5 * float(np.max(np.sum(force * acceleration, axis=1))) * longest**2
+    return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
+
+
+def _beyond(system: System, solution: Motion, kept: Array) -> float:
+    """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
+    or displacement."""
+    times, worst = solution.times, 0.0
+    q, _ = solution.states_in(times, np.arange(len(times)))
+    for contact in system.contacts:
+        shift, stops = offset_values(contact.offset, times), contact.stops
+        u = q @ contact.row + shift
+        rounding = ROUNDINGS * EPS * float(np.max(np.abs(q) @ np.abs(contact.row) + np.abs(shift)))
+        rounding += float(kept @ np.abs(contact.row))
+        sizes = [
+            float(np.max(np.abs(u))),
+            *(abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)),
+            1e-300,
+        ]
+        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
+    return worst

@@ -1,0 +1,236 @@
+"""A system in its free modes, as the kernel of exact motion takes it: q = X eta, X^T M X = I, with closed forms where
+the modes have them.
+
+    real pairs      eta_j'' + d_j eta_j' + w_j^2 eta_j = f_j              where damping does not couple the modes
+    complex modes   (w eta, eta') = Re V z,  z_k' = lambda_k z_k + b_k    where it does, or where a mode is overdamped
+    pressed         mu: 1/kappa + sum_j row_j^2/(w_j^2 - mu) = 0          one spring on undamped modes: rank one
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...basics.arrays import Array
+from ...basics.validation import InputError
+from ...kernels.exact import NONE_PRESSED, Free, Pressed, pressed_modes
+from ...model.modes import modes, undamped_modes
+from ...model.system import System
+from ...model.time_functions import Drive
+
+RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
+CRITICAL = 0.1  # relative distance of d^2 from 4 w^2 below which a real pair cancels
+CONDITION = 1e4  # of the complex modes, above which they cancel
+FEW = 50  # modes up to which a pressed spring is a series: as fast there, and more accurate by a factor of two
+EPS = float(np.finfo(float).eps)
+
+
+class FreeSystem(NamedTuple):
+    """The free system, that with its only contact pressed, and the modes X (n, n)."""
+
+    free: Free
+    pressed: Pressed
+    X: Array
+    into: Array  # eta = q @ into
+
+    def start(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """eta, eta' of q, q' (..., n)."""
+        return q @ self.into, v @ self.into
+
+
+def free_system(system: System, drive: Drive) -> FreeSystem:
+    """The free system of a System with linear contacts and time functions in closed form."""
+    basis, m = undamped_modes(system), len(system.contacts)
+    w2, X = basis.omega**2, basis.shapes
+    n = len(w2)
+    decoupled = modes(system)
+    if decoupled is not None:
+        coupling = int(bool(np.any(decoupled.damping)))
+        drag, D = decoupled.damping.copy(), np.diag(decoupled.damping)
+    else:
+        D = X.T @ system.damping @ X
+        coupling, drag = 2, np.diag(D).copy()
+    # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
+    basis_rows, rest = drive.split(system.loads, n)
+    shifts, shift_rest = drive.offsets(system)
+    loads = np.vstack([np.zeros((1, n)), basis_rows, drive.recorded(rest, n)]) @ X
+    offsets = np.vstack([np.zeros((1, m)), shifts[:, :m], drive.recorded(shift_rest, shifts.shape[1])[:, :m]])
+    waves = np.array([0.0, *drive.frequencies])
+    pieces = np.zeros((len(drive.edges), len(drive.records), 4))
+    pieces[:, :, : drive.order] = drive.table
+    rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
+    stops = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts], float).reshape(m, 2)
+    law = [
+        [float(c.stops.stiffness), float(c.stops.damping), -1.0 if c.stops.restitution is None else c.stops.restitution]
+        for c in system.contacts
+    ]
+    shared = {
+        "w2": w2,
+        "drag": drag,
+        "damping": D,
+        "coupling": coupling,
+        "rows": rows,
+        "stops": stops,
+        "laws": np.array(law, float).reshape(m, 3),
+        "meet": rows @ rows.T,
+        "loads": loads,
+        "offsets": offsets,
+        "waves": waves,
+        "edges": np.ascontiguousarray(drive.edges),
+        "pieces": pieces,
+    }
+    stiffness = shared["laws"][:, 0] * np.diag(shared["meet"])
+    if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
+        rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
+        raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
+    shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
+    free = closed_form(shared)
+    return FreeSystem(free, pressed_system(free), X, np.ascontiguousarray(system.mass @ X))
+
+
+def closed_form(shared: dict[str, Any]) -> Free:
+    """The free system with the closed forms of its modes."""
+    w2, d, waves, loads, coupling = (shared[x] for x in ("w2", "drag", "waves", "loads", "coupling"))
+    n, F = len(w2), len(waves)
+    over = d * d > (4.0 + CRITICAL) * w2
+    if coupling < 2 and not np.any(over & (w2 > 0.0)):
+        answer, apart = particular(w2, d, waves, loads)
+        poles = np.zeros((2, n + F))
+        poles[0, :n], poles[1, :n], poles[1, n:] = -0.5 * d, np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0)), waves
+        return assembled(shared, 1, poles, answer, apart, d)
+    found = complex_modes(shared) if coupling == 2 else overdamped_modes(shared)
+    none = np.zeros(n, np.int64)
+    if found is None:
+        poles = np.zeros((2, n + F))
+        poles[1, :n], poles[1, n:] = np.sqrt(w2), waves
+        return assembled(shared, 0, poles, np.zeros((2 * F, n)), none, d)
+    s, out, back, answer = found
+    poles = np.zeros((2, len(s) + F))
+    poles[0, : len(s)], poles[1, : len(s)], poles[1, len(s) :] = s.real, s.imag, waves
+    seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
+    return assembled(shared | {"out": out, "back": back, "seen": seen}, 2, poles, answer, none, d)
+
+
+def assembled(shared: dict[str, Any], kind: int, poles: Array, answer: Array, apart: Any, d: Array) -> Free:
+    """A Free with the length of flights that its modes ``apart`` allow."""
+    rates = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + shared["w2"])
+    fastest = np.max(
+        np.append(rates, shared["waves"])[np.append(apart > 0, np.any(apart) & (shared["waves"] >= 0.0))], initial=0.0
+    )
+    order = np.argsort(np.hypot(*poles), kind="stable")
+    return Free(
+        **shared, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
+        longest=1.0 / fastest if fastest else math.inf,
+    )  # fmt: skip
+
+
+def particular(w2: Array, d: Array, waves: Array, loads: Array) -> tuple[Array, Array]:
+    """Answer (2 F, n) of decoupled modes to the harmonic loads, and the modes (n,) that have none: drives near
+    resonance, critical damping, and free bodies that are damped."""
+    n = len(w2)
+    answer = np.zeros((2 * len(waves), n))
+    critical = (np.abs(d * d - 4.0 * w2) <= CRITICAL * w2) & (d > 0.0) | (w2 == 0.0) & (d > 0.0)
+    apart = critical.copy()
+    for f, w in enumerate(waves):
+        p = loads[2 * f + 1] - 1j * loads[2 * f]  # Re(p e^{iwt})
+        H = w2 - w * w + 1j * w * d
+        apart |= (np.abs(H) < RESONANCE * np.maximum(w2, w * w)) & (p != 0) & (w > 0.0)
+        y = np.divide(p, H, out=np.zeros(n, complex), where=(H != 0) & ~critical)
+        answer[2 * f], answer[2 * f + 1] = -y.imag, y.real
+    answer[:, apart] = 0.0
+    return answer, apart.astype(np.int64)
+
+
+def overdamped_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] | None:
+    """As ``complex_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
+    w2, d, waves, loads = (shared[x] for x in ("w2", "drag", "waves", "loads"))
+    n, sigma, square = len(w2), -0.5 * d, w2 - 0.25 * d * d
+    answer, apart = particular(w2, d, waves, loads)
+    if np.any(apart) or np.any(w2 == 0.0):
+        return None
+    fast = sigma - np.sqrt(np.maximum(-square, 0.0))
+    first = np.where(square > 0.0, sigma + 1j * np.sqrt(np.maximum(square, 0.0)), w2 / fast)
+    over = np.flatnonzero(square < 0.0)
+    s, mode = np.append(first, fast[over]), np.append(np.arange(n), over)
+    N, at = len(s), np.arange(len(s))
+    out, back = np.zeros((4, n, N)), np.zeros((2, N, 2 * n))
+    out[0, mode, at], out[2, mode, at], out[3, mode, at] = 1.0, s.real, s.imag
+    # z = h + i (sigma h - v)/omega of a pair, z_1 + z_2 = h, s_1 z_1 + s_2 z_2 = v of two real poles.
+    pair = np.flatnonzero(square > 0.0)
+    back[0, pair, pair] = 1.0
+    back[1, pair, pair], back[1, pair, n + pair] = sigma[pair] / s[pair].imag, -1.0 / s[pair].imag
+    second, apart_by = n + np.arange(len(over)), first[over].real - fast[over]
+    back[0, over, over], back[0, over, n + over] = -fast[over] / apart_by, 1.0 / apart_by
+    back[0, second, over], back[0, second, n + over] = first[over].real / apart_by, -1.0 / apart_by
+    return s, out, back, answer
+
+
+def complex_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] | None:
+    """Poles (N,), ``out``, ``back`` and the answer to harmonic loads; None where these cancel."""
+    w2, D, waves, loads = (shared[x] for x in ("w2", "damping", "waves", "loads"))
+    n = len(w2)
+    w = np.where(w2 > 0.0, np.sqrt(w2), np.sqrt(np.max(w2)) or 1.0)  # state (w eta, eta'): V is unitary without damping
+    A = np.block([[np.zeros((n, n)), np.diag(w)], [-np.diag(w2 / w), -D]])
+    s, V = np.linalg.eig(A)
+    still = np.abs(s.imag) <= 1e-6 * np.abs(s)
+    keep = np.where(still, True, s.imag > 0.0)
+    real = still & (s.imag == 0.0)
+    if np.any(still & ~real) or np.any(np.abs(s) <= 1e-9 * np.max(np.abs(s)) * (w2.min() == 0.0)) or np.any(w2 == 0.0):
+        return None
+    if np.count_nonzero(real) + 2 * np.count_nonzero(keep & ~real) != 2 * n or np.linalg.cond(V) > CONDITION:
+        return None
+    back = np.linalg.inv(V)[keep] * np.where(real[keep], 1.0, 2.0)[:, None] * np.append(w, np.ones(n))
+    s, x, y = s[keep], V[:n, keep] / w[:, None], V[n:, keep]
+    answer = np.zeros((2 * len(waves), n))
+    for f, wave in enumerate(waves):
+        p = loads[2 * f + 1] - 1j * loads[2 * f]
+        if wave > 0.0 and np.any(p) and np.min(np.abs(s - 1j * wave)) < 1e-3 * wave:
+            return None
+        z = np.linalg.solve(np.diag(w2 - wave * wave + 0j) + 1j * wave * D, p)
+        answer[2 * f], answer[2 * f + 1] = -z.imag, z.real
+    out = np.ascontiguousarray(np.stack([x.real, x.imag, y.real, y.imag]))
+    return s, out, np.ascontiguousarray(np.stack([back.real, back.imag])), answer
+
+
+def pressed_system(free: Free) -> Pressed:
+    """The system with its only contact pressed, where that is a spring on undamped modes which are all apart."""
+    n, m = len(free.w2), len(free.rows)
+    if m != 1 or free.kind != 1 or free.coupling != 0 or n <= FEW:
+        return NONE_PRESSED
+    (kappa, c, _), row, w2 = free.laws[0], free.rows[0], free.w2
+    largest = float(np.max(np.abs(row), initial=0.0))
+    separate = np.all(np.diff(w2) > 1e-12 * w2[-1]) and np.all(np.abs(row) > 1e-9 * largest)
+    if not np.isfinite(kappa) or c != 0.0 or not separate or n == 0:
+        return NONE_PRESSED
+    shift, near, V = pressed_modes(w2, row, float(kappa))
+    mu, zero = w2[near] + shift, np.zeros(n)
+    sides: list[Free | None] = []
+    for g in free.stops[0, ::-1]:
+        if not np.isfinite(g):
+            sides.append(None)
+            continue
+        loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
+        loads[1] += kappa * g * row
+        loads = np.ascontiguousarray(loads @ V.T)
+        answer, apart = particular(mu, zero, free.waves, loads)
+        poles = np.zeros((2, n + len(free.waves)))
+        poles[1] = np.append(np.sqrt(mu), free.waves)
+        stated = {
+            "w2": mu,
+            "drag": zero,
+            "damping": free.damping,
+            "coupling": 0,
+            "rows": np.ascontiguousarray(free.rows @ V.T),
+            "stops": free.stops,
+            "laws": free.laws,
+            "meet": free.meet,
+            "loads": loads,
+            "offsets": free.offsets,
+            "waves": free.waves,
+            "edges": free.edges,
+            "pieces": free.pieces,
+        }
+        sides.append(assembled(stated, 1, poles, answer, apart, zero))
+    return Pressed(sides[0], sides[1], V)

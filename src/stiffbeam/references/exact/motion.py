@@ -1,0 +1,383 @@
+"""A motion from event to event: its solver, and its evaluation at any time.
+
+Marks, states behind every event and every few dozen steps, are all that is kept: from the mark before it any part is
+computed again, without a search.
+
+    M (q'+ - q'-) = row^T P,  u'+ = -e u'-    at an impact on a rigid stop; several at once: 0 <= P _|_ U+ + e U- >= 0
+    F = -(kappa d + c d')_+                   of a compliant one, d its depth: a damped one lets go before it opens
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...basics.arrays import Array, IntArray
+from ...basics.resources import afford
+from ...basics.validation import InputError
+from ...kernels.exact import (
+    NOT_FINITE,
+    RADIANS,
+    STALLED,
+    TOGETHER,
+    Blows,
+    Follower,
+    Marks,
+    carry,
+    press,
+    read,
+    work,
+)  # fmt: skip
+from ...model.contact import Contact
+from ...model.system import System
+from ...model.time_functions import Drive
+from ...trajectory.trajectory import SolverFailure
+from ..rigid_stops import on_stops, require_smooth, resting, shift_at_start
+from .free import FreeSystem, closed_form, free_system, pressed_system
+
+EPS = float(np.finfo(float).eps)
+NO_TIMES = np.zeros(0)
+LET_GO = 2  # times the stop: the side of a contact beyond a damped stop that does not press
+REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
+# With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
+MOST_IMPACTS = 200_000
+
+
+def pressed(sides: Any) -> IntArray:
+    """The sides, 0 where nothing presses."""
+    sides = np.asarray(sides, np.int64)
+    return np.where(np.abs(sides) == LET_GO, 0, sides)
+
+
+def switched_by_force(old: int, new: int) -> bool:
+    """Return True if a damped stop's force became zero, or its spring's, not the depth."""
+    return {abs(old), abs(new)} == {1, LET_GO}
+
+
+def fresh_after(system: System, before: Sequence[int], after: Sequence[int]) -> IntArray:
+    """The stops at which gaps, or forces, are zero exactly after an event from one of the sides to the other, (m,)."""
+    fresh = np.zeros(len(system.contacts), np.int64)
+    for i, (old, new) in enumerate(zip(before, after, strict=True)):
+        # The force of a damped stop jumps where it is entered.
+        if old != new and not (old == 0 and system.contacts[i].stops.damping > 0.0):
+            fresh[i] = np.sign(new or old)
+    return fresh
+
+
+class Solver:
+    """Solver of one system. radians: of the fastest motion in a step of series."""
+
+    def __init__(self, system: System, made: FreeSystem | None = None, radians: float = RADIANS) -> None:
+        self.system, self.drive, self.radians, self.together = system, Drive.of(system), radians, TOGETHER
+        self.made = made or free_system(system, self.drive)
+        self.eta, self.rate = self.made.start(system.q0, system.v0)
+        if system.rigid:
+            require_smooth(system)
+            # What is on its stop but for rounding is on it.
+            stops, shifts = self.made.free.stops.copy(), [shift_at_start(x) for x in system.contacts]
+            for i, side in on_stops(system).items():
+                stops[i, int(side > 0)] = float(self.made.free.rows[i] @ self.eta) + shifts[i]
+            self.made = self.made._replace(free=self.made.free.changed(stops=stops))
+
+    def perturbed(self, size: float, seed: int) -> Solver:
+        """A solver of a copy of the problem, whose numbers are off by ``size``, relative, each in its own way.
+
+        Contacts that are written as on their rigid stops, or at rest there, are so in the copy too; those that reach
+        them together in the original may do so one after the other.
+        """
+        twin, free, rng = copy(self), self.made.free, np.random.default_rng(seed)
+
+        def off(x: Array) -> Array:
+            return x * (1.0 + size * rng.uniform(-1.0, 1.0, x.shape))
+
+        shared = {x: getattr(free, x) for x in ("coupling", "waves", "edges", "damping", "drag", "meet", "offsets")}
+        shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
+        shared["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
+        twin.eta, twin.rate = off(self.eta), off(self.rate)
+        if self.system.rigid:
+            twin.together, shared["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
+            self._keep_on_stops(shared["rows"], shared["stops"], twin, rng)
+        if free.kind == 2 and free.coupling == 2:  # without another eigenproblem, which loses eps of the largest pole
+            lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
+            exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
+            real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
+            copied = free.changed(**shared, poles=free.poles + np.where(exponentials & ~real, lost, 0.0))
+        else:
+            shared["drag"] = off(free.drag)
+            shared["damping"] = np.diag(shared["drag"]) if free.coupling < 2 else off(free.damping)
+            copied = closed_form(shared)
+        twin.made = self.made._replace(free=copied, pressed=pressed_system(copied))
+        return twin
+
+    @property
+    def fastest(self) -> float:
+        """The largest angular frequency of the free modes, 1 where there is none."""
+        return math.sqrt(float(np.max(self.made.free.w2))) or 1.0
+
+    @cached_property
+    def _pressed_at_start(self) -> Array:
+        """True for the contacts that rigid stops hold against a force soon after t = 0, (m,)."""
+        soon = 0.01 / self.fastest
+        forces = np.abs(self.solve(soon).reactions(np.array([0.5 * soon]))[0])
+        return forces > 1e-9 * np.max(forces, initial=0.0)
+
+    def _keep_on_stops(self, rows: Array, stops: Array, twin: Solver, rng: np.random.Generator) -> None:
+        """Move the stops (m, 2) of a copy to the contacts that start on them, and stop those that rest there.
+
+        Contacts that touch their stops and do not press, and all where one of several is hit at once, are a rounding
+        off: the order of blows may decide.
+        """
+        on, still = resting(self.system)
+        closed, contacts = on_stops(self.system), self.system.contacts
+        hit = any(side * float(contacts[i].row @ self.system.v0) > 0.0 for i, side in closed.items() if i not in still)
+        reach = np.abs(twin.eta) + np.abs(twin.rate) / self.fastest
+        off = 4.0 * EPS * np.abs(rows) @ (reach + EPS * (np.max(reach, initial=0.0) or 1.0))
+        for i, side in closed.items():
+            place, at = float(rows[i] @ twin.eta) + shift_at_start(contacts[i]), int(side > 0)
+            if (hit and len(closed) > 1) or (i in still and not self._pressed_at_start[i]):
+                stops[i, at] = place + side * rng.uniform() * off[i]
+            elif i in on or side * place > side * stops[i, at]:
+                stops[i, at] = place
+        if still:
+            held = rows[still]
+            twin.rate = twin.rate - held.T @ np.linalg.solve(held @ held.T, held @ twin.rate)
+
+    def solve(self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES) -> Motion:
+        """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
+        on; the states at ``stations`` (k,), increasing, are found on the way."""
+        eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
+        return self._followed(
+            Follower(self.made.free, self.made.pressed, eta, rate, together=self.together), t_end, stations
+        )
+
+    def trace(self, t: float, sides: IntArray, fresh: IntArray, start: tuple[Array, Array], t_end: float) -> Motion:
+        """The motion on [t, t_end] from q, q' (n,) with the contacts on sides (m,); fresh: see ``fresh_after``."""
+        eta, rate = self.made.start(*start)
+        return self._followed(Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh), t_end, NO_TIMES)
+
+    def first_event(
+        self, t: float, sides: IntArray, fresh: IntArray, start: Sequence[Array], t_end: float
+    ) -> tuple[float, int, int] | None:
+        """Time, contact and its new side of the first event of ``trace``, None for none."""
+        eta, rate = self.made.start(*start)
+        return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh).first_event(t_end, self.radians)
+
+    def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
+        begun = float(follower.state.t)
+
+        def check(t: float, marks: int, events: int) -> None:
+            floats = 2.0 * marks * (self.system.size + 1)
+            if floats > 2**25:  # a small part tells nothing of the whole
+                afford("t_end", t_end, "shorten t_end", floats=floats / max((t - begun) / (t_end - begun), 1e-12))
+            if self.system.rigid and events > MOST_IMPACTS:
+                rule = f"hold at most {MOST_IMPACTS} impacts"
+                raise InputError("t_end", t_end, rule, f"end before t = {t:.6g}, or take e < 1")
+
+        found = follower.follow(t_end, stations, self.radians, check)
+        if found.result == STALLED:
+            raise SolverFailure("exact", found.t, "events follow each other without an advance of time", REMEDY)
+        if found.result == NOT_FINITE:
+            raise SolverFailure("exact", found.t, "the motion overflows float64", REMEDY)
+        # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
+        first = np.unique(np.concatenate([[0], found.event_mark]))
+        first = first[: np.searchsorted(first, len(found.mark_t))]
+        seen = (stations, found.eta_at, found.rate_at, found.force_at) if len(found.eta_at) == len(stations) else None
+        times = found.mark_t[first]
+        times[0] = begun
+        return Motion(
+            self.system, self.made, self.radians, times, found.mark_side[first], first,
+            Marks(found.mark_t, found.mark_eta, found.mark_rate, found.mark_side),
+            int(found.counts[0] + found.counts[2]),
+            (found.event_t, found.event_contact, found.event_side, found.event_mark), found.blows, seen,
+        )  # fmt: skip
+
+
+NO_EVENTS = np.zeros(0), *np.zeros((3, 0), np.int64)
+NO_BLOWS = Blows(*np.zeros((4, 0)), *np.zeros((3, 0), np.int64))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion:
+    """Segments: at times[i] the contacts are on sides[i] (m,), see exact.h; first_mark[i] is the mark there.
+
+    events: times, contacts, sides behind (9 times the stop: thrown back) and marks behind, (events,) each. blows: the
+    impulses of rigid stops.
+    """
+
+    system: System
+    made: FreeSystem
+    radians: float
+    times: Array
+    sides: IntArray
+    first_mark: IntArray
+    marks: Marks
+    evaluations: int
+    events: tuple[Array, IntArray, IntArray, IntArray]
+    blows: Blows
+    seen: tuple[Array, ...] | None = None  # times and the states there
+    last: list[Any] = field(default_factory=list)  # the same of the last times that were read
+
+    def first(self, count: int) -> Motion:
+        """The first ``count`` segments."""
+        if count >= len(self.times):
+            return self
+        marks = Marks(*(np.ascontiguousarray(x[: self.first_mark[count]]) for x in self.marks))
+        kept = {"times": self.times[:count], "sides": self.sides[:count], "first_mark": self.first_mark[:count]}
+        return replace(self, **kept, marks=marks, last=[])
+
+    @property
+    def drive(self) -> Drive:
+        """The drive of the system."""
+        return Drive.of(self.system)
+
+    @cached_property
+    def _fastest(self) -> float:
+        free, pressed = self.made.free, self.made.pressed
+        squares = [float(np.max(x.w2)) for x in (free, pressed.up, pressed.low) if x is not None]
+        if pressed.up is None and pressed.low is None:
+            stiff = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
+            squares[0] += float(np.sum((free.laws[:, 0] * np.diag(free.meet))[stiff]))
+        return math.sqrt(max(squares))
+
+    @cached_property
+    def shortest_period(self) -> float:
+        """A bound of the shortest period of all motions and drives."""
+        return 2.0 * np.pi / max(self._fastest, *self.drive.frequencies, 1e-300)
+
+    @cached_property
+    def fastest_decay(self) -> float:
+        """A bound of the decay rates of all modes and dashpots, 1/time."""
+        free = self.made.free
+        rates = float(np.max(-free.poles[0], initial=0.0))
+        if free.coupling == 2:
+            rates = max(rates, float(np.linalg.norm(free.damping, 2)))
+        pressed = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
+        return rates + float(np.sum((free.laws[:, 1] * np.diag(free.meet))[pressed]))
+
+    def piece_at(self, t: Array) -> NDArray[np.int64]:
+        """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
+        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+
+    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
+        """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
+        t = np.array(t, float)
+        if piece is None:
+            for kept in (self.seen, self.last[0] if self.last else None):
+                if kept is not None and np.array_equal(kept[0], t):
+                    return kept[1:]  # type: ignore[return-value]
+        mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
+        found = read(self.made.free, self.made.pressed, self.marks, t, mark, self.radians)
+        if piece is None:
+            self.last[:] = [(t, *found)]
+        return found
+
+    def mark_at(self, t: Array, piece: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The last mark before each time t (k,), in the given segments."""
+        ends = np.append(self.first_mark[1:], len(self.marks.t))
+        return np.clip(np.searchsorted(self.marks.t, t, "right") - 1, self.first_mark[piece], ends[piece] - 1)
+
+    def states(self, t: Array) -> tuple[Array, Array]:
+        """q, q' (k, n) at any times."""
+        eta, rate, _ = self._read(t)
+        return eta @ self.made.X.T, rate @ self.made.X.T
+
+    def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
+        """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
+        eta, rate, _ = self._read(t, piece)
+        return eta @ self.made.X.T, rate @ self.made.X.T
+
+    @property
+    def starts(self) -> tuple[Array, Array]:
+        """q, q' (k, n) where the segments begin."""
+        return self.marks.eta[self.first_mark] @ self.made.X.T, self.marks.rate[self.first_mark] @ self.made.X.T
+
+    def state_at_start(self, piece: int) -> tuple[Array, Array]:
+        """q, q' (1, n) where a segment begins, from that segment."""
+        return self.states_in(self.times[piece : piece + 1], np.array([piece]))
+
+    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
+        """row @ q and its rate at any times, (k,)."""
+        eta, rate, _ = self._read(t)
+        row = row @ self.made.X
+        return eta @ row, rate @ row
+
+    def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
+        """The homogeneous flow of a segment's regime over tau: (n, k) -> (n, k)."""
+        into, X = self.made.into, self.made.X
+        sides = np.ascontiguousarray(self.sides[piece])
+        eta, rate = carry(self.made.free, self.made.pressed, sides, tau, dq.T @ into, dv.T @ into, self.radians)
+        return X @ eta.T, X @ rate.T
+
+    def press(
+        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
+        return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends, self.radians)
+
+    def presses(
+        self, contact: int, since: float, t_end: float
+    ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
+        """Segments (from, to, impulse) in which a rigid stop holds a contact after ``since``, and the impulses (time,
+        impulse) of all impacts, its own and those of others."""
+        ends = np.append(self.times[1:], t_end)
+        held = np.flatnonzero((self.sides[:, contact] != 0) & (ends > np.maximum(self.times, since)))
+        starts = np.maximum(self.times[held], since)
+        impulses = self.press(self.system, contact, starts, ends[held], self.sides[held, contact])[1]
+        mine = self.blows.contact == contact
+        blows = zip(self.blows.t[mine].tolist(), self.blows.outward[mine].tolist(), strict=True)
+        return list(zip(starts.tolist(), ends[held].tolist(), np.abs(impulses).tolist(), strict=True)), list(blows)
+
+    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
+        """o(t) and o'(t) of a channel."""
+        return self.drive.offset(system, channel)
+
+    def settled(self, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
+        """Position u and velocity v of a channel at times t, (k,) each; of a held contact those of its stop."""
+        if channel >= len(self.system.contacts) or not self.system.contacts[channel].stops.rigid:
+            return u, v
+        stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
+        u = np.where(side > 0, stops.upper_bound, np.where(side < 0, stops.lower_bound, u))
+        return u, np.where(side != 0, 0.0, v)
+
+    def reactions(self, t: Array) -> Array:
+        """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
+        return self._read(t)[2]
+
+    def force(self, contact: Contact, i: int, t: Array, piece: NDArray[np.int64]) -> Array:
+        """Force of stop i on its contact, without that of a damper, at times t (k,) in the given segments."""
+        if contact.stops.rigid:
+            return self._read(t, piece)[2][:, i]
+        u, sigma = self.observed(t, contact.row)[0] + self.offset(self.system, i)(t)[0], 0.0
+        for side in (-1, 1):
+            kappa, constant = contact.stops.spring(side)
+            sigma = sigma + np.where(self.sides[piece, i] == side, constant - kappa * u, 0.0)
+        return np.asarray(sigma)
+
+    def work(self, system: System, edges: Array) -> tuple[Array, Array, Array]:
+        """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
+        which include every event."""
+        found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
+        return found[:, 0], found[:, 1], found[:, 2]
+
+
+def joined(parts: Sequence[Motion]) -> Motion:
+    """One motion of parts that follow each other."""
+    behind = np.cumsum([0, *(len(part.marks.t) for part in parts)])
+    first = [part.first_mark + k for part, k in zip(parts, behind, strict=False)]
+    return replace(
+        parts[0],
+        times=np.concatenate([part.times for part in parts]),
+        sides=np.concatenate([part.sides for part in parts]),
+        first_mark=np.concatenate(first),
+        marks=Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True))),
+        evaluations=sum(part.evaluations for part in parts),
+        seen=None,
+        last=[],
+    )

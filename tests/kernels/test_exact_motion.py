@@ -1,0 +1,197 @@
+"""The kernel of exact motion against solutions that share no code with it, and flights against series."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+
+import stiffbeam as sb
+from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks, carry
+from stiffbeam.references.exact.motion import Motion, Solver
+from stiffbeam.references.exact.solution import solve_exact
+
+eye = np.eye
+
+
+def chain(n: int, k: float, ends: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
+    K = k * (2.0 * eye(n) - eye(n, k=1) - eye(n, k=-1))
+    K[0, 0] -= k * (1.0 - ends[0])
+    K[-1, -1] -= k * (1.0 - ends[1])
+    return K
+
+
+def by_series(system: sb.System) -> Solver:
+    solver = Solver(system)
+    solver.made = solver.made._replace(pressed=NONE_PRESSED, free=solver.made.free.changed(kind=0))
+    return solver
+
+
+def linear(system: sb.System, frequency: float, vector: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """q (k, n) under vector sin(frequency t), by the matrix exponential."""
+    n, inverse = system.size, np.linalg.inv(system.mass)
+    A = np.zeros((2 * n + 2, 2 * n + 2))
+    A[:n, n : 2 * n] = eye(n)
+    A[n : 2 * n, : 2 * n] = -inverse @ np.hstack([system.stiffness, system.damping])
+    A[n : 2 * n, 2 * n] = inverse @ vector
+    A[2 * n, 2 * n + 1], A[2 * n + 1, 2 * n] = frequency, -frequency
+    z = np.concatenate([system.q0, system.v0, [0.0, 1.0]])
+    return np.array([expm(A * x) @ z for x in t])[:, :n]
+
+
+DRIVEN = {
+    "resonance": lambda n, K, w: (0.0 * K, w[1]),
+    "near resonance": lambda n, K, w: (0.0 * K, w[1] * (1.0 + 1e-7)),
+    "critical": lambda n, K, w: (2.0 * w[0] * eye(n), 0.7 * w[0]),
+    "overdamped": lambda n, K, w: (eye(n) * 5.0 * w[1], 0.7 * w[0]),
+    "a stiff dashpot": lambda n, K, w: (1e3 * w[-1] * np.outer(eye(n)[2], eye(n)[2]), 0.7 * w[0]),
+    "gyroscopic": lambda n, K, w: (w[0] * (eye(n, k=1) - eye(n, k=-1)), 0.31 * w[0]),
+}
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_a_driven_system_without_contact_is_that_of_the_matrix_exponential(name):
+    n, t = 5, np.linspace(0.0, 6.0, 13)
+    K = chain(n, 30.0)
+    w = np.sqrt(np.linalg.eigvalsh(K))
+    C, frequency = DRIVEN[name](n, K, w)
+    vector, q0 = np.arange(1.0, n + 1.0), np.linspace(0.1, -0.2, n)
+    loads = [(vector, sb.Harmonic(1.0, frequency))]
+    system = sb.System.from_matrices(eye(n), K, loads=loads, observe=vector, initial_displacement=q0)
+    object.__setattr__(system, "damping", C)  # System itself wants a symmetric one
+    q, _ = Solver(system).solve(6.0).states(t)
+    wanted = linear(system, frequency, vector, t)
+    assert np.max(np.abs(q - wanted)) < 1e-11 * np.max(np.abs(wanted))
+
+
+def test_contacts_of_a_gyroscopic_system_are_those_of_dop853():
+    n, row = 3, eye(3)[2]
+    C = 0.1 * eye(n) + 4.0 * (eye(n, k=1) - eye(n, k=-1))
+    contact = sb.Contact(row, sb.Stops(-0.1, 0.1, stiffness=2e3, damping=3.0))
+    system = sb.System.from_matrices(
+        eye(n), chain(n, 80.0), loads=[(40.0 * row, sb.Harmonic(1.0, 5.0))], contacts=[contact]
+    )
+    object.__setattr__(system, "damping", C)
+
+    def force(q, v):
+        return -max(0.0, 2e3 * (q - 0.1) + 3.0 * v) * (q > 0.1) + max(0.0, -2e3 * (q + 0.1) - 3.0 * v) * (q < -0.1)
+
+    def rate(t, z):
+        q, v = z[:n], z[n:]
+        pushed = row * (40.0 * np.sin(5.0 * t) + force(q[2], v[2]))
+        return np.concatenate([v, pushed - C @ v - system.stiffness @ q])
+
+    t = np.linspace(0.0, 2.0, 41)
+    wanted = solve_ivp(rate, (0.0, 2.0), np.zeros(2 * n), "DOP853", t, rtol=1e-12, atol=1e-12, max_step=2e-3).y[:n].T
+    motion = Solver(system).solve(2.0)
+    assert len(motion.times) > 6
+    assert np.max(np.abs(motion.states(t)[0] - wanted)) < 1e-6 * np.max(np.abs(wanted))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_flights_are_series_under_records(seed):
+    rng = np.random.default_rng([seed, 56])
+    n, rate = int(rng.integers(1, 6)), 10.0 ** rng.uniform(0.5, 2.0)
+    K, C = chain(n, 10.0 ** rng.uniform(0.0, 3.0)), np.zeros((n, n))
+    if seed % 3:
+        C = 0.02 * K + (0.3 * np.diag(rng.uniform(size=n)) if seed % 3 == 2 else 0.0)
+    t = np.sort(np.append([0.0, 4.0], rng.uniform(0.0, 4.0, int(4.0 * rate))))
+    record = sb.Sampled(t, CubicSpline(t, np.cumsum(rng.normal(size=len(t))))(t), "cubic" if seed % 2 else "linear")
+    contact = sb.Contact(
+        eye(n)[-1], sb.Stops(-0.05, 0.07, stiffness=10.0 ** rng.uniform(1.0, 5.0), damping=2.0 * (seed % 2))
+    )
+    loads = [(rng.normal(size=n), record), (eye(n)[0], sb.Harmonic(3.0, 2.0, 0.3)), (eye(n)[0], sb.Constant(1.0))]
+    system = sb.System.from_matrices(eye(n), K, C, loads=loads, contacts=[contact])
+    flown, series = Solver(system).solve(4.0), by_series(system).solve(4.0)
+    early = series.times < 0.4
+    assert np.array_equal(flown.sides[: early.sum()], series.sides[early])
+    assert np.allclose(flown.times[: early.sum()], series.times[early], rtol=0.0, atol=1e-11)
+    at = np.linspace(0.0, 0.4, 7)
+    (q, v), (wanted_q, wanted_v) = flown.states(at), series.states(at)
+    assert np.max(np.abs(q - wanted_q)) < 1e-10 * np.max(np.abs(wanted_q))
+    assert np.max(np.abs(v - wanted_v)) < 1e-10 * np.max(np.abs(wanted_v))
+
+
+def pressed_often(damping: float) -> tuple[sb.System, Motion]:
+    n = 60
+    contact = sb.Contact(eye(n)[-1], sb.Stops(-0.1, 0.1, stiffness=2e4, damping=damping))
+    system = sb.System.from_matrices(
+        eye(n), chain(n, 1e3), loads=[(5.0 * np.ones(n), sb.Harmonic(1.0, 7.0))], contacts=[contact]
+    )
+    return system, Solver(system).solve(2.0)
+
+
+@pytest.mark.parametrize("damping", [0.0, 20.0])
+def test_peaks_and_impulses_are_those_of_many_samples(damping):
+    """A single spring presses in closed form, a damped one as a series."""
+    system, motion = pressed_often(damping)
+    changed = np.abs(motion.sides[:, 0]) == 1
+    starts, ends = motion.times[changed][:4], np.append(motion.times, 2.0)[1:][changed][:4]
+    peaks, impulses = motion.press(system, 0, starts, ends, motion.sides[changed, 0])
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    for a, b, peak, impulse in zip(starts, ends, peaks, impulses, strict=True):
+        t = np.concatenate([0.5 * (a + b) + 0.5 * (b - a) * nodes, np.linspace(a, b, 4001)[1:-1]])
+        u, v = motion.observed(t, system.contacts[0].row)
+        force = np.maximum(0.0, 2e4 * (np.abs(u) - 0.1) + damping * v * np.sign(u))
+        assert abs(0.5 * (b - a) * weights @ force[:40] - impulse) < 1e-10 * impulse
+        assert peak * (1.0 - 1e-5) < np.max(force) < peak * (1.0 + 1e-12)
+
+
+def test_the_homogeneous_flow_of_pressed_modes_is_that_of_series():
+    system, motion = pressed_often(0.0)
+    free, pressed = motion.made.free, motion.made.pressed
+    z, side = np.random.default_rng(1).normal(size=(2, 3, system.size)), np.array([1])
+    a, b = carry(free, pressed, side, 0.05, *z), carry(free, NONE_PRESSED, side, 0.05, *z)
+    for x, y in zip(a, b, strict=True):
+        assert np.max(np.abs(x - y)) < 1e-11 * np.max(np.abs(y))
+
+
+def test_states_exactly_on_their_stops():
+    """Contacts that move by rounding alone at first, along a chain."""
+    n = 8
+    contacts = [sb.Contact(row, sb.Stops(lower=0.0, stiffness=1e3)) for row in eye(n)]
+    system = sb.System.from_matrices(
+        eye(n), chain(n, 100.0), loads=[(eye(n)[0], sb.Harmonic(5.0, 3.0))], contacts=contacts
+    )
+    other = sb.reference(system, 3.0, "cvode-adams", rtol=1e-11)
+    q, _ = Solver(system).solve(3.0).states(other.t)
+    assert np.max(np.abs(q[:, 0] - other.tip)) < 1e-7 * np.max(np.abs(other.tip))
+
+
+@pytest.mark.parametrize("e", [0.8, 0.5, 0.0])
+def test_rigid_stops_of_a_chain_are_those_of_the_exact_solution(e):
+    """Impacts, chatter, holding and release of two contacts; positions and reactions."""
+    n = 6
+    K = chain(n, 300.0, (1.0, 0.0))
+    stops = (
+        sb.Stops(-0.2, 0.1, stiffness=np.inf, restitution=e),
+        sb.Stops(upper=0.07, stiffness=np.inf, restitution=e),
+    )
+    contacts = [sb.Contact(eye(n)[i], x) for i, x in zip((5, 2), stops, strict=True)]
+    push = 30.0 * np.random.default_rng(3).normal(size=n)
+    loads = [(push, sb.Harmonic(1.0, 5.0)), (10.0 * np.ones(n), sb.Constant(1.0))]
+    system = sb.System.from_matrices(eye(n), K, 0.2 * eye(n) + 1e-3 * K, loads=loads, contacts=contacts)
+    t = np.linspace(0.0, 2.5, 51)
+    wanted, motion = solve_exact(system, 2.5, t), Solver(system, radians=1.0).solve(2.5, stations=t)
+    q, _ = motion.states(t)
+    assert np.max(np.abs(q - wanted.states[0])) < 1e-9 * np.max(np.abs(q))
+    reactions = np.array([x.force for x in wanted.contacts]).T
+    assert np.max(np.abs(motion.seen[3] - reactions)) < 1e-8 * max(1.0, np.max(np.abs(reactions)))
+
+
+def test_wrong_arrays_are_errors_of_python():
+    system, motion = pressed_often(0.0)
+    made = motion.made
+    with pytest.raises(TypeError, match="w2"):
+        made.free.changed(w2=made.free.w2.astype("f4"))
+    with pytest.raises(TypeError, match="rows"):
+        made.free.changed(rows=np.zeros((1, 2)))
+    with pytest.raises(TypeError, match="eta"):
+        Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
+    with pytest.raises(TypeError, match="side"):
+        Marks(*motion.marks[:3], motion.marks.side.astype("i4")).arguments(made.free)
+    assert dataclasses.is_dataclass(made.free)
