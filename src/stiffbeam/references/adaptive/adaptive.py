@@ -107,7 +107,6 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "switches": switches if system.contacts else "none",
         "pieces": len(pieces),
-        "callbacks": rhs.callbacks,
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),

@@ -16,7 +16,8 @@ import scipy.linalg
 from ...basics.arrays import Array
 from ...basics.resources import Forecast
 from ...basics.validation import InputError
-from ...model.right_hand_side import THROUGH, RightHandSide
+from ...kernels.rhs import THROUGH
+from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -131,7 +132,7 @@ class Outcome(NamedTuple):
 
 class Watch:
     """Root functions of a phase: first every gap, then every gap's rate, and the meaning of each. For damped stops see
-    the kernel ``event_functions``: the gap is positive where they press, and the rates of the forces follow.
+    ``kernels/rhs.h``: the gap is positive where they press, and the rates of the forces follow.
 
     In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
     closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
@@ -147,7 +148,6 @@ class Watch:
         self.rhs, self.closed, self.fixed = rhs, closed, fixed
         self.count = len(closed)
         self.size = len(rounding)
-        self._buffer = np.empty(self.size)
         if self.count:
             rhs.levels[:] = rounding
         if fixed:
@@ -168,22 +168,9 @@ class Watch:
         # to its stop, or deepest after a missed entry. A rising rate of a closed side can show a missed exit.
         return [-1 if c else 1 for c in self.closed] + more * [0 if c else -1 for c in self.closed]
 
-    def __call__(self, t: float, z: Array, out: Array) -> None:
-        """Write the root functions into ``out``."""
-        self.rhs.event_functions(t, z, out)
-
     def values(self, t: float, z: Array) -> Array:
-        """The root functions, in an array that the next call overwrites."""
-        if self.count:
-            self(t, z, self._buffer)
-        return self._buffer
-
-    def values_at(self, t: Array, z: Array) -> Array:
-        """The root functions (k, roots) at times t (k,) with states z (k, n)."""
-        out = np.empty((len(t), self.size))
-        if self.count:
-            self.rhs.event_functions_at(t, z, out)
-        return out
+        """The root functions."""
+        return self.rhs.event_functions(t, z) if self.count else np.empty(0)
 
     def ends(self, roots: Sequence[Root]) -> bool:
         """Return True if these simultaneous roots end the phase. Peaks and events that do not are recorded."""
@@ -378,17 +365,15 @@ def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding
     """Sides that are not as ``closed`` says, beyond rounding."""
     if not closed:
         return []
-    values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
-    rhs.event_functions(t, z, values)
+    values = rhs.event_functions(t, z)
     return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
 
 
 def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> list[bool]:
     """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
-    values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
-    rhs.event_functions(0.0, z, values)
+    values = rhs.event_functions(0.0, z)
     count = len(rhs.sides)
     z_rate, orders = rhs.rate(0.0, z), []
     for k, (i, side) in enumerate(rhs.sides):
@@ -414,7 +399,6 @@ def _leaving(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> Arr
     h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, piece.max_step, piece.end)
     for k in range(ORDERS):
         z = z + h * rhs.rate(k * h, z)
-    values, count = np.empty(rhs.roots), len(rhs.sides)
-    rhs.event_functions(ORDERS * h, z, values)
-    rates = values[count : 2 * count]
+    count = len(rhs.sides)
+    rates = rhs.event_functions(ORDERS * h, z)[count : 2 * count]
     return np.where(np.abs(rates) > rounding[count : 2 * count], rates, 0.0)

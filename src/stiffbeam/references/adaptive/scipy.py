@@ -78,7 +78,7 @@ def stepping(
             stepper = start(phase.start, phase.z, phase.end, longest, times=phase.times)
             counters: dict[str, int] = {}
             states: list[Array] = []
-            watch, before = phase.watch, phase.watch.values(phase.start, phase.z).copy()
+            watch, before = phase.watch, phase.watch.values(phase.start, phase.z)
             directions = np.array(watch.directions)
             ended_by: list[Root] = []
             # Step by step: a step, its roots, and the outputs up to its end or to the event.
@@ -92,7 +92,7 @@ def stepping(
                     raise SolverFailure(
                         method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
                     )
-                after = watch.values(stepper.t, stepper.y).copy()
+                after = watch.values(stepper.t, stepper.y)
                 crossed = _crossed(before, after, directions)
                 before, stop = after, stepper.t
                 for root in _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ():
@@ -154,7 +154,7 @@ def _quiet(stepper: Any, watch: Any, directions: Array, before: Array, until: fl
     count = int(np.searchsorted(times, until))
     if count < FEW:
         return before
-    values = np.concatenate([before[None], watch.values_at(times[:count], states[:count])])
+    values = np.array([before, *map(watch.values, times[:count].tolist(), states[:count])])
     crossed = _crossed(values[:-1], values[1:], directions).any(axis=1)
     quiet = int(np.argmax(crossed)) if crossed.any() else count
     if quiet:
