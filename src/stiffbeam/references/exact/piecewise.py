@@ -128,6 +128,9 @@ def afford_search(system: System, t_end: float) -> None:
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
     damped stops that move by samples, and for samples that end before t_end."""
+    if not system.passive:
+        rule = "take energy from every motion for the exact solution"
+        raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
     for contact in system.contacts:
         contact.stops.require_linear("the exact solution", damped=True)
         if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
