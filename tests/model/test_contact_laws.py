@@ -119,7 +119,7 @@ def test_random_systems_against_another_solver(seed):
     want, _ = Witness(system).solve(times)
     scale = np.max(np.abs(want))
     method = ("dop853", "cvode-adams", "radau")[seed % 3]
-    run = sb.reference(system, 3.0, method=method, t_eval=times, rtol=1e-11, switches="restart")
+    run = sb.reference(system, 3.0, method=method, t_eval=times, rtol=1e-11)
     assert np.max(np.abs(run.contacts[0].position - offset_of(system, times) - want)) < 2e-7 * scale
     assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)
     assert np.all(np.diff(run.energy.stop_dissipation) > -1e-7 * np.max(run.energy.energy))
@@ -298,11 +298,6 @@ class TestRefusals:
             sb.integrate(ball(self.kelvin_voigt), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated")
         hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
         assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do
-
-    def test_through_a_jump(self):
-        for method in ("cvode", "kvaerno5"):
-            with pytest.raises(InputError, match="jumps"):
-                sb.reference(ball(self.kelvin_voigt), 1.0, method=method, switches="through")
 
     def test_a_force_asked_for_without_the_velocity(self):
         with pytest.raises(InputError, match="velocity"):

@@ -1,4 +1,4 @@
-"""Adaptive references: short loads, restarts at the switches, integrals, other units."""
+"""Adaptive references: short loads, restarts at events, integrals, other units."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from stiffbeam.references.registry import Steps
 
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
 PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.seconds < 1.0]
-WAYS = [(m, w) for m in PHASED for w in ("restart", "through")]
 
 
 def struck(width: float, start: float = 0.5, load=None) -> sb.System:
@@ -100,7 +99,6 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
     for options, name in (
         ({"max_step": -1.0}, "max_step"),
         ({"breakpoints": [np.inf]}, "breakpoints"),
-        ({"switches": "restarts"}, "switches"),
     ):
         with pytest.raises(sb.InputError, match=name):
             sb.reference(system, 0.1, "cvode-adams", **options)
@@ -108,64 +106,44 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
         sb.reference(bouncing_chain(), 0.1, "exact", max_step=0.1)
 
 
-@pytest.mark.parametrize(("method", "switches"), WAYS)
+@pytest.mark.parametrize("method", PHASED)
 @pytest.mark.parametrize("make", [bouncing_chain, two_contacts])
-@pytest.mark.fast(5)
-def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method, switches):
+def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method):
     system, t = make(), np.linspace(0.0, 4.0, 33)
     exact = solve(system, 4.0, "exact", t, 0.0, None)
-    other = solve(system, 4.0, method, t, 1e-10, None, steps=Steps(switches=switches))
-    assert other.provenance["switches"] == switches
-    assert (other.work.counters["restarts"] > 0) == (switches == "restart")
+    other = solve(system, 4.0, method, t, 1e-10, None)
+    assert other.work.counters["restarts"] > 0
     for a, b in zip(exact.contacts, other.contacts, strict=True):
         assert a.impacts.count == b.impacts.count > 3
         assert np.array_equal(np.isnan(a.impacts.peaks), np.isnan(b.impacts.peaks))
         assert np.array_equal(a.impacts.stops, b.impacts.stops)
-        # rtol 1e-10 is amplified by a thousand in four time units, twenty times as much through switches.
+        # rtol 1e-10 is amplified by a thousand in four time units.
         assert np.nanmax(np.abs(a.impacts.peaks - b.impacts.peaks)) < 5e-6 * a.peak_force
         assert np.nanmax(np.abs(a.impacts.impulses - b.impacts.impulses)) < 5e-6 * a.impulse
         assert np.allclose([a.fraction, a.peak_force, a.impulse], [b.fraction, b.peak_force, b.impulse], rtol=5e-6)
 
 
-@pytest.mark.parametrize("method", ["cvode-adams", "dop853"])
-@pytest.mark.slow
-def test_a_restart_makes_the_same_tolerance_more_accurate(method):
-    """Without one the kink of the force costs a method of high order its order; four tolerances together."""
-    system, t = bouncing_chain(), np.linspace(0.0, 6.0, 121)
-    exact = solve(system, 6.0, "exact", t, 0.0, None)
-    errors, work = {}, {}
-    for switches in ("restart", "through"):
-        runs = [
-            solve(system, 6.0, method, t, rtol, None, steps=Steps(switches=switches))
-            for rtol in 10.0 ** -np.arange(6, 10)
-        ]
-        errors[switches] = np.mean([np.log(np.sqrt(np.mean((run.tip - exact.tip) ** 2))) for run in runs])
-        work[switches] = sum(run.work.counters["rhs"] for run in runs)
-    assert errors["restart"] < errors["through"] - np.log(3.0)
-    assert work["restart"] < 1.2 * work["through"]
-
-
 @pytest.mark.parametrize(("method", "rtol"), [("dop853", 1e-5), ("cvode-adams", 1e-5), ("cvode", 1e-6), ("ida", 1e-6)])
-def test_both_crossings_inside_one_step_are_seen_by_a_restarting_solver(method, rtol):
+def test_both_crossings_inside_one_step_are_seen(method, rtol):
     """A mass on a slow sine grazes a soft stop: DOP853 takes steps of about one, the contact lasts 0.15."""
     stop = 1.0 - 3e-3
     system = one_mass(1.0, sb.Stops(upper=stop, stiffness=1.0), v=1.0)
     exact = solve(system, 15.0, "exact", None, 0.0, None)
-    ref = solve(system, 15.0, method, None, rtol, None, steps=Steps(switches="restart"))
+    ref = solve(system, 15.0, method, None, rtol, None)
     assert ref.impacts.count == exact.impacts.count == 3
     assert np.allclose(ref.impacts.times, exact.impacts.times, atol=5e-2)
     assert np.allclose(ref.impacts.peaks, exact.impacts.peaks, rtol=0.5)
 
 
-def test_a_mass_at_rest_on_its_stop_stays_there():
+@pytest.mark.parametrize("method", PHASED)
+def test_a_mass_at_rest_on_its_stop_stays_there(method):
     """Its gap and its rate are roots all the time."""
-    for method, switches in WAYS:
-        system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-10.0), q=-1e-3)
-        ref = solve(system, 1.0, method, None, 1e-8, None, steps=Steps(switches=switches))
-        assert ref.impacts.count == 0
-        assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
-        assert ref.contacts[0].fraction == 1.0
-        assert ref.contacts[0].impulse == pytest.approx(9.9, rel=1e-9)
+    system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-10.0), q=-1e-3)
+    ref = solve(system, 1.0, method, None, 1e-8, None)
+    assert ref.impacts.count == 0
+    assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
+    assert ref.contacts[0].fraction == 1.0
+    assert ref.contacts[0].impulse == pytest.approx(9.9, rel=1e-9)
 
 
 @pytest.mark.slow
@@ -387,11 +365,11 @@ def test_a_damped_stop_lets_go_where_it_starts_to_recede(method, law):
     assert run.contacts[0].fraction == pytest.approx(1.0 / 3.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("method", "way"), WAYS)
+@pytest.mark.parametrize("method", PHASED)
 @pytest.mark.parametrize("law", [{}, {"dissipation": 1.0}])
-def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
+def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, law):
     t = np.linspace(0.0, 3.0, 61)
-    run = sb.reference(held(Jump(), **law), 3.0, method, t_eval=t, switches=way)
+    run = sb.reference(held(Jump(), **law), 3.0, method, t_eval=t)
     motion = np.where(t < 1.0, 0.2, 0.6 - 0.4 * np.cos(t - 1.0))
     assert np.max(np.abs(run.tip - Jump().value(t) - motion)) < 1e-7
     assert run.impacts.count == 0

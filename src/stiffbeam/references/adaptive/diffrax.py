@@ -23,13 +23,12 @@ from ...basics import storage
 from ...basics.arrays import Array
 from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
-from ...kernels.rhs import THROUGH
 from ...model.contact import linear
 from ...model.right_hand_side import RightHandSide
 from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
-from ..registry import REFERENCES, RESTART, Request
+from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
 from .scipy import Cubic, stepping
 
@@ -65,7 +64,7 @@ def solve(request: Request) -> Reference:
         stepper = partial(Stepper, Programs(rhs, name))
         return stepping(method, stepper, steps_to_outputs=True)(rhs, rtol, atol)
 
-    return reference_from(request, solver, RESTART)
+    return reference_from(request, solver)
 
 
 class Modal(NamedTuple):
@@ -119,8 +118,8 @@ class Programs:
         if self._numbers is None:
             self._numbers = jax.device_put(numbers_of(rhs.equations)[1])
         if regime not in self._modal:
-            fixed = self._linear and bool(np.all(rhs.regime != THROUGH))
-            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if fixed else None
+            linear = self._linear
+            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if linear else None
             if modal is not None:
                 # A regime that needs fewer iterations takes the program of one before: to compile another takes longer.
                 self._iterations = max(self._iterations, len(modal.iterations))

@@ -13,7 +13,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.state_space import state_space
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..registry import KEEP, REFERENCES, RESTART, Request
+from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
@@ -29,11 +29,11 @@ POLISH = 4  # of Newton's method for the time of a root, each with a step of the
 def solve(request: Request) -> Reference:
     """Solve by DOP853 (explicit Runge-Kutta, order 8), Radau (Radau IIA, order 5) or LSODA.
 
-    Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output.
-    A root is found by dense output; where it ends a phase, a step of the full order leads to it. All start anew at
-    every event but Radau, which goes through. Radau's error estimate is of order 3 only: its steps are
-    as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute. DOP853's are no
-    longer than stability allows, however smooth the motion; raises InputError where that makes too many.
+    Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output. A root is
+    found by dense output; where it ends a phase, a step of the full order leads to it. Radau's error estimate is of
+    order 3 only: its steps are as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute.
+    DOP853's are no longer than stability allows, however smooth the motion; raises InputError where that makes too
+    many.
 
     LSODA of ODEPACK takes Adams orders 1-12 with functional iteration, or BDF orders 1-5 with Newton's method and the
     analytic Jacobian, and changes between the two by itself, by which of them allows the longer step. It shares no
@@ -47,7 +47,7 @@ def solve(request: Request) -> Reference:
     if name == "DOP853":
         refuse_stiff(request.system, request.t_end)
     library = getattr(scipy.integrate, name)
-    return reference_from(request, stepping(method, library), KEEP if name == "Radau" else RESTART)
+    return reference_from(request, stepping(method, library))
 
 
 def stepping(

@@ -24,7 +24,7 @@ from ...kernels.rhs import function_address
 from ...model.right_hand_side import RightHandSide
 from ...model.state_space import descriptor
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..registry import KEEP, RESTART, Request
+from ..registry import Request
 from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, refuse_endless
 
@@ -50,25 +50,23 @@ def solve(request: Request) -> Reference:
     """Return the solution by CVODE or IDA, according to the name of the method.
 
     CVODE has BDF orders 1-5 or Adams-Moulton orders 1-12, Newton's method with the analytic Jacobian, banded if the
-    system's is. Adams restarts at every event, because a method of high order gains by a smooth right-hand side. BDF
-    steps through, and error control finds the kink: BDF has order 5 at most and needs many steps to raise its order
-    again. Undamped, these systems lie on the imaginary axis, where BDF of order 3 and above is unstable and Adams needs
-    a fifth of the work.
+    system's is. Undamped, these systems lie on the imaginary axis, where BDF of order 3 and above is unstable and Adams
+    needs a fifth of the work.
 
     IDA has BDF orders 1-5 on the residual of M q'' + C q' + K q = f, the mass matrix not inverted.
 
         F(t, y, y') = E y' - g(t, y),  y = (q_1, q_1', ..., q_n, q_n')
 
-    with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are. It steps through the events.
+    with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are.
     """
     import_module("sksundae.cvode")  # a missing library is named before anything is computed
-    method, ida, adams = request.method, request.method == "ida", request.method == "cvode-adams"
-    mass, right = descriptor(request.system) if ida else (None, None)
+    method = request.method
+    mass, right = descriptor(request.system) if method == "ida" else (None, None)
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         return Sundials(method, rhs, rtol, atol).run
 
-    return reference_from(request, solver, RESTART if adams else KEEP, mass, right)
+    return reference_from(request, solver, mass, right)
 
 
 class Library:
