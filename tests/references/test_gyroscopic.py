@@ -6,31 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
+from adaptive_systems import rotor
 from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
-from stiffbeam.references import REFERENCES
 from stiffbeam.schemes import registered
 
 TIMES = np.linspace(0.0, 3.0, 301)
 GAP, KAPPA, SIDES = 0.05, 2e3, 8
-ADAPTIVE = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and "kvaerno" not in m.name]
-
-
-def rotor() -> sb.System:
-    """Jeffcott rotor: a disc at (x, y) with two tilts, out of balance, between eight stops around it. Its gyroscopic
-    moments and a whirl of the bearings make C unsymmetric."""
-    stiffness = [[100.0, 0.0, 12.0, 0.0], [0.0, 110.0, 0.0, -9.0], [12.0, 0.0, 40.0, 0.0], [0.0, -9.0, 0.0, 36.0]]
-    skew = scipy.linalg.block_diag([[0.0, 0.4], [-0.4, 0.0]], [[0.0, 1.5], [-1.5, 0.0]])
-    stops = sb.Stops(upper=GAP, stiffness=KAPPA)
-    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    return sb.System.from_matrices(
-        np.diag([1.0, 1.0, 0.3, 0.3]), stiffness, 0.05 * np.eye(4) + skew,
-        loads=[([1, 0, 0, 0], sb.Harmonic(5.0, 7.0, np.pi / 2)), ([0, 1, 0, 0], sb.Harmonic(5.0, 7.0))],
-        contacts=[sb.Contact([np.cos(a), np.sin(a), 0.0, 0.0], stops) for a in angles],
-        observe=[1.0, 0.0, 0.0, 0.0], initial_velocity=[0.0, 0.3, 0.0, 0.2],
-    )  # fmt: skip
 
 
 def witness(system: sb.System) -> np.ndarray:
@@ -50,8 +33,9 @@ def truth() -> np.ndarray:
     return witness(rotor())
 
 
-@pytest.mark.parametrize("method", [*ADAPTIVE, "exact"])
-def test_every_solver_follows_the_rotor(method, truth):
+@pytest.mark.parametrize("method", ["exact", "dop853"])
+def test_solvers_follow_the_rotor(method, truth):
+    """The others are compared with the exact solution in test_solvers."""
     run = sb.reference(rotor(), 3.0, method, t_eval=TIMES)
     assert sum(c.impacts.count for c in run.contacts) == 19
     assert np.max(np.abs(run.tip - truth)) < 1e-6 * np.max(np.abs(truth))
