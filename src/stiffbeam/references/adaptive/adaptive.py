@@ -19,7 +19,7 @@ from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_co
 from ...trajectory.trajectory import Reference, Work
 from ..registry import REFERENCES, Request, output_times, provenance_of
 from .pieces import smooth_pieces
-from .restarts import Contacts, Outcome, Path, Phase, follow, scales_of
+from .restarts import Contacts, Outcome, Path, Phase, Scales, follow, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
@@ -53,20 +53,7 @@ def reference_from(
     scales = scales_of(rhs.first_order, t_end)
     if steps.max_step is not None:
         afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
-    # An unknown that passes through zero has no relative error there: the absolute tolerance bounds it.
-    tolerances = rtol / 100.0 * scales.unknowns
-    if atol is not None:
-        least = LEAST_SHARE * float(np.min(tolerances))
-        if positive("atol", atol) < least:
-            remedy = "leave it out for rtol/100 of every unknown's scale"
-            raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
-        tolerances = np.full(rhs.states, float(atol))
-    # The impulses are no part of the error, but all are counted in its root mean square. A motion that is a polynomial
-    # asks for no short steps, its power under a load does.
-    share = np.sqrt(rhs.states / rhs.size)
-    integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
-    integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
-    tolerances = np.concatenate([share * tolerances, integrals])
+    share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
         begun = clock()
@@ -114,6 +101,24 @@ def reference_from(
         state_at=answers.states,
         ledger=ledger,
     )
+
+
+def _tolerances(rhs: RightHandSide, scales: Scales, rtol: float, atol: float | None) -> tuple[float, Array]:
+    """Factor of rtol, and the absolute tolerances of z. Raises InputError for an atol that no solver can hold."""
+    # An unknown that passes through zero has no relative error there: the absolute tolerance bounds it.
+    tolerances = rtol / 100.0 * scales.unknowns
+    if atol is not None:
+        least = LEAST_SHARE * float(np.min(tolerances))
+        if positive("atol", atol) < least:
+            remedy = "leave it out for rtol/100 of every unknown's scale"
+            raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
+        tolerances = np.full(rhs.states, float(atol))
+    # The impulses are no part of the error, but all are counted in its root mean square. A motion that is a polynomial
+    # asks for no short steps, its power under a load does.
+    share = float(np.sqrt(rhs.states / rhs.size))
+    integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
+    integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
+    return share, np.concatenate([share * tolerances, integrals])
 
 
 class Answers:

@@ -30,7 +30,7 @@ from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
-from .scipy import Cubic, stepping
+from .scipy import Cubic, Stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
@@ -61,8 +61,7 @@ def solve(request: Request) -> Reference:
     assert hasattr(diffrax, name) and jax is not None  # noqa: PT018 - both are named where one is missing
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        stepper = partial(Stepper, Programs(rhs, name))
-        return stepping(method, stepper, steps_to_outputs=True)(rhs, rtol, atol)
+        return Stepping(method, partial(Stepper, Programs(rhs, name)), rhs, rtol, atol, steps_to_outputs=True).run
 
     return reference_from(request, solver)
 
