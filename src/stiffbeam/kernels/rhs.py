@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any
 
@@ -67,8 +67,9 @@ class Equations:
 
     size: int  # of z
     damped: bool  # a stop damps
+    called: int  # number of functions of time that Python evaluates
     matrix: Array  # A (n, n)
-    damping: Array  # (n, n), zero or: its quadratic form is the viscous power
+    damping: Array  # (n, n), whose quadratic form is the viscous power, or no rows
     inertia: Array | None  # E (size, size), None for the identity
     frequencies: Array  # (F,)
     edges: Array
@@ -82,11 +83,22 @@ class Equations:
     accelerations: Array  # (m, n), of E y'
     law: Array  # (m, 6)
     bandwidths: tuple[int, int] | None  # of a Jacobian of SUNDIALS, None for a full one
-    lengths: Array  # (m,), of the contacts' motion
-    levels: Array  # (roots,), at which an event function counts as zero
-    regime: IntArray  # (m,): the side on which a contact presses, 0 where it is open, or THROUGH
-    window: Array  # (2,): the times at which records may be asked
-    given: Array  # (3, functions of Python): values, rates and accelerations
+    lengths: Array = field(init=False)  # (m,), of the contacts' motion
+    levels: Array = field(init=False)  # (roots,), at which an event function counts as zero
+    regime: IntArray = field(init=False)  # (m,): the side on which a contact presses, 0 where it is open, or THROUGH
+    window: Array = field(init=False)  # (2,): the times at which records may be asked
+    given: Array = field(init=False)  # (3, called): values, rates and accelerations
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).copy().items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, np.ascontiguousarray(value, float))
+        m = len(self.law)
+        object.__setattr__(self, "lengths", np.ones(m))
+        object.__setattr__(self, "levels", np.zeros(self.roots))
+        object.__setattr__(self, "regime", np.full(m, THROUGH, np.int64))
+        object.__setattr__(self, "window", np.array([-np.inf, np.inf]))
+        object.__setattr__(self, "given", np.zeros((3, self.called)))
 
     @cached_property
     def rows(self) -> tuple[Rows, Rows, Rows]:
@@ -98,8 +110,8 @@ class Equations:
     def _structure(self) -> Any:
         (m, n), (edges, R, P), d, F = self.pushes.shape, self.records.shape, len(self.loads), len(self.frequencies)
         A, D, E = self.rows
-        if d != 1 + 2 * F + R + self.given.shape[1] or len(self.levels) != self.roots:
-            raise ValueError("functions of time or levels do not fit")
+        if d != 1 + 2 * F + R + self.called:
+            raise ValueError("the functions of time do not fit")
         # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
         first, stride = 0, self.size
         if self.bandwidths is not None:
@@ -113,8 +125,8 @@ class Equations:
             x(self.records, (edges, R, P)), x(self.loads, (d, n)), x(self.power, (d, n)), x(self.offsets, (d, m)),
             x(self.pushes, (m, n)), x(self.positions, (m, n)), x(self.velocities, (m, n)),
             x(self.accelerations, (m, n)), x(self.law, (m, LAW)), x(self.lengths, (m,)),
-            x(self.levels, self.levels.shape), x(self.regime, (m,), INTEGER), x(self.window, (2,)),
-            x(self.given, (3, self.given.shape[1])),
+            x(self.levels, (self.roots,)), x(self.regime, (m,), INTEGER), x(self.window, (2,)),
+            x(self.given, (3, self.called)),
         )  # fmt: skip
 
     @cached_property
@@ -160,6 +172,7 @@ class Equations:
         """cj E + sign df/dz, (size, size), the rows of the integrals zero in df/dz."""
         N = self.size
         J = np.empty((N, N))
-        z = np.ascontiguousarray(z)
-        _functions().jacobian(t, address(z, (N,)), cj, sign, address(J, (N, N)), N * N, 0, N, self.c)
+        if z.dtype != FLOAT or z.shape != (N,):
+            raise TypeError(f"jacobian takes a float64 array of shape {(N,)}, not {z.dtype} {z.shape}")
+        _functions().jacobian(t, z.tobytes(), cj, sign, address(J, (N, N)), N * N, 0, N, self.c)
         return J.T

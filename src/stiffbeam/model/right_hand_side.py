@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array
-from ..kernels.rhs import THROUGH, Equations
+from ..kernels.rhs import Equations
 from .contact import channel_motion, channel_position, laws
 from .contact_law import pressure
 from .sampled import Sampled
@@ -61,22 +61,13 @@ class RightHandSide:
         if self._mass is not None and mass is not None:
             accelerations = scipy.linalg.lu_solve(self._mass, velocities.T, trans=1).T
             inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
-        rows = {
-            "loads": loads,
-            "power": power,
-            "offsets": offsets,
-            "velocities": velocities,
-            "law": laws(system.contacts),
-        }
-        rows |= {"accelerations": accelerations, "frequencies": np.array(drive.frequencies, float)}
-        rows |= {"pushes": np.array([c.column for c in contacts]).reshape(m, n), "edges": drive.edges}
-        rows |= {"positions": np.array([c.row for c in contacts]).reshape(m, n), "records": drive.table}
         self.equations = Equations(
-            size=self.size, damped=self.damped, matrix=first_order.matrix, inertia=inertia,
-            damping=to_v.T @ system.damping @ to_v if system.damped else np.zeros((n, n)),
-            bandwidths=self._bandwidths(inertia), lengths=np.ones(m), regime=np.full(m, THROUGH, np.int64),
-            levels=np.zeros((3 if self.damped else 2) * len(self.sides)), window=np.array([-math.inf, math.inf]),
-            given=np.zeros((3, len(called))), **{name: np.array(x, float, order="C") for name, x in rows.items()},
+            size=self.size, damped=self.damped, called=len(called), matrix=first_order.matrix, inertia=inertia,
+            damping=to_v.T @ system.damping @ to_v if system.damped else np.zeros((0, n)),
+            frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table, loads=loads, power=power,
+            offsets=offsets, pushes=np.array([c.column for c in contacts]).reshape(m, n),
+            positions=np.array([c.row for c in contacts]).reshape(m, n), velocities=velocities,
+            accelerations=accelerations, law=laws(system.contacts), bandwidths=self._bandwidths(inertia),
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
 

@@ -42,7 +42,7 @@ def numbers_of(e: Equations) -> tuple[Kind, Numbers]:
 
     Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
     """
-    if e.given.shape[1]:
+    if e.called:
         rule = "be made of Harmonic, Constant and Sampled for JAX"
         raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
     (m, n), d = e.pushes.shape, len(e.loads)
@@ -52,10 +52,9 @@ def numbers_of(e: Equations) -> tuple[Kind, Numbers]:
     positions[:, :n], positions[:, n : n + d] = e.positions, e.offsets.T
     velocities[:, :n], velocities[:, n + d :] = e.velocities, e.offsets.T
     offset_rates[:, n + d :], power[:, :n] = e.offsets.T, e.power
-    damping = e.damping if np.any(e.damping) else np.zeros((0, n))
     kind = Kind(tuple(float(p) for p in e.law[:, 3]), e.damped)
     arrays = (e.frequencies, e.edges, e.records, e.pushes, e.law)
-    return kind, Numbers(linear, damping, *arrays, e.regime.copy(), e.window.copy())
+    return kind, Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
 
 
 def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
