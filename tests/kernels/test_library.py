@@ -18,6 +18,7 @@ TESTS = Path(__file__).parents[1]
 CHOSEN = [  # every branch of the kernels in a minute
     "march/test_march.py::test_a_block_equals_its_definition_in_numpy", "march/test_kernel_numpy.py",
     "march/test_ledger.py", "schemes/test_conserving_contact.py", "model/test_stage_equations.py",
+    "references/test_sundials.py",
 ]  # fmt: skip
 
 

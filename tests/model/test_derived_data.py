@@ -123,7 +123,8 @@ def test_a_view_made_before_cannot_change_a_system():
     [
         ({"mass": np.diag([1.0, 0.0])}, "positive definite"),
         ({"stiffness": np.diag([1.0, -1.0])}, "positive semidefinite"),
-        ({"damping": np.array([[0.0, 1.0], [0.0, 0.0]])}, "symmetric"),
+        ({"stiffness": np.array([[1.0, 1.0], [0.0, 1.0]])}, "symmetric"),
+        ({"damping": np.array([[0.0, np.nan], [0.0, 0.0]])}, "finite"),
         ({"stiffness": np.eye(3)}, "shape"),
         ({"q0": np.zeros(3)}, "2 finite"),
         ({"v0": np.array([np.nan, 0.0])}, "be finite"),

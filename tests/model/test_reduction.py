@@ -185,11 +185,18 @@ def test_modal_damping_belongs_to_the_reduced_modes():
         sb.reduce_model(M, K, contacts=contacts, modes=2, modal_damping=[0.01] * 9)
 
 
+def test_gyroscopic_terms_stay():
+    M, K, tip = strip(10)
+    skew = scipy.sparse.diags([1.0, -1.0], [1, -1], shape=K.shape)
+    system, T = sb.reduce_model(M, K, damping=skew, observe=tip, modes=3)
+    assert system.gyroscopic
+    np.testing.assert_allclose(system.damping, T.T @ (skew @ T), atol=1e-12 * np.max(np.abs(system.damping)))
+
+
 def test_half_a_matrix_is_refused():
     """As FE codes write them: it would be another system."""
     M, K, tip = strip(10)
-    for name, arguments in (("mass", (scipy.sparse.triu(M), K)), ("stiffness", (M, scipy.sparse.tril(K))),
-                            ("damping", (M, K, scipy.sparse.triu(K)))):  # fmt: skip
+    for name, arguments in (("mass", (scipy.sparse.triu(M), K)), ("stiffness", (M, scipy.sparse.tril(K)))):
         with pytest.raises(sb.InputError, match=rf"{name} must be symmetric, .*give both halves: A \+ A\.T without"):
             sb.reduce_model(*arguments, observe=tip, modes=3)
         with pytest.raises(sb.InputError, match=rf"{name} must be symmetric to .*give both halves: A \+ A\.T without"):

@@ -36,7 +36,7 @@ class _March:
         self.system, self.scheme, self.dt, self.treatment = system, scheme, dt, treatment
         self.equation = Matrices(system.mass, system.damping, system.stiffness)
         self.rows = np.array([c.row for c in system.contacts]).reshape(-1, system.size)
-        self.rule, self.law = treatment.rule(system.contacts), laws(system.contacts)
+        self.rule, self.law = treatment.rule(system.contacts, system.gyroscopic), laws(system.contacts)
         u, rate = self._motion(history[0][0], history[0][1], t)
         pressing = [c.stops.force(x, y) for c, x, y in zip(system.contacts, u, rate, strict=True)]
         force = system.load(t) + (0.0 if treatment.means else np.array(pressing) @ self.rows)

@@ -36,7 +36,6 @@ def cached_reference(
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
-    switches: str | None = None,
     progress: bool | Show = False,
 ) -> Reference:
     """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
@@ -52,7 +51,7 @@ def cached_reference(
 
     Parameters
     ----------
-    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress
+    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, progress
         As in ``reference``.
 
     Returns
@@ -73,11 +72,11 @@ def cached_reference(
     method_of(method)
     if method == "exact":
         return reference(
-            system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches,
+            system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step,
             progress=progress,
         )  # fmt: skip
     times = None if t_eval is None else numbers("t_eval", t_eval)
-    steps = [times_of("breakpoints", breakpoints).tolist(), max_step, switches]
+    steps = [times_of("breakpoints", breakpoints).tolist(), max_step]
     # A file is found by everything that determines its content.
     file = _file(system, t_end, method, times, rtol, atol, digits, steps)
     if file.is_file():
@@ -89,7 +88,7 @@ def cached_reference(
             return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches, progress)
+    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, progress)
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):

@@ -72,7 +72,7 @@ class Plan:
         if is_rigid(system, scheme):
             require_rigid(system, scheme, treatment)
             return cls(system, scheme, dt, steps, t_end, treatment, omega_max, None)
-        rule = treatment.rule(system.contacts)
+        rule = treatment.rule(system.contacts, system.gyroscopic)
         coordinates = Together(system) if basis is None else InModes(system, basis)
         length = block_length(coordinates, scheme, steps)
         stepper = Stepper.of(coordinates, scheme, dt, treatment, length, rule)
@@ -97,7 +97,7 @@ class Plan:
     def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
         """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
         assert self.stepper is not None
-        rule = self.treatment.rule(contacts)
+        rule = self.treatment.rule(contacts, self.system.gyroscopic)
         # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
         if rule not in self._steppers:
             own = self.stepper

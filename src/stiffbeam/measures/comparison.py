@@ -138,8 +138,6 @@ class Comparison:
         The median time step.
     steps, seconds, ns_per_step
         Cost of the run.
-    switches : str
-        Treatment of events by an adaptive solver, "restart" or "through", else empty.
     window, t_end : float
     tip_error_rms, tip_error_max : float
         Errors u_run - u_ref at the run's steps, over max |u_ref|.
@@ -170,7 +168,6 @@ class Comparison:
     steps: int
     seconds: float
     ns_per_step: float
-    switches: str
     window: float
     t_end: float
     tip_error_rms: float
@@ -346,7 +343,6 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
         steps=run.work.steps,
         seconds=run.work.seconds,
         ns_per_step=run.work.ns_per_step,
-        switches=str(run.provenance.get("switches", "")),
         window=window,
         t_end=t_end,
         tip_error_rms=rms(error, t[here]),

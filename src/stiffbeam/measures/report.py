@@ -335,16 +335,13 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
 
 
 def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
-    """Horizons and cost of the references, treatment of events, set-up."""
+    """Horizons and cost of the references, set-up."""
     lines = [
         f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
         f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
         f"{' in an earlier run' if r.provenance.get('kept') else ''}."
         for r in references
     ]
-    for treatment, words in (("restart", "integration restarts at each event"), ("through", "steps cross events")):
-        of_these = [name for name, c in zip(_names(comparisons), comparisons, strict=True) if c.switches == treatment]
-        lines += [f"{', '.join(dict.fromkeys(of_these))}: {words}."] if of_these else []
     steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
     if steps:
         # Set-up is what the run takes beyond its steps, in milliseconds.

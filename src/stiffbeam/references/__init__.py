@@ -47,7 +47,6 @@ def reference(
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
-    switches: str | None = None,
     progress: bool | Show = False,
 ) -> Reference:
     """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
@@ -78,9 +77,6 @@ def reference(
         steps, of which there are at least 200. Give breakpoints where a shorter feature begins and ends.
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
-    switches : {"restart", "through"}, optional
-        "restart": a new start with a smooth right-hand side at every entry into a stop and every exit. "through": error
-        control finds the kink, the default of "cvode", "ida" and "radau".
     progress : bool or callable
         True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
         measured with. A function is called as show(what, done, total), total 0 where it is not known.
@@ -110,7 +106,7 @@ def reference(
     from .horizon import with_horizon
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
-    steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step, switches)
+    steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step)
     require_system(system)
     method_of(method)
     t_end = positive("t_end", t_end)
@@ -183,8 +179,8 @@ def solve(
     t_end = positive("t_end", t_end)
     if entry.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
         raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
-    given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else "switches"
-    if entry.kind != ADAPTIVE and (given != "switches" or steps.switches is not None):
+    given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else None
+    if entry.kind != ADAPTIVE and given:
         raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
     if entry.kind == ADAPTIVE:
         for contact in system.contacts:

@@ -90,23 +90,20 @@ def method_of(name: str, field: str = "method") -> Method:
 
 # ---------------------------------------------------------------- what a solver is asked
 
-RESTART, KEEP = "restart", "through"  # treatment of events by a solver
+KEEP = "through"
 OUTPUTS = 2001  # times of a solution, where none are asked for
 
 
 class Steps(NamedTuple):
-    """Bounds of the steps of an adaptive solver besides its tolerances, and its treatment of events.
+    """Bounds of the steps of an adaptive solver besides its tolerances.
 
-    breakpoints: times of a restart. max_step: longest step, None for what the functions of time require. switches:
-    "restart", "through" or None for the method's default. other: scan at other points and shorter steps, for a second
-    opinion. events: False leaves the roots out if a solver steps through the events; impacts are then the sampled ones.
+    breakpoints: times of a restart. max_step: longest step, None for what the functions of time require. other: scan at
+    other points and shorter steps, for a second opinion.
     """
 
     breakpoints: Array | Sequence[float] = ()
     max_step: float | None = None
-    switches: str | None = None
     other: bool = False
-    events: bool = True
 
 
 class Request(NamedTuple):

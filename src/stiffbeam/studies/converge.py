@@ -23,7 +23,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..references import solve, takes
-from ..references.registry import ADAPTIVE, COMPARED, REFERENCES, Steps
+from ..references.registry import ADAPTIVE, COMPARED, REFERENCES
 from ..schemes.misprints import forms_of
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..trajectory.trajectory import Reference, Trajectory
@@ -172,11 +172,11 @@ class Converge(Study):
         timed = fastest if self.measured and one.kind != RECORDED else lambda run: run()
         if rtol:
             times = np.linspace(0.0, t_end, SAMPLES + 1)
-            run = timed(lambda: solve(system, t_end, integrator, times, rtol, None, steps=Steps(events=False)))
+            run = timed(lambda: solve(system, t_end, integrator, times, rtol, None))
             error = tip_error(run.tip, exact.at(times)[0]).rms
             if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
                 bare = np.array([0.0, t_end])
-                run = timed(lambda: solve(system, t_end, integrator, bare, rtol, None, steps=Steps(events=False)))
+                run = timed(lambda: solve(system, t_end, integrator, bare, rtol, None))
             return _cost(one, run) | {"tip_error": error, "left_out": "solver"}
         dt = t_end / steps
         every = max(1, steps // SAMPLES)

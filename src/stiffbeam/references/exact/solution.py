@@ -124,6 +124,9 @@ def afford_search(system: System, t_end: float) -> None:
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
     damped stops that move by samples, for samples that end before t_end, and for what ``require_rigid`` refuses."""
+    if not system.passive:
+        rule = "take energy from every motion for the exact solution"
+        raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
     if system.rigid:
         return require_rigid(system, t_end)
     for contact in system.contacts:
