@@ -21,8 +21,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import hypothesis
-import numpy as np
 import pytest
+import systems
 
 import stiffbeam as sb
 from stiffbeam.basics import storage
@@ -119,17 +119,7 @@ def table10_system(request, table10) -> sb.System:
 
 @pytest.fixture(scope="session")
 def three_masses() -> sb.System:
-    """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
-    mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])
-    stiffness = np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]])
-    return sb.System.from_matrices(
-        mass,
-        stiffness,
-        loads=[(np.array([1.0, 0.0, -1.0]), sb.Harmonic(1.0, 1.3, 0.4)), (np.array([0.0, 0.5, 0.5]), sb.Constant(0.7))],
-        observe=[0.0, 0.0, 1.0],
-        initial_displacement=[0.3, -0.2, 0.1],
-        initial_velocity=[0.0, 0.4, -0.5],
-    )
+    return systems.three_masses()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from vibro_impact import Case, wave_value
 
 import stiffbeam as sb
 
@@ -78,3 +79,51 @@ initial_velocity = [0.0, 0.0, 0.5]
 [case.uncertain]
 stiffness = [{3.0 - 3.0 * tolerance}, {3.0 + 3.0 * tolerance}]
 """
+
+
+def three_masses(damping: Any = None) -> sb.System:
+    """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
+    mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])
+    stiffness = np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]])
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        damping,
+        loads=[(np.array([1.0, 0.0, -1.0]), sb.Harmonic(1.0, 1.3, 0.4)), (np.array([0.0, 0.5, 0.5]), sb.Constant(0.7))],
+        observe=[0.0, 0.0, 1.0],
+        initial_displacement=[0.3, -0.2, 0.1],
+        initial_velocity=[0.0, 0.4, -0.5],
+    )
+
+
+class Pulse:
+    """A pulse as a user writes it: a function of time that states where it is not smooth."""
+
+    def __init__(self, wave: Any) -> None:
+        self.wave, (begin, end) = wave, wave[2:]
+        self.breakpoints = (begin, 0.5 * (begin + end), end)
+
+    def __call__(self, t: Any) -> np.ndarray:
+        return wave_value(self.wave, t)
+
+
+def function_of(wave: Any) -> Any:
+    """A witness's function of time as the package takes it."""
+    if wave is None:
+        return None
+    if wave[0] == "constant":
+        return sb.Constant(wave[1])
+    return sb.Harmonic(*wave[1:]) if wave[0] == "harmonic" else Pulse(wave)
+
+
+def system_of(case: Case) -> sb.System:
+    """The system of a witness's case."""
+    stops = [
+        sb.Stops(*(float(x) if np.isfinite(x) else None for x in (c.lower, c.upper)), stiffness=c.kappa)
+        for c in case.contacts
+    ]
+    contacts = [sb.Contact(c.row, s, function_of(c.offset)) for c, s in zip(case.contacts, stops, strict=True)]
+    return sb.System.from_matrices(
+        case.mass, case.stiffness, case.damping, [(p, function_of(wave)) for p, wave in case.loads], contacts,
+        case.observe, case.q0, case.v0,
+    )  # fmt: skip
