@@ -6,8 +6,6 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "agg")
@@ -80,29 +78,6 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "numba").symlink_to(storage.directory() / "numba")
     monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def in_numpy(monkeypatch: pytest.MonkeyPatch) -> Callable[[], AbstractContextManager[None]]:
-    """``with in_numpy():`` runs blocks by their oracle in place of the compiled kernel."""
-    import blocks_numpy
-
-    from stiffbeam.march import block_march
-
-    @contextmanager
-    def oracle() -> Iterator[None]:
-        with monkeypatch.context() as patch:
-            patch.setattr(block_march.kernel, "run", blocks_numpy.run)
-            yield
-
-    return oracle
-
-
-@pytest.fixture(params=["compiled", "numpy"])
-def kernel(request: pytest.FixtureRequest, in_numpy: Callable[[], AbstractContextManager[None]]) -> Iterator[str]:
-    """The compiled kernel, then its oracle, for a whole test."""
-    with in_numpy() if request.param == "numpy" else nullcontext():
-        yield request.param
 
 
 @pytest.fixture(scope="session")

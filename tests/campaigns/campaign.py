@@ -42,8 +42,7 @@ def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
 
     for stream in (1, 2):  # SUNDIALS writes its warnings there
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    from judge import ADAPTIVE, every_reference, judge, methods_for, warm_up
-    from judge_scheme import Verdict
+    from judge import ADAPTIVE, Verdict, every_reference, judge, methods_for, warm_up
     from random_systems import case
 
     random_case = lru_cache(maxsize=1)(case)  # what is known of a system is kept from method to method
@@ -59,7 +58,7 @@ def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
                 methods = every_reference(case) if only == REFERENCES else only or methods_for(case, index)
                 pipe.send((case.notes, tuple(methods)))
             else:
-                pipe.send(list(judge(case, method, seed=1000 * seed + index)))
+                pipe.send(list(judge(case, method)))
         except Exception:
             pipe.send([Verdict("exception", method or "the campaign itself", traceback.format_exc()[-600:])])
 
@@ -85,7 +84,7 @@ class Worker:
 
     def answer(self):
         """The answer if it is there, else None."""
-        from judge_scheme import Verdict
+        from judge import Verdict
 
         try:
             if not self.pipe.poll(0):

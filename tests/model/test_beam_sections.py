@@ -129,26 +129,6 @@ def test_modal_damping_is_the_ratio_asked_for():
     np.testing.assert_allclose(free @ [1.0, 1.0], 0.0, atol=1e-14)
 
 
-def test_what_cannot_be_is_refused():
-    for fields, words in (
-        ({"sections": [sb.BeamSection(0.0, 0.5), sb.BeamSection(0.4, 1.0)]}, "at or past the end"),
-        ({"sections": [sb.BeamSection(1.0, 2.5)]}, "lie on the beam"),
-        ({"modal_damping": -0.1}, "modal_damping"),
-        ({"tip_inertia": 1.0, "supports": "pinned-pinned"}, "tip_inertia"),
-    ):
-        with pytest.raises(sb.InputError, match=words):
-            beam(**fields)
-    with pytest.raises(sb.InputError, match="end must be > section"):
-        sb.BeamSection(0.5, 0.5)
-    with pytest.raises(sb.InputError, match="put a node where a section ends"):
-        sb.semidiscretise(beam(sections=PARTS), 7, "hermite")
-    for fields in ({"rotary_inertia": J}, {"sections": PARTS}, {"modal_damping": 0.1}):
-        with pytest.raises(sb.InputError, match="form hermite"):
-            sb.semidiscretise(beam(**fields), 8)
-    with pytest.raises(sb.InputError, match="at most one"):
-        sb.modal_damping(np.eye(2), np.eye(2), [0.1] * 3)
-
-
 def test_a_case_file_says_all_of_it(tmp_path):
     file = tmp_path / "stepped.toml"
     file.write_text(

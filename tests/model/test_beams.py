@@ -136,17 +136,6 @@ def test_a_beam_at_rest_on_a_stop_shares_the_load_with_it():
     assert shear == pytest.approx([P - force, P], rel=0.02)
 
 
-def test_an_equilibrium_takes_constant_loads_only_unless_told_the_time():
-    problem = beam(loads=(sb.PointLoad(L, sb.Harmonic(2.0, 3.0, phase="pi/2")),))
-    system = sb.semidiscretise(problem, 6, "hermite")
-    with pytest.raises(sb.InputError, match="be Constant for an equilibrium"):
-        sb.static_equilibrium(system)
-    tip = sb.static_equilibrium(system, t=0.0) @ system.observe
-    assert tip == pytest.approx(2.0 * L**3 / (3.0 * EI), rel=1e-10)
-    with pytest.raises(sb.InputError, match="hold the system, alone or with the stops"):
-        sb.static_equilibrium(sb.semidiscretise(beam("free-free"), 6, "hermite"))
-
-
 def test_damping_ratios_of_both_kinds_of_damping():
     """xi = eta omega/(2 EI) + a/(2 omega)."""
     problem = beam(viscosity=0.02, mass_damping=0.3)

@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import beam_mode, beam_roots
+from oracles import beam_roots
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model import beam
-from stiffbeam.model.modes import modes
-from stiffbeam.model.semidiscretisation import FORMS
 from stiffbeam.model.time_functions import Drive
 
 
@@ -24,40 +22,6 @@ def test_the_roots_solve_the_frequency_equation():
     assert np.all(np.diff(found) > 2.5)
     assert np.max(np.abs(np.cos(found) + 1.0 / np.cosh(found))) < 1e-14
     assert np.allclose(found, beam_roots(12), rtol=1e-14)
-
-
-@pytest.mark.parametrize("i", [0, 1, 4])
-def test_the_modes_are_clamped_and_free_where_they_should_be(i):
-    """Derivatives of a Chebyshev interpolant: X = X' = 0 at the clamp, X'' = X''' = 0 at the tip."""
-    root = beam.roots(6)[i]
-    interpolant = np.polynomial.Chebyshev.interpolate(lambda x: beam.mode(root, x), 48, [0.0, 1.0])
-    size = np.abs(beam.mode(root, 1.0))
-    for derivative, x in ((0, 0.0), (1, 0.0), (2, 1.0), (3, 1.0)):
-        value = interpolant.deriv(derivative)(x) if derivative else interpolant(x)
-        # Each derivative of a polynomial of degree 48 amplifies rounding by up to 48^2.
-        assert abs(value) < 1e-14 * size * (2 * 48**2) ** derivative
-    inside = np.linspace(0.2, 0.8, 7)
-    assert np.allclose(interpolant.deriv(4)(inside), root**4 * interpolant(inside), atol=1e-5 * root**4 * size)
-    assert np.allclose(beam.mode(root, inside), beam_mode(root, inside), rtol=1e-11)
-
-
-def test_the_modes_are_orthogonal():
-    x, w = np.polynomial.legendre.leggauss(120)
-    shapes = np.array([beam.mode(root, 0.5 * (x + 1.0)) for root in beam.roots(8)])
-    gram = shapes @ np.diag(0.5 * w) @ shapes.T
-    sizes = np.sqrt(np.diag(gram))
-    assert np.max(np.abs(gram / np.outer(sizes, sizes) - np.eye(8))) < 1e-12
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_the_grids_frequencies_approach_the_beams_at_order_two(form, table10):
-    free = replace(table10, stops=None)
-    exact = beam.natural_frequencies(free, 3)
-    assert exact[0] == pytest.approx(3.5160152685 * np.sqrt(300.0), rel=1e-10)
-    cells = [40, 57, 80]
-    errors = [np.abs(modes(sb.semidiscretise(free, n, form)).omega[:3] / exact - 1.0) for n in cells]
-    for j in range(3):
-        assert abs(observed_order(1.0 / np.array(cells), [e[j] for e in errors]).slope - 2.0) < 0.1
 
 
 def tip_ratio(problem: sb.BeamProblem, cells: int) -> complex:

@@ -81,16 +81,6 @@ def test_a_drive_is_varied_with_the_problems_initial_data_or_not_at_all(systems)
         sb.varied_members(replace(system, q0=system.q0 + 1e-3), frequency=[11.0])
 
 
-def test_members_differ_in_what_a_march_can_tell_apart(systems):
-    system = systems["displacement"]
-    with pytest.raises(sb.InputError, match="differ in"):
-        sb.EnsembleMembers(system, "form", [1.0], {"form": ["hermite"]})
-    assert sb.EnsembleMembers(system, "stiffness", [1.0], {"stiffness": [4.0 * system.stiffness]}).separate
-    elsewhere = (sb.Contact(np.eye(8)[3], system.contacts[0].stops),)
-    with pytest.raises(sb.InputError, match="contact rows"):
-        sb.EnsembleMembers(system, "contacts", [1.0], {"contacts": [elsewhere]})
-
-
 def test_arrays_cannot_be_changed_in_place(systems):
     mass, row, load = np.eye(2), np.ones(2), np.ones(2)
     system = sb.System.from_matrices(
@@ -116,32 +106,6 @@ def test_a_view_made_before_cannot_change_a_system():
     system = sb.System.from_matrices(mass, np.eye(2), observe=[1.0, 0.0])
     view[0, 0] = 5.0
     assert system.mass[0, 0] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("change", "rule"),
-    [
-        ({"mass": np.diag([1.0, 0.0])}, "positive definite"),
-        ({"stiffness": np.diag([1.0, -1.0])}, "positive semidefinite"),
-        ({"damping": np.array([[0.0, 1.0], [0.0, 0.0]])}, "symmetric"),
-        ({"stiffness": np.eye(3)}, "shape"),
-        ({"q0": np.zeros(3)}, "2 finite"),
-        ({"v0": np.array([np.nan, 0.0])}, "be finite"),
-        ({"q0": np.array([1j, 0.0])}, "be finite numbers"),
-        ({"observe": None}, "name the row"),
-        ({"loads": [(np.ones(3), sb.Constant(1.0))]}, "2 finite"),
-        ({"contacts": [sb.Contact(np.ones(3), sb.Stops(upper=1.0, stiffness=1.0))]}, "hold 2 numbers"),
-    ],
-)
-def test_a_system_is_checked_whichever_way_it_is_made(change, rule):
-    fields = {
-        "mass": np.eye(2), "damping": np.zeros((2, 2)), "stiffness": np.eye(2), "observe": np.ones(2),
-        "q0": np.zeros(2), "v0": np.zeros(2),
-    }  # fmt: skip
-    with pytest.raises(sb.InputError, match=rule):
-        sb.System(**(fields | change))
-    with pytest.raises(sb.InputError, match=rule):
-        replace(sb.System(**fields), **change)
 
 
 def test_a_pickled_system_is_the_same_system(systems):

@@ -7,7 +7,6 @@ import dataclasses
 import pickle
 from decimal import Decimal
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,36 +57,6 @@ def test_what_a_double_holds_is_a_plain_float(given):
 def test_halves_of_pi_are_the_doubles_that_numpy_has():
     for k in (1, 2, 4, 8):
         assert float(exact_float(f"pi/{k}")) == np.pi / k
-
-
-@pytest.mark.parametrize(
-    "text", ["", "fast", "1/0", "1/pi", "pi*pi", "1+1", "2**3", "1e999/3", "pi pi", "1 0", "--1", "1e-999/3"]
-)
-def test_other_texts_are_refused(text):
-    for make in (
-        lambda: sb.Stops(upper=text, stiffness=1.0),
-        lambda: sb.Harmonic(1.0, 2.0, text),
-        lambda: sb.Constant(text),
-        lambda: sb.BeamProblem(stiffness=text),
-        lambda: sb.PointLoad(text, sb.Constant(1.0)),
-    ):
-        with pytest.raises(sb.InputError, match="be a number"):
-            make()
-
-
-def test_a_text_as_large_as_no_number_costs_no_memory():
-    for text in ("1e999999999", "inf", "nan"):
-        with pytest.raises(sb.InputError, match="be finite"):
-            sb.Constant(text)
-    with pytest.raises(sb.InputError, match="be > 0"):
-        sb.BeamProblem(stiffness="1e-999999999")
-    with pytest.raises(sb.InputError, match="range of float64"):
-        sb.Constant(Fraction(10) ** 400)
-
-
-def test_options_of_a_run_are_no_parameters():
-    with pytest.raises(sb.InputError, match="t_end must be a number"):
-        sb.reference(system_of(sb.paper_case(10)), "0.1", "multiprecision")
 
 
 def test_case_files_keep_decimals_and_python_keeps_doubles():
@@ -265,21 +234,6 @@ def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
     with pytest.raises(sb.InputError, match="decimals"):
         freeze(doubles, case_text("table10"), tmp_path / "table10.nc")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_command_solves_either_and_says_which(command):
-    found = {}
-    for options in ((), ("--doubles",)):
-        code, out, error = command("reference", "table12", "--method", "multiprecision", "--t-end", "0.002", *options)
-        assert (code, error) == (0, "")
-        found[options] = out
-    assert "stops.upper = 0.001" in found[()]
-    assert "exact: none" in found["--doubles",]
-    code, _, error = command("reference", "table12", "--doubles", "--out", "x.nc")
-    assert code == 2
-    assert "--doubles" in error
-    assert not Path("x.nc").exists()
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.cases import parse_case
 
 RECORD = sb.Sampled(np.linspace(0.0, 0.5, 51), 4.0 * np.sin(44.0 * np.linspace(0.0, 0.5, 51)), "cubic")
 HHT = sb.HHT(-0.1)
@@ -84,32 +83,6 @@ def test_a_factor_on_a_record_is_that_of_each_member():
         assert_alike(exact, i, sb.reference(tube(level=level), 0.1), 1e-6)
 
 
-CASE = """
-[[case]]
-name = "tube"
-cells = 6
-dt = 2e-4
-t_end = 0.5
-[case.problem]
-length = 1.0
-bending_stiffness = 300.0
-mass_per_length = 1.0
-bending_viscosity = 1.0
-loads = [{ position = 0.7, sampled = { t = TIMES, values = VALUES }, kind = "cubic" }]
-[[case.problem.stops]]
-lower = -2e-4
-upper = 2e-4
-stiffness = 1e4
-position = 0.55
-[[case.problem.stops]]
-lower = -2e-4
-upper = 2e-4
-stiffness = 2e4
-damping = 0.5
-"""
-CASE = CASE.replace("TIMES", str(RECORD.t.tolist())).replace("VALUES", str(RECORD.values.tolist()))
-
-
 def test_a_name_of_a_case_file_is_a_path(tmp_path: Path):
     """A file states the stiffness as bending_stiffness, and its range too."""
     (tmp_path / "tube.toml").write_text(
@@ -132,18 +105,3 @@ bending_stiffness = [661, 675]
     (changed,) = sb.varied_members(system, {"bending_stiffness": [700.0]}).systems()
     assert changed.problem.stiffness == 700.0
     assert case.uncertain == {"bending_stiffness": (661.0, 675.0)}
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("stiffnes = [290, 310]", "tube: parameter must be a path"),
-        ("stiffness = 0.01", 'uncertain."stiffness" must be a range'),
-        ("stiffness = [310, 290]", "two increasing numbers"),
-        ("stops.stiffness = [1, 2]", 'uncertain."stops" must be a range'),
-        ("stiffness = [-1, 2]", "must be > 0"),
-    ],
-)
-def test_a_case_file_that_states_no_range_is_refused_with_its_place(line, words):
-    with pytest.raises(sb.InputError, match=words):
-        parse_case(CASE + "[case.uncertain]\n" + line, "own.toml")

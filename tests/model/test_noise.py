@@ -51,11 +51,3 @@ def test_members_with_noise_of_their_own_are_their_solo_runs(moving):
         np.testing.assert_array_equal(many.ledger(i).loss[-1], solo.energy.loss[-1])
         np.testing.assert_array_equal(exact.tip[i], solve(member, 1.0, "exact", t, 0.0, None).tip)
     assert len(set(many.tip[:, -1].tolist())) == 3
-
-
-def test_members_made_by_hand_are_their_solo_runs_too():
-    """Members with loads of their own, which nothing has looked at before."""
-    one, two = shaken(0), shaken(1)
-    members = sb.EnsembleMembers(one, "noise", [0, 1], {"loads": [one.loads, two.loads]})
-    many = sb.integrate_ensemble(one, sb.BDF2(), 1e-3, T_END, members, every=10)
-    np.testing.assert_array_equal(many.tip[1], sb.integrate(two, sb.BDF2(), 1e-3, T_END, every=10).tip)

@@ -9,7 +9,6 @@ from systems import bouncing_chain
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.studies.comparison import compare_case
 
 SCREEN = 24 * 80  # characters
 
@@ -41,28 +40,6 @@ def test_a_comparison_shows_its_table_once_in_a_notebook(things):
     assert html.count("<table") == html.count("</table>") == 2  # the numbers, and one line for each contact
     assert "<pre" not in html
     assert isinstance(str(things["comparison"]), str)
-
-
-def test_a_run_draws_itself(things):
-    """Every panel has what its label says: the curves are the run's own arrays."""
-    for name in ("run", "reference"):
-        run = things[name]
-        figure = run.plot()
-        tip, force, portrait, energy = figure.axes
-        np.testing.assert_array_equal(tip.lines[0].get_ydata(), run.tip)
-        np.testing.assert_array_equal(portrait.lines[0].get_xdata(), run.tip)
-        np.testing.assert_array_equal(force.lines[0].get_ydata(), run.contact_force)
-        labels = [line.get_label() for line in energy.lines]
-        assert {"kinetic", "loss"} <= set(labels)
-        assert all(axis.get_xlabel() and axis.get_ylabel() for axis in figure.axes)
-    assert sb.integrate(bouncing_chain(), sb.BDF2(), 1e-2, 1.0).plot().axes
-
-
-def test_a_comparison_draws_its_pair(things):
-    comparison = things["comparison"]
-    assert len(comparison.figure().axes) == 4
-    assert "pair" not in comparison.to_dict()
-    assert not [name for name in comparison.to_dataframe() if "pair" in name]
 
 
 @pytest.mark.slow
@@ -103,8 +80,3 @@ def test_an_ensemble_is_saved_whole(things, tmp_path):
     assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
     with pytest.raises(InputError, match=r"end in \.nc or "):
         many.save(tmp_path / "many.xlsx")
-
-
-def test_a_comparison_of_a_case_shows_itself():
-    case = sb.paper_case(10)
-    assert "table10" in repr(compare_case(case, case.runs[:1], ("exact",), dt=1e-3, t_end=0.05))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import pickle
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.piecewise.linear import answers, respond
 from stiffbeam.references import solve
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
@@ -56,27 +54,6 @@ def test_records_are_equal_by_their_numbers_in_any_process():
     assert len(repr(a)) < 120
 
 
-@pytest.mark.parametrize(
-    ("make", "field"),
-    [
-        (lambda: sb.Sampled([0.0, 1.0, 1.0], [0.0, 1.0, 2.0]), "sampled.t"),
-        (lambda: sb.Sampled([0.0, math.nan], [0.0, 1.0]), "sampled.t"),
-        (lambda: sb.Sampled([0.0], [0.0]), "sampled.t"),
-        (lambda: sb.Sampled([0.0, 1.0], [0.0, 1.0, 2.0]), "sampled.values"),
-        (lambda: sb.Sampled([0.0, 1.0], ["a", "b"]), "sampled.values"),
-        (lambda: sb.Sampled([0.0, 1e-320], [0.0, 1.0]), "sampled.values"),
-        (lambda: sb.Sampled(TIMES, VALUES, "cubics"), "kind"),
-        (lambda: sb.Sampled(TIMES, VALUES, derivative=2), "derivative"),
-        (lambda: sb.Superposition(), "Superposition"),
-        (lambda: sb.Superposition(np.sin), "Superposition"),
-    ],
-)
-def test_what_is_no_record_is_refused(make, field):
-    with pytest.raises(sb.InputError) as caught:
-        make()
-    assert caught.value.field == field
-
-
 def test_outside_its_samples_a_record_is_refused_and_not_extended():
     f = sb.Sampled(TIMES, VALUES)
     for t in (-0.01, 1.01, [0.5, 1.01]):
@@ -103,54 +80,6 @@ def test_a_polygon_has_no_acceleration_and_is_no_base_motion():
             sb.BeamProblem(stiffness=300.0, base=base)
     with pytest.raises(sb.InputError, match="Harmonic or Constant"):
         sb.rigid_limit(hammered(polygon), 0.5)
-
-
-def test_a_mode_answers_a_power_of_time_as_quadrature_says():
-    """psi_j(lambda, tau) = int_0^tau exp(lambda (tau - s)) s^j ds, for slow, fast and decaying modes."""
-    import mpmath as mp
-
-    with mp.workdps(40):
-        for value in (0j, -1e-9 + 1e-9j, 0.3j, -1.9 + 0.1j, 2.1j, -40.0 + 300.0j, -1e6 + 0j):
-            for tau in (1e-8, 0.013, 1.0):
-                psi = np.empty(4, complex)
-                answers(complex(value), tau, psi)
-                z, t = mp.mpc(value), mp.mpf(tau)
-                for j in range(4):
-                    series = mp.hyp1f1(1, j + 2, z * t) * t ** (j + 1) / (j + 1)  # = j! t^(j+1) phi_{j+1}(z t)
-                    assert abs(complex(series) - psi[j]) <= 1e-14 * tau ** (j + 1) / (1.0 + abs(value) * tau / 2), (
-                        value,
-                        tau,
-                        j,
-                    )
-
-
-@pytest.mark.fast(5)
-@pytest.mark.parametrize("powers", [0, 1, 4])
-@pytest.mark.parametrize("apart", [1e-13, 1e-9, 1e-7, 1e-5])
-def test_cells_of_equal_length_share_their_exponentials_and_lose_no_digit(powers, apart):
-    """100 cells with the same ten nodes but for a relative difference, and modes from none to the fastest."""
-    import mpmath as mp
-
-    rng = np.random.default_rng(powers)
-    values = np.array([0.0, -1e-9 + 1e-9j, -0.2 + 3.0j, 300.0j, -4e4 + 1e3j, 2e4j])
-    tau = np.tile(rng.uniform(0.0, 5e-3, 10), 100) * (1.0 + apart * rng.uniform(-1.0, 1.0, 1000))
-    start = np.repeat(np.arange(100), 10)
-    c = rng.normal(size=(100, 6)) + 1j * rng.normal(size=(100, 6))
-    force = (rng.normal(size=(100, 6, powers)) + 0j) * 5e-3 ** -np.arange(1.0, powers + 1.0)
-    out = np.empty((1000, 6), complex)
-    respond(values, tau, start, c, force, out)
-    with mp.workdps(30):
-        for i in rng.integers(0, 1000, 40):
-            t = mp.mpf(tau[i])
-            for k, value in enumerate(values):
-                z = mp.mpc(value)
-                terms = [c[start[i], k] * mp.exp(z * t)]
-                terms += [
-                    force[start[i], k, j] * t ** (j + 1) / (j + 1) * mp.hyp1f1(1, j + 2, z * t) for j in range(powers)
-                ]
-                # Rounding of z t turns the exponential, and every term has its own.
-                size = float(sum(abs(x) for x in terms)) + abs(c[start[i], k]) * abs(value) * tau[i]
-                assert abs(complex(sum(terms)) - out[i, k]) < 20.0 * np.finfo(float).eps * size, (i, k)
 
 
 def hammered(load, damping=0.0, contacts=1, offset=None):
@@ -238,17 +167,6 @@ def test_a_measured_run_travels_is_cached_frozen_and_repeated():
     ensemble = sb.integrate_ensemble(copy, sb.HHT(), 1e-3, 2.0, members=sb.perturbed_members(system, 3))
     run = sb.integrate(system, sb.HHT(), 1e-3, 2.0)
     assert np.all(np.abs(ensemble.contacts[0].impact_count - run.impacts.count) <= 1)
-
-
-@pytest.mark.slow
-def test_many_samples_cost_little_and_many_pieces_are_no_accumulation():
-    """A thousand samples in each shortest period: pieces that follow each other closely are not switches."""
-    t = np.linspace(0.0, 0.5, 10001)
-    system = hammered(sb.Sampled(t, 30.0 * np.sin(40.0 * t)), 0.0)
-    exact = solve(system, 0.5, "exact", None, 0.0, None)
-    harmonic = solve(hammered(sb.Harmonic(30.0, 40.0)), 0.5, "exact", None, 0.0, None)
-    # A polygon with spacing h is off by (w h)^2/8 of the amplitude.
-    assert np.max(np.abs(exact.tip - harmonic.tip)) < 1e-6 * np.max(np.abs(harmonic.tip))
 
 
 CASE = """
@@ -361,52 +279,6 @@ def test_a_damped_stop_lets_go_where_its_force_ends_beside_a_slow_mode_under_a_r
     ends = mine.ends[np.isfinite(mine.ends)] - 1e-9
     q, v = exact.state_at(ends)
     assert np.max(np.abs(50.0 * (q[:, 0] - 0.1) + 10.0 * v[:, 0])) < 1e-5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 4, 6, 16, 20, 26, 47, 1054])
-def test_random_systems_with_slow_and_overdamped_modes_under_records(seed):
-    """One to three masses, one or two stops, most with dampers, dashpots over five powers of ten, uneven samples."""
-    g = np.random.default_rng(seed)
-    samples = int(g.integers(11, 61))
-    uneven = g.random() < 0.5
-    t = np.sort(np.append(g.uniform(0.0, 10.0, samples), [0.0, 10.0])) if uneven else np.linspace(0.0, 10.0, samples)
-    kind, n = ["linear", "cubic"][int(g.integers(2))], int(g.integers(1, 4))
-    record = sb.Sampled(t, 5.0 * g.normal(size=len(t)), kind=kind)
-    B = g.normal(size=(n, n))
-    K = B @ B.T * 10.0 ** g.uniform(-0.5, 1.5) + (g.random() < 0.7) * np.eye(n)
-    K = 0.0 * K if g.random() < 0.2 else K
-    b = g.normal(size=n)
-    dashpots = [0.2 * np.eye(n), 10.0 ** g.uniform(0.5, 2.5) * np.outer(b, b), np.diag(10.0 ** g.uniform(-1.0, 2.5, n))]
-    C = [0.0 * K, *dashpots, 30.0 * B @ B.T][int(g.integers(5))]
-    loads = [(g.normal(size=n), record)]
-    loads += [(g.normal(size=n), sb.Harmonic(3.0, 2.5))] if g.random() < 0.4 else []
-    loads += [(g.normal(size=n), sb.Constant(1.0))] if g.random() < 0.2 else []
-    contacts = []
-    for _ in range(int(g.integers(1, 3))):
-        row, damping = g.normal(size=n), float(g.uniform(0.5, 10.0)) * (g.random() < 0.8)
-        contacts.append(sb.Contact(row, sb.Stops(-0.15, 0.1, stiffness=60.0, damping=damping)))
-    system = sb.System.from_matrices(np.eye(n), K, C, loads=loads, contacts=contacts)
-    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
-    inside, end = exact.t <= exact.horizon, exact.horizon - 1e-3
-    assert np.max(np.abs(exact.tip - other.tip)[inside]) < 1e-6 * np.max(np.abs(other.tip))
-    for a, b in zip(exact.contacts, other.contacts, strict=True):
-        assert a.impacts.until(end).count == b.impacts.until(end).count
-
-
-@pytest.mark.slow
-def test_a_free_body_with_a_dashpot_inside_has_its_motion():
-    """K = 0 and a dashpot between two masses: eigenvalues 0 that meet, with eigenvectors that are one."""
-    t = np.linspace(0.0, 10.0, 21)
-    stop = sb.Contact([-0.8, -0.5], sb.Stops(-0.15, 0.1, stiffness=60.0, damping=8.0))
-    load = ([1.0, 0.3], sb.Sampled(t, 5.0 * np.random.default_rng(1).normal(size=21)))
-    b = np.array([0.5543, 0.39775])
-    system = sb.System.from_matrices(np.eye(2), np.zeros((2, 2)), np.outer(b, b), loads=[load], contacts=[stop])
-    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
-    assert exact.provenance["method"] == "exact"
-    inside = exact.t <= exact.horizon
-    assert np.max(np.abs(exact.tip - other.tip)[inside]) < 1e-7 * np.max(np.abs(other.tip))
-    assert exact.impacts.until(exact.horizon).count == other.impacts.until(exact.horizon).count > 0
 
 
 def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():

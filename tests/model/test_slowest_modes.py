@@ -54,14 +54,6 @@ def test_other_systems_find_them_among_all():
         np.testing.assert_array_equal(few.shapes, whole.shapes[:, :4])
 
 
-def test_a_wrong_number_of_modes_is_refused():
-    system = sb.semidiscretise(PROBLEM, 8)
-    assert len(sb.modes(system, 8).omega) == 8
-    for count, rule in ((0, "be an integer"), (2.5, "be an integer"), (9, "be at most 8")):
-        with pytest.raises(sb.InputError, match=rule):
-            sb.modes(system, count)
-
-
 def test_a_large_matrix_with_a_negative_eigenvalue_is_refused():
     """Banded and full ones are judged by their factors, which a small negative eigenvalue must not pass."""
     n = 100

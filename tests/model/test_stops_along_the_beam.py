@@ -124,16 +124,6 @@ def test_what_a_stop_between_nodes_feels_is_of_second_order(form, theta):
     assert errors[-1] < 4.0 / cells[-1] ** 2
 
 
-@pytest.mark.slow
-def test_the_first_impact_on_a_stop_between_nodes_converges_at_second_order():
-    """The time of the first impact on a stop at 0.5, from grid to grid; phi and u start compatible with the clamp."""
-    problem = beam(sb.Stops(lower=0.05, stiffness=2e4, position=0.5), base=sb.Harmonic(0.1, 10.0, "pi/2"))
-    cells = np.array([15, 31, 63, 127])  # odd: the stop is half-way between two nodes
-    first = [sb.reference(sb.semidiscretise(problem, int(M)), 0.12).contacts[0].impacts.times[0] for M in cells]
-    order = -np.polyfit(np.log(cells[:-1]), np.log(np.abs(np.diff(first))), 1)[0]
-    assert abs(order - 2.0) < 0.2, first
-
-
 def test_the_problem_of_a_system_has_its_stops_where_they_are():
     problem = beam(MIDDLE, TIP)
     system = sb.semidiscretise(problem, CELLS)
@@ -172,28 +162,6 @@ def test_contacts_are_in_the_order_given_and_survive_a_file(tmp_path):
         assert np.array_equal(a.impacts.times, b.impacts.times)
 
 
-@pytest.mark.slow
-def test_a_comparison_shows_every_contact():
-    system = sb.semidiscretise(beam(MIDDLE, TIP), CELLS)
-    ref, run = sb.reference(system, 0.5), sb.integrate(system, sb.HHT(alpha=-0.1), 1e-5, 0.5)
-    c = sb.compare(run, ref)
-    assert [x.place for x in c.contacts] == ["stops at x = 0.6", "stops at x = 1"]
-    steps = np.arange(int(np.floor(c.window / 1e-5)) + 1)
-    for i, contact in enumerate(c.contacts):
-        chi = system.contacts[i].stops.state(run.contacts[i].position[steps])
-        assert contact.run.impacts == np.count_nonzero((chi[1:] != 0) & (chi[1:] != chi[:-1])) > 1
-        assert contact.reference.impacts == ref.impacts_sampled(1e-5, c.window, contact=i).count
-        assert contact.reference.event_impacts == ref.contacts[i].impacts.until(c.window).count
-        assert contact.reference_totals.peak_force == pytest.approx(ref.contacts[i].peak_force, rel=1e-12)
-        assert f"\n  {contact.place.removeprefix('stops at ')} " in str(c)
-    assert c.matched_until == min(x.matching.matched_until for x in c.contacts)
-    swapped = sb.semidiscretise(beam(TIP, MIDDLE), CELLS)
-    other = sb.compare(sb.integrate(swapped, sb.HHT(alpha=-0.1), 1e-5, 0.5), sb.reference(swapped, 0.5))
-    assert [x.run.impacts for x in other.contacts] == [x.run.impacts for x in c.contacts[::-1]]
-    assert "impacts>" in repr(run)
-    assert f"{sum(x.impacts.count for x in run.contacts)} impacts" in repr(run)
-
-
 CASE = """
 [[case]]
 name = "two"
@@ -226,19 +194,3 @@ def test_a_case_file_lists_them(tmp_path):
     file.write_text(CASE.replace("phase = 0.3", "phase = 0.3, speed = 1"))
     with pytest.raises(sb.InputError, match=r"stops\[0\].motion: speed must be a known field"):
         load_cases(file)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: beam(sb.Stops(upper=0.1, stiffness=1.0, position=0.0)), "stops.position must lie on the beam"),
-        (lambda: sb.Stops(upper=0.1, stiffness=1.0, position=-1.0), "stops.position must be >= 0"),
-        (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
-        (lambda: sb.BeamProblem(stiffness=1.0, stops=[TIP, 3]), "stops must be a Stops or a list of them"),
-        (lambda: sb.Contact(np.ones(3), MIDDLE), "contact.stops.position must be None in a contact"),
-        (lambda: beam(MIDDLE, TIP).single_stops("case"), "case must have stops at one place"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, message):
-    with pytest.raises(sb.InputError, match=message):
-        make()

@@ -1,4 +1,4 @@
-"""The witness for marches: a scheme's own step in long double, step by step, with the forces of the stops by bisection.
+"""The witness for marches: a scheme's own step in long double, step by step, with its own search for forces.
 
 Of the package it reads the scheme, and the system's numbers. The linear algebra, the law of the stops, its mean over a
 step and the search for the forces are its own: u = r + S F, u' = w + S' F and F_c after the law, contact by contact
@@ -94,20 +94,20 @@ class Law:
 
 
 def alone(F, r, w, s, s_rate):
-    """f = F(r + s f, w + s' f), by bisection to rounding: f - F grows with f."""
+    """f = F(r + s f, w + s' f), to rounding: f - F grows with f. False position, and bisection where that is slow."""
     at_zero = F(r, w)
     if not at_zero or not (s or s_rate):
         return at_zero
     low, high = sorted((Real(0), at_zero))
-    for _ in range(120):
-        f = (low + high) / 2
-        if f - F(r + s * f, w + s_rate * f) > 0:
-            high = f
-        else:
-            low = f
-        if high - low <= 2e-19 * max(abs(low), abs(high)):
+    for i in range(150):
+        ends = [x - F(r + s * x, w + s_rate * x) for x in (low, high)]
+        if ends[0] == 0 or ends[1] == 0:
+            return low if ends[0] == 0 else high
+        f = low + (high - low) * (ends[0] / (ends[0] - ends[1])) if i % 3 else (low + high) / 2
+        if f in (low, high) or high - low <= 2e-19 * max(abs(low), abs(high)):
             break
-    return (low + high) / 2
+        low, high = (low, f) if f - F(r + s * f, w + s_rate * f) > 0 else (f, high)
+    return f
 
 
 def together(laws, r, w, S, S_rate):
@@ -149,7 +149,7 @@ class March:
         if contact != "conserving":
             force = force + np.array([x.force(a, b) for x, a, b in zip(self.laws, u, rate, strict=True)]) @ self.rows
         self.z, self.before = scheme.initial(self.equation, history, force), u
-        self.none = [np.zeros(system.size, Real)] * S
+        self.none, self.forces = [np.zeros(system.size, Real)] * S, np.zeros(m, Real)
         zero, self.pushes = np.zeros_like(self.z), []  # of a unit force at node s: on the state, and at every node
         for s in range(S):
             unit = [[self.rows[c] if i == s else x for i, x in enumerate(self.none)] for c in range(m)]
@@ -183,26 +183,28 @@ class March:
                 ]
             F = together(F, *x[s], of_nodes[:, s, 0].T, of_nodes[:, s, 1].T)
             x, z = x + np.tensordot(F, of_nodes, 1), z + np.tensordot(F, of_state, 1)
-            self.before = x[s, 0]
+            self.before, self.forces = x[s, 0], F
         self.z = z
 
 
 def states(system: sb.System, scheme: sb.Scheme, dt: float, steps: int, contact: str = "implicit"):
-    """q, q' (steps + 1, n) in long double."""
+    """q, q' (steps + 1, n) in long double, and the forces (steps, contacts) at the last node of every step."""
     scheme = scheme.conserving if contact == "conserving" else scheme
-    path, n = [np.array([system.q0, system.v0], Real)], 0
+    path, forces, n = [np.array([system.q0, system.v0], Real)], [], 0
     for part, end in ((scheme.starter, min(scheme.history - 1, steps)), (scheme, steps)):
         if n < end:
             march = March(system, part, dt, contact, path[::-1][: part.history], n * Real(dt))
             for n in range(n, end):  # noqa: B020
                 march.step(n)
                 path.append(march.z[:2])
+                forces.append(march.forces)
             n = end
-    return np.array(path).transpose(1, 0, 2)
+    q, v = np.array(path).transpose(1, 0, 2)
+    return q, v, np.array(forces)
 
 
 def march(system: sb.System, scheme: sb.Scheme, dt: float, t_end: float, contact: str = "implicit") -> sb.Trajectory:
     """The run as one of another program: impacts and energies are those of its states."""
     steps = round(t_end / dt)
-    q, v = states(system, scheme, dt, steps, contact).astype(float)
+    q, v = (x.astype(float) for x in states(system, scheme, dt, steps, contact)[:2])
     return sb.Trajectory.from_arrays(np.arange(steps + 1) * dt, system=system, states=(q, v))

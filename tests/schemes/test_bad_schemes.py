@@ -34,11 +34,11 @@ LABELS = {
     "bdf2.printed": "have a printed form",
     "BDF2@displacment": "form must be one that there is, got 'displacment': did you mean displacement?",
     "no_such_module:Central": "can be imported",
-    "test_refusals.py:Own": "write test_refusals:Own",
-    "test_refusals:Onw": "did you mean Own",
-    "test_refusals:zzzz": "known: ",
-    "test_refusals:np": "Scheme class",
-    "test_refusals:Own(gamma=1)": "one of its own",
+    "test_bad_schemes.py:Own": "write test_bad_schemes:Own",
+    "test_bad_schemes:Onw": "did you mean Own",
+    "test_bad_schemes:zzzz": "known: ",
+    "test_bad_schemes:np": "Scheme class",
+    "test_bad_schemes:Own(gamma=1)": "one of its own",
 }
 
 
