@@ -303,28 +303,6 @@ def judge_ensemble(system: sb.System, truth: Truth) -> Verdict:
     return Verdict("right", "ensemble")
 
 
-def warm_up(only: tuple[str, ...] = ()) -> None:
-    """Import and compile what a time limit should not count, of the methods ``only`` (all by default)."""
-    one = np.ones((1, 1))
-    stop = [sb.Contact([1.0], sb.Stops(None, 0.1, stiffness=10.0))]
-    for damping in (None, 0.1 * one, np.array([[0.1, 0.0], [0.0, 0.0]])):
-        n = 1 if damping is None else len(damping)
-        eye = np.eye(n)
-        stops = [sb.Contact(eye[0], stop[0].stops)]
-        system = sb.System.from_matrices(
-            eye, 2.0 * eye - 0.5 * (1 - eye), damping, contacts=stops, initial_velocity=eye[0]
-        )
-        for method in only or ("exact", *ADAPTIVE):
-            sb.reference(system, 0.5, method, t_eval=[0.0, 0.25, 0.5])
-        for contact in ("implicit", "extrapolated"):
-            sb.integrate(system, sb.HHT(), 0.01, 0.5, contact).energy  # noqa: B018
-    two = sb.System.from_matrices(
-        np.eye(2), np.eye(2), contacts=[sb.Contact(r, stop[0].stops) for r in np.eye(2)], initial_velocity=[1.0, 0.5]
-    )
-    sb.reference(two, 0.5, t_eval=[0.0, 0.5])
-    sb.integrate(two, sb.HHT(), 0.01, 0.5)
-
-
 def methods_for(case: Case, index: int) -> list[str]:
     """What is asked of a case: the exact solution always, the others in turn, of a pulse the adaptive solvers
     too, where they do not have too many periods of the fastest motion to follow."""

@@ -145,6 +145,9 @@ def systems():
     for law in LAWS:
         stops = sb.Stops(-0.002, 0.002, stiffness=1e5, **law)
         yield str(law), sb.semidiscretise(replace(BEAM, stops=stops), 6), 1e-3
+    ends = [sb.Contact(row, sb.Stops(upper=0.05, stiffness=1e5)) for row in ([1.0, -1.0], [1.0, 1.0])]
+    bar = np.diag([1.0, 0.05]), np.diag([50.0, 5.0]), None, (), ends, None, [0.0, -0.001], [1.0, 0.0]
+    yield "one end of a bar closes the other", sb.System.from_matrices(*bar), 2e-3
     yield "two contacts", two_contacts(), 2e-3
     functions = {"load": lambda t: 15.0 * np.sin(4.0 * t), "offset": lambda t: 0.05 * np.sin(3.0 * t)}
     yield "callables", two_contacts(**functions), 2e-3
