@@ -116,7 +116,7 @@ def assert_is_loop(run, system, scheme, dt, steps, contact, tolerance, every=1):
 
 @pytest.mark.parametrize(("scheme", "contact"), PAIRS, ids=str)
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.fast(40)
+@pytest.mark.fast(40, slow=40)
 def test_a_random_chain(scheme, contact, seed):
     """Any number of contacts and loads, damped or not; contact that dissipates is for the implicit treatment."""
     seed = 8 * PAIRS.index((scheme, contact)) + seed
@@ -155,7 +155,7 @@ def systems():
 
 @pytest.mark.parametrize(("scheme", "contact"), PAIRS, ids=str)
 @pytest.mark.parametrize(("name", "system", "dt"), list(systems()), ids=lambda x: x if isinstance(x, str) else "")
-@pytest.mark.fast(30, slow=100)
+@pytest.mark.fast(30, slow=60)
 def test_a_system(name, system, dt, scheme, contact):
     steps = 150 if dt == 1e-3 else 300
     try:

@@ -221,6 +221,10 @@ def test_initial_displacements_that_meet_the_clamp_are_accepted(profile):
     x = np.array([0.25, 0.5, 0.75, 1.0])
     expected = profile(x) - 0.1 * (1.0 - x**2)  # v = u - phi (1 - x^2)
     assert np.max(np.abs(sb.semidiscretise(problem, 4).q0 - expected)) < 1e-15 * 4
+    moving = replace(problem, base=sb.Harmonic(0.1, 2.0, "pi/6"), initial_displacement=None, initial_velocity=profile)
+    for form in FORMS:
+        expected = profile(x) - 0.2 * np.cos(np.pi / 6) * (1.0 - x**2)
+        assert np.max(np.abs(sb.semidiscretise(moving, 4, form).v0 - expected)) < 1e-14
 
 
 @pytest.mark.parametrize("noise", [lambda X: 0.0 * X, lambda X: 2e-17 * (X > 0.0)], ids=["none", "last bits"])
