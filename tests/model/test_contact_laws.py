@@ -141,21 +141,12 @@ def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
-def test_kernel_and_oracle_agree(law, scheme, in_numpy):
+def test_kernel_and_oracle_agree(law, scheme):
     rng = np.random.default_rng(3)
     beam = sb.BeamProblem(stiffness=300.0, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
     system = sb.semidiscretise(beam, 6)
     run = sb.integrate(system, scheme, 1e-3, 0.5)
     assert run.impacts.count > 0
-    with in_numpy():
-        other = sb.integrate(system, scheme, 1e-3, 0.5)
-    assert np.max(np.abs(other.tip - run.tip)) < 1e-9
-    for name in ("times", "peaks", "impulses"):
-        a, b = getattr(run.impacts, name), getattr(other.impacts, name)
-        assert np.allclose(a, b, rtol=1e-6, equal_nan=True)
-    for name in ("kinetic", "stops", "stop_dissipation", "loss", "loss_in_contact"):
-        a, b = getattr(run.energy, name), getattr(other.energy, name)
-        assert np.max(np.abs(a - b)) < 1e-7 * np.max(run.energy.energy)
     assert np.max(np.abs(plain_march.march(system, scheme, 1e-3, 0.5).tip - run.tip)) < 1e-9
 
 

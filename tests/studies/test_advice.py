@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judge_scheme import system_of
 from random_systems import _damped, _long, _moving, _plain, _several
-from systems import bouncing_chain, one_mass
+from systems import bouncing_chain, one_mass, system_of
 from vibro_march import solve
 
 import stiffbeam as sb
