@@ -19,7 +19,7 @@ from scipy.interpolate import make_lsq_spline
 import stiffbeam as sb
 from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
-from stiffbeam.files.reader import read_samples
+from stiffbeam.files.columns import read_samples
 
 RATE, T_END, KNOT = 2000.0, 1.0, 8e-3  # 1/s, s, s
 
@@ -37,7 +37,7 @@ def made(file: Path) -> Path:
 
 def smoothed(file: Path) -> tuple[np.ndarray, np.ndarray, sb.Sampled]:
     """(times, values) as recorded, and the motion: at rest with its velocity at t = 0, as the beam is."""
-    t, values = (np.array(x) for x in read_samples(file))
+    t, values = read_samples(file)
     inner = np.arange(KNOT, t[-1] - 0.5 * KNOT, KNOT)
     spline = make_lsq_spline(t, values, np.r_[[t[0]] * 4, inner, [t[-1]] * 4], 3)
     places = np.r_[t[0], inner, t[-1]]

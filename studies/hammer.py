@@ -17,7 +17,7 @@ import numpy as np
 import stiffbeam as sb
 from stiffbeam.figures.chart import new_figure, short
 from stiffbeam.figures.runs import line_of
-from stiffbeam.files.reader import read_samples
+from stiffbeam.files.columns import read_samples
 
 RATE, T_END = 25_600.0, 0.15  # 1/s, s
 
@@ -36,7 +36,7 @@ def made(file: Path) -> Path:
 
 def hit(file: Path) -> sb.Sampled:
     """The force in N: the offset before the hit taken off, and nothing where it is below five times the noise."""
-    times, values = (np.array(x) for x in read_samples(file))
+    times, values = read_samples(file)
     quiet = values[times < 0.009]
     force = values - np.mean(quiet)
     force[np.abs(force) < 5.0 * np.std(quiet)] = 0.0

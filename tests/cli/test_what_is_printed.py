@@ -11,7 +11,6 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import stopped_clock
-from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, study
 from stiffbeam.studies.common import to_the_end
@@ -158,25 +157,6 @@ def test_a_mode_is_not_measured_on_a_part_of_its_period(case):
 def test_nothing_is_observed_by_a_row_of_zeros():
     with pytest.raises(sb.InputError, match="observe must not be all zero"):
         sb.System.from_matrices(np.eye(2), np.eye(2), observe=[0.0, 0.0])
-
-
-@pytest.mark.parametrize(
-    ("header", "column", "words"),
-    [("t,force,force", "force", "name of one column"), ("t,force,other", "t", "the first of .* holds the times")],
-)
-def test_a_column_of_a_record_is_one_column_of_values(tmp_path, header, column, words):
-    file = tmp_path / "record.csv"
-    file.write_text(f"{header}\n0,1,2\n1,1,3\n")
-    with pytest.raises(sb.InputError, match=words):
-        read_samples(file, column)
-
-
-def test_a_second_line_of_names_is_refused_with_its_text(tmp_path):
-    """Units under the names, or the head of a record of ground motion."""
-    file = tmp_path / "record.csv"
-    file.write_text("Time;Force\n[s];[N]\n0;1\n1;1\n")
-    with pytest.raises(sb.InputError, match=r"record.csv, line 2: '\[s\]'.*leave out all but one line of names"):
-        read_samples(file)
 
 
 REFUSED = [

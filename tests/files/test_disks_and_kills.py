@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -28,7 +29,7 @@ run = sb.Trajectory.from_arrays(np.linspace(0.0, 1.0, 20001), np.random.default_
 figure = sb.mode_shapes(sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 4))
 from stiffbeam.figures.chart import save_figure
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-for suffix in ("nc", "csv", "mat", "png"):
+for suffix in ("nc", "csv", "json", "png"):
     try:
         save = save_figure if suffix == "png" else type(run).save
         save(figure if suffix == "png" else run, f"{sys.argv[1]}/file.{suffix}")
@@ -40,7 +41,7 @@ for suffix in ("nc", "csv", "mat", "png"):
 @pytest.mark.slow
 def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path):
     """A limit of 4 kB a file stands for the full disk; HDF5 itself ends in a segmentation fault there."""
-    names = [f"file.{suffix}" for suffix in ("nc", "csv", "mat", "png")]
+    names = [f"file.{suffix}" for suffix in ("nc", "csv", "json", "png")]
     for name in names:
         (tmp_path / name).write_text("before")
     done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, timeout=120)
@@ -137,8 +138,18 @@ def test_names_and_titles_stay_in_their_folder_and_their_line(tmp_path, monkeypa
     assert "[/] [red]$x_ $ :smile:" in done.stdout
     assert {x.name for x in tmp_path.iterdir()} == {"odd.toml", "stiffbeam-output"}
     (tmp_path / "steered.toml").write_text(STEEL.replace("a steel strip", "\\u001b[2J"))
-    with pytest.raises(sb.InputError, match="title must be 1 to 200 printable letters"):
+    with pytest.raises(sb.InputError, match="title must hold printable letters"):
         sb.load_cases(tmp_path / "steered.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_terminal_of_few_letters_has_the_whole_table(encoding):
+    words = ["compare", "table10", "--t-end", "0.01", "--schemes", "hht", "--references", "exact"]
+    done = subprocess.run([sys.executable, "-m", "stiffbeam", *words], capture_output=True, timeout=300, check=False,
+                          env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "HHT" in done.stdout.decode(encoding)
 
 
 # ---------------------------------------------------------------- kills

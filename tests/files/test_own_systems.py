@@ -177,6 +177,8 @@ def test_a_file_makes_the_system_that_python_makes(file):
         ('"M.mtx"', '"abaqus.mtx"', r"mass must be readable as Matrix Market, got .*: write it by scipy.io.mmwrite"),
         ("upper = 0.2\n", "upper = 0.2\nscale = 2.0\n", r"got 2.0: .*known: damping, .*upper"),
         ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
+        ('"M.mtx"', '"/dev/zero"', "be a file"),
+        ('"push.csv"', '"/dev/zero"', "no folder, device or pipe"),
         ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
         ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
         ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),
@@ -193,6 +195,13 @@ def test_what_is_wrong_is_said(file, old, new, words):
     file.write_text(TEXT.replace(old, new, 1))
     with pytest.raises(InputError, match=words):
         find_case(str(file))
+
+
+def test_a_vector_is_a_diagonal_mass(file):
+    wanted = sb.System.from_matrices(np.diag([1.0, 2.0, 3.0]), STIFFNESS, observe=[1, 0, 0])
+    assert sb.System.from_matrices([1, 2, 3], STIFFNESS, observe=[1, 0, 0]).fingerprint == wanted.fingerprint
+    file.write_text(TEXT.replace('"M.mtx"', "[1, 2, 3]", 1))
+    np.testing.assert_array_equal(find_case(str(file)).system().mass, wanted.mass)
 
 
 def test_a_large_model_without_modes_is_announced_at_once(file, monkeypatch):

@@ -16,7 +16,8 @@ from stiffbeam.kernels.march import BY_LAW, Step, states
 
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # every branch of the kernels in a minute
-    "march/test_march.py", "schemes/test_schemes.py", "schemes/test_rigid.py", "model/test_nodes.py", "references/test_sundials.py",
+    "march/test_march.py", "schemes/test_schemes.py", "schemes/test_rigid.py", "model/test_nodes.py",
+    "references/test_sundials.py",
 ]  # fmt: skip
 
 

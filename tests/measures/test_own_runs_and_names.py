@@ -31,7 +31,7 @@ def test_impacts_of_positions_elsewhere_do_not_match_to_the_horizon(tube):
 
 def test_a_file_of_columns_is_not_called_damaged(tube, tmp_path):
     run = sb.integrate(tube, sb.Trapezoidal(), 1e-4, 0.01)
-    for name in ("run.csv", "run.mat"):
+    for name in ("run.csv", "run.json"):
         run.save(tmp_path / name)
         with pytest.raises(sb.InputError, match="from_arrays"):
             sb.load(tmp_path / name)

@@ -134,7 +134,7 @@ def test_a_cut_file_is_found(kind, part, files, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "attribute", "value", "message"),
     [
-        ("saved", "stiffbeam_format", 4, "be a stiffbeam trajectory of format 3.*it has format 4"),
+        ("saved", "stiffbeam_format", 5, "be a stiffbeam trajectory of format 4.*it has format 5"),
         ("frozen", "stiffbeam_frozen", 2, "be of format 1.*it has 2"),
         ("saved", "horizon", 0.06, "hold what its hash says"),
         ("frozen", "t_end", 0.2, "hold what its hash says"),

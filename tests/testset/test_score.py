@@ -200,7 +200,7 @@ def test_steps_at_which_a_run_overflows_are_left_out():
 
 def test_a_file_with_an_unknown_field_is_refused():
     text = (folder() / "hertz.toml").read_text(encoding="utf-8")
-    with pytest.raises(sb.InputError, match=r"hertz: system.contacts\[0\]: exponant must be a known field.*exponent"):
+    with pytest.raises(sb.InputError, match=r"hertz: system.contacts\[0\].exponant must be a known field.*exponent"):
         _ = read(text.replace("exponent = 1.5", "exponant = 1.5")).system
 
 
@@ -241,7 +241,7 @@ def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     ("lines", "says"),
     [
         (["t,u", "0,1", "0.5,x"], "line 3"),
-        (["0 1", "1 2 3"], "1 numbers|3 numbers"),
+        (["0 1", "1 2 3"], "line 2: 3 columns"),
         (["0,1,2", "1,,3"], "a cell is empty"),
         (["0 1", "1 2", "2 3"], "at least 4"),
         (["0 0 0", "1 0 0", "2 0 0", "3 0 0"], "reach t_end"),

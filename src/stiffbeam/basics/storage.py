@@ -7,7 +7,6 @@ import os
 import secrets
 import tempfile
 import warnings
-from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -67,6 +66,24 @@ def forget(folder: Path, pattern: str, most: int) -> None:
             path.unlink(missing_ok=True)
 
 
+def regular_text(field: str, file: Path, most: int, remedy: str = "give another") -> str:
+    """The text of a regular file of at most ``most`` bytes, UTF-8 or else Latin-1. Raises InputError for any other, as
+    devices and pipes, which have no end."""
+    try:
+        if file.is_dir() or (file.exists() and not file.is_file()):
+            raise InputError(field, str(file), "be a readable file, no folder, device or pipe", remedy)
+        with file.open("rb") as stream:
+            content = stream.read(most + 1)
+    except (OSError, ValueError) as error:
+        raise InputError(field, str(file), "be a readable file", f"{remedy}: {error}") from None
+    if len(content) > most:
+        raise InputError(field, str(file), f"have at most {most} bytes", remedy)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
 def write_whole(file: str | Path, content: str | bytes) -> Path:
     """Write ``content`` to the file, text in UTF-8. The old content stays until the new one is completely on the disk.
 
@@ -95,14 +112,14 @@ def write_whole(file: str | Path, content: str | bytes) -> Path:
     return path
 
 
-def content_hash(data: xr.Dataset, attributes: Iterable[str]) -> str:
-    """sha256 of every variable and of the named attributes."""
+def content_hash(data: xr.Dataset) -> str:
+    """sha256 of every variable and attribute but for the hash itself and what differs from machine to machine."""
     digest = hashlib.sha256()
     for name in sorted(map(str, data.variables)):
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(data[name].values).tobytes())
-    for name in sorted(attributes):
-        digest.update(f"{name}={data.attrs.get(name)}".encode())
+    for name in sorted(map(str, data.attrs.keys() - {"hash", "deviation"})):
+        digest.update(f"{name}={data.attrs[name]}".encode())
     return digest.hexdigest()
 
 

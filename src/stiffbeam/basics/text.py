@@ -83,12 +83,6 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def cells_of(lines: Sequence[Mapping[str, str]], empty: str = "\N{EN DASH}") -> tuple[list[str], list[list[str]]]:
-    """Headings of lines, text by heading, and the cells of each line."""
-    heads = list(dict.fromkeys(head for line in lines for head in line))
-    return heads, [[line.get(head, empty) for head in heads] for line in lines]
-
-
 def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
     """A DataFrame of the columns; attributes of the whole table are in ``attrs``."""
     import pandas
@@ -114,11 +108,6 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str
         columns = "".join(f'<td style="text-align:right">{escape(cell)}</td>' for cell in cells)
         parts.append(f'<tr><th style="text-align:left">{escape(name)}</th>{columns}</tr>')
     return "".join([*parts, "</tbody></table>"])
-
-
-def html_facts(title: str, facts: Iterable[tuple[str, str]]) -> str:
-    """A table of names and values under a title; facts without a value are left out."""
-    return html_table([], [(name, value) for name, value in facts if value], title)
 
 
 DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"

@@ -36,6 +36,9 @@ def main() -> None:
     if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper) and not out.isatty():
         writer = io.BufferedWriter(_Output(out.fileno(), "w", closefd=False))
         sys.stdout = io.TextIOWrapper(writer, out.encoding, out.errors, None, out.line_buffering, out.write_through)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # letters that an ASCII or Latin-1 terminal does not have
     if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work

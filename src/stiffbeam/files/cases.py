@@ -9,19 +9,21 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+from ..basics.storage import regular_text
+from ..basics.text import several
 from ..basics.units import Units
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
 from ..model.contact import Stops
 from ..model.members import varied_members
-from ..model.problem import BeamProblem, BeamSection, DistributedLoad, Load, PointLoad
+from ..model.problem import BeamProblem
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from .paper import case_blocks, paper_text
-from .reader import Reader, SystemReader
+from .reader import Line, Reader, located
 
 
 @dataclass(frozen=True)
@@ -65,25 +67,27 @@ class Case:
     notes: tuple[str, ...] = ()
     uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    matrices: ClassVar[System | None] = None
+
     @property
     def beam(self) -> BeamProblem | None:
         """The problem; None for a system of matrices."""
-        return self.problem
+        return self.problem if self.matrices is None else None
 
     @property
     def units(self) -> Units:
-        """The units of the problem."""
-        return self.problem.units
+        """The units of the problem, or of the matrices."""
+        return (self.matrices or self.problem).units
 
     @property
     def has_stops(self) -> bool:
-        """Return True if the problem has a stop."""
-        return self.problem.stops is not None
+        """Return True if there is a stop."""
+        return bool(self.problem.all_stops if self.matrices is None else self.matrices.contacts)
 
     @property
     def grid(self) -> str:
-        """The grid in words."""
-        return f"{self.cells} cells"
+        """The grid, or the number of unknowns, in words."""
+        return f"{self.cells} cells" if self.matrices is None else several(self.matrices.size, "unknown")
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -112,7 +116,7 @@ class SystemCase(Case):
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
-    matrices: System = field(kw_only=True)
+    matrices: System = field(kw_only=True)  # type: ignore[misc]
     finer: System | None = field(kw_only=True, default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -129,26 +133,6 @@ class SystemCase(Case):
             remedy = "describe it as a beam, or compare matrices with a finer model by `stiffbeam doubt`"
             raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
         raise AttributeError(name)
-
-    @property
-    def beam(self) -> None:
-        """None: a system of matrices is not a beam."""
-        return None
-
-    @property
-    def units(self) -> Units:
-        """The units of the matrices."""
-        return self.matrices.units
-
-    @property
-    def has_stops(self) -> bool:
-        """Return True if the system has a contact."""
-        return bool(self.matrices.contacts)
-
-    @property
-    def grid(self) -> str:
-        """The number of unknowns, in words."""
-        return f"{self.matrices.size} unknown{'s' * (self.matrices.size > 1)}"
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -203,7 +187,7 @@ def case_of(
     return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=finer)
 
 
-MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file, a line and a key in it
+MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file; letters of a line, dots of a key in it
 
 
 def paper_case(table: int) -> Case:
@@ -319,16 +303,13 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     ['strip']
     """
     file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
-    try:
-        data = _toml(_bounded(file))
-    except FileNotFoundError:
+    if not file.exists():
         remedy = "stiffbeam cases --show table10 prints one to start from"
-        raise InputError("case file", str(file), "exist", remedy) from None
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError("case file", str(file), "be a readable file", f"{error.strerror}: give another") from None
-    except ValueError as error:  # of TOML, of UTF-8, and of a path with a zero in it
+        raise InputError("case file", str(file), "exist", remedy)
+    text = _bounded(file)
+    try:
+        data = _toml(text)
+    except ValueError as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
@@ -338,21 +319,16 @@ def load_cases(file: str | Path) -> dict[str, Case]:
 def _bounded(file: Path) -> str:
     """The text of a case file. Raises InputError for one of a size that no case has: a dotted key takes memory
     in proportion to the square of its length."""
-    # One byte more than allowed shows that a file is too long, whatever its size.
-    with file.open("rb") as stream:
-        content = stream.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        remedy = "put samples into a file beside it"
-        raise InputError("case file", str(file), f"have at most {MOST_BYTES} bytes", remedy)
-    for number, line in enumerate(content.split(b"\n"), 1):
+    text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it")
+    for number, line in enumerate(text.split("\n"), 1):
         if len(line) > MOST_LINE:
             remedy = "break lists over lines"
-            raise InputError(f"{file}: line {number}", f"{len(line)} bytes", f"have at most {MOST_LINE}", remedy)
+            raise InputError(f"{file}: line {number}", f"{len(line)} letters", f"have at most {MOST_LINE}", remedy)
         # Dots in quotes nest nothing.
-        key = re.sub(rb'"[^"]*"|\'[^\']*\'', b"", line).partition(b"=")[0]
-        if key.count(b".") > MOST_DOTS:
+        key = re.sub(r'"[^"]*"|\'[^\']*\'', "", line).partition("=")[0]
+        if key.count(".") > MOST_DOTS:
             raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
-    return content.decode("utf-8").replace("\r\n", "\n")
+    return text.replace("\r\n", "\n")
 
 
 def compared_runs(case: Case) -> list[tuple[Scheme, str]]:
@@ -375,6 +351,75 @@ def _toml(text: str) -> dict[str, Any]:
     return tomllib.loads(text, parse_float=exact_float)
 
 
+@dataclass
+class Entry:
+    """A case as its table in a file."""
+
+    name: Line
+    dt: float
+    t_end: float
+    title: Line | None = None
+    cells: int | None = None
+    runs: list[str] | None = None
+    inferred: list[str] = field(default_factory=list)
+    problem: BeamProblem | None = None
+    system: System | None = None
+    finer: System | None = None
+    published: dict[str, dict[str, float]] = field(default_factory=dict)
+    uncertain: dict[str, list[float]] = field(default_factory=dict)
+
+    def case(self) -> Case:
+        """The case of a beam or of a system of matrices."""
+        if (self.problem is None) == (self.system is None):
+            remedy = "[case.problem] is a beam, [case.system] names matrices"
+            rule = "be given, or a system" if self.system is None else "stand alone, without a system"
+            raise InputError("problem", None, rule, remedy)
+        # A time step that does not divide the span is refused here, before any work.
+        step_count(positive("dt", self.dt), positive("t_end", self.t_end))
+        common: dict[str, Any] = {
+            "name": self.name, "title": self.title or self.name, "dt": float(self.dt), "t_end": float(self.t_end),
+            "runs": tuple(self._runs()), "published": self.published, "notes": tuple(self.inferred),
+            "uncertain": self._uncertain(),
+        }  # fmt: skip
+        # A system has no grid.
+        if self.system is not None:
+            if self.cells is not None:
+                raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
+            case = SystemCase(matrices=self.system, finer=self.finer, **common)
+        else:
+            assert self.problem is not None
+            if self.finer is not None:
+                raise InputError("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
+            case = Case(problem=self.problem, cells=integer("cells", self.cells, 4), **common)
+        # A path that the case does not have, and an end of a range that no system can have.
+        if case.uncertain:
+            varied_members(case.system(), case.uncertain)
+        return case
+
+    def _runs(self) -> Iterable[tuple[Scheme, str]]:
+        """The runs in the form that fits what is solved."""
+        beam, system = self.problem, self.system
+        stops = beam.all_stops if beam is not None else [contact.stops for contact in system.contacts] if system else []
+        form = "matrices" if beam is None else "hermite" if beam.for_elements else "displacement"
+        for run in [str(x) for x in default_schemes(stops)] if self.runs is None else self.runs:
+            # Data from others must not import modules.
+            if ":" in run:
+                remedy = "leave it out, and name it on the command line: --schemes mymodule:Central"
+                raise InputError("runs", run, "be schemes of the package", remedy)
+            scheme, written = parse_run(run, form)
+            if beam is None and written != form:
+                raise InputError("runs", f"@{written}", "be without a form", "it is that of the matrices: leave @ out")
+            yield scheme, written
+
+    def _uncertain(self) -> dict[str, tuple[float, float]]:
+        """Ranges by path."""
+        for path, ends in self.uncertain.items():
+            if len(ends) != 2 or not ends[0] < ends[1]:
+                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
+                raise InputError(f"uncertain.{path}", ends, "be a range of two increasing numbers", remedy)
+        return {path: (float(ends[0]), float(ends[1])) for path, ends in self.uncertain.items()}
+
+
 def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:
     """folder: where the files that a case names are; None for a text that has to hold everything itself."""
     cases: dict[str, Case] = {}
@@ -385,140 +430,14 @@ def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dic
     if unknown:
         remedy = "move it below the line [[case]]"
         raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table", remedy)
+    reader = Reader(folder)
     for entry in entries:
-        if not isinstance(entry, dict):
-            raise InputError(f"{source}: case", entry, "be a table", "write [[case]]")
-        case = _Reader(entry, f"{source}: {entry.get('name', 'case')}", folder).case()
+        name = entry.get("name", "case") if isinstance(entry, dict) else "case"
+        try:
+            case = reader.read(entry, Entry).case()
+        except Exception as error:
+            raise located(error, f"{source}: {name}") from None
         if case.name in cases:
             raise InputError(f"{source}: name", case.name, "be given once", "give each case a name of its own")
         cases[case.name] = case
     return cases
-
-
-class _Reader(Reader):
-    """Reads a case, its problem, and what belongs to that."""
-
-    def case(self) -> Case:
-        # No form for the whole case: every run has its own.
-        if "form" in self.table:
-            remedy = f'write it behind a scheme, runs = ["HHT@{self.table["form"]}"]'
-            raise self.error("form", self.table["form"], "be left out", remedy)
-        parts = {"problem", "system", "finer", "published", "uncertain"}
-        self.only({"name", "title", "cells", "dt", "t_end", "runs", "inferred"} | parts)
-        # A beam or a system of matrices, one of them.
-        name = self.line("name")
-        problem, matrices = self.sub("problem"), self.get("system", dict, "be a table", None)
-        if (problem is None) == (matrices is None):
-            remedy = "[case.problem] is a beam, [case.system] names matrices"
-            both = None if matrices is None else "beside a system"
-            raise self.error("problem", both, "be given and be a table" if matrices is None else "stand alone", remedy)
-        system = None if matrices is None else SystemReader(matrices, f"{self.where}.system", self.folder).model()
-        more = self.get("finer", dict, "be a table", None)
-        finer: Any = None if more is None else SystemReader(more, f"{self.where}.finer", self.folder).model()
-        beam = None if problem is None else problem.problem()
-        all_stops = beam.all_stops if beam is not None else [c.stops for c in system.contacts] if system else []
-        # Runs, in the form that fits what is solved.
-        runs = self.get("runs", list, "be a list of runs", [str(x) for x in default_schemes(all_stops)])
-        dt, t_end = self.number("dt"), self.number("t_end")
-        # A time step that does not divide the span is refused here, before any work.
-        self.build(step_count, self.build(positive, "dt", dt), self.build(positive, "t_end", t_end))
-        form = "matrices" if beam is None else "hermite" if beam.for_elements else "displacement"
-        parsed = []
-        for run in runs:
-            if not isinstance(run, str):
-                raise self.error("runs", run, "be strings like 'HHT(alpha=-0.1)@displacement'", "write it in quotes")
-            # Data from others must not import modules.
-            if ":" in run:
-                remedy = "leave it out, and name it on the command line: --schemes mymodule:Central"
-                raise self.error("runs", run, "be schemes of the package", remedy)
-            parsed.append(self.build(parse_run, run, form))
-        # What the source has published, and notes on it.
-        published = self.get("published", dict, "be a table", {})
-        for kind, values in published.items():
-            if not isinstance(values, dict) or not all(isinstance(v, (int, float)) for v in values.values()):
-                raise self.error(f"published.{kind}", values, "be a table of numbers by run", 'write "BDF2" = 10')
-        notes = self.get("inferred", list, "be a list of strings", [])
-        if not all(isinstance(note, str) for note in notes):
-            raise self.error("inferred", notes, "be a list of strings", 'write ["..."]')
-        common: dict[str, Any] = {
-            "name": name, "title": self.line("title", name), "dt": float(dt),
-            "t_end": float(t_end), "runs": tuple(parsed), "published": published, "notes": tuple(notes),
-            "uncertain": self.uncertain(),
-        }  # fmt: skip
-        # A system has no grid and no other form.
-        if system is not None:
-            if "cells" in self.table:
-                raise self.error("cells", self.table["cells"], "be left out", "a system of matrices has no grid")
-            wrong = next((form for _, form in parsed if form != "matrices"), None)
-            if wrong is not None:
-                raise self.error("runs", f"@{wrong}", "be without a form", "it is that of the matrices: leave @ out")
-            return self.varied(self.build(SystemCase, matrices=system, finer=finer, **common))
-        assert beam is not None
-        if finer is not None:
-            raise self.error("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
-        cells = self.build(integer, "cells", self.get("cells", int, "be an integer >= 4"), 4)
-        return self.varied(Case(problem=beam, cells=cells, **common))
-
-    def uncertain(self) -> dict[str, tuple[float, float]]:
-        """Ranges by path."""
-        ranges = self.get("uncertain", dict, "be a table of paths", {})
-        for path, ends in ranges.items():
-            numbers = isinstance(ends, list) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
-            if not numbers or not ends[0] < ends[1]:
-                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
-                raise self.error(f'uncertain."{path}"', ends, "be a range of two increasing numbers", remedy)
-        return {path: (float(ends[0]), float(ends[1])) for path, ends in ranges.items()}
-
-    def varied(self, case: Case) -> Case:
-        """The case; a path that it does not have, and an end of a range that no system can have, are refused here."""
-        if case.uncertain:
-            self.build(varied_members, case.system(), case.uncertain)
-        return case
-
-    def problem(self) -> BeamProblem:
-        shared = {"stops", "base", "loads", "initial_displacement", "initial_velocity"}
-        more = ("tip_mass", "mass_damping", "rotary_inertia", "tip_inertia")
-        shared |= {"supports", "modal_damping", "sections", *more}
-        # Names of a physical beam mean SI; the others are the paper's.
-        physical = any(name in self.table for name in ("length", "bending_stiffness", "mass_per_length"))
-        parameters = (
-            ("length", "bending_stiffness", "mass_per_length", "bending_viscosity")
-            if physical
-            else ("stiffness", "viscosity")
-        )
-        if not physical and "units" in self.table:
-            remedy = "leave it out, or write length, bending_stiffness and mass_per_length in place of stiffness"
-            raise self.error("units", self.table["units"], "be a known field", remedy)
-        self.only(shared | set(parameters) | ({"units", "time_unit"} if physical else set()))
-        if self.number("time_unit", 1) != 1:
-            remedy = "times are in seconds: leave it out, and give dt and t_end in seconds"
-            raise self.error("time_unit", self.table["time_unit"], "be 1", remedy)
-        numbers = {key: self.number(key) for key in (*parameters, *more) if key in self.table}
-        # Ask for the required ones: ``numbers`` holds those that there are.
-        for key in parameters[:3] if physical else parameters[:1]:
-            self.number(key)
-        base = self.sub("base")
-        loads = self.tables("loads", "{ position = ..., amplitude = ..., ... }")
-        units = self.sub("units")
-        return self.build(
-            BeamProblem.from_physical if physical else BeamProblem,
-            **numbers | ({} if units is None else {"units": units.units()}),
-            stops=[stops.stops({"position", "motion"}) for stops in self.one_or_several("stops")],
-            base=None if base is None else base.time_function(set()),
-            loads=tuple(load.load() for load in loads),
-            initial_displacement=self.polynomial("initial_displacement"),
-            initial_velocity=self.polynomial("initial_velocity"),
-            supports=self.get("supports", str, "be a string", "clamped-free"),
-            modal_damping=self.get("modal_damping", (int, float, list), "be a ratio or a list of them", 0.0),
-            sections=[part.section() for part in self.one_or_several("sections")],
-        )
-
-    def section(self) -> BeamSection:
-        self.only({"begin", "end", "stiffness", "mass"})
-        numbers = {name: self.number(name) for name in ("stiffness", "mass") if name in self.table}
-        return self.build(BeamSection, self.number("begin"), self.number("end"), **numbers)
-
-    def load(self) -> Load:
-        if "shape" in self.table:
-            return DistributedLoad(self.polynomial("shape"), self.time_function({"shape"}))
-        return self.build(PointLoad, self.number("position"), self.time_function({"position"}))

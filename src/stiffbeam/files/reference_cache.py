@@ -7,6 +7,7 @@ import json
 import platform
 import warnings
 from importlib.metadata import version
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
+from ..basics.arrays import Array
 from ..basics.resources import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
-from ..model.time_functions import require_closed_form, times_of
+from ..model.time_functions import require_closed_form
 from ..references import reference
-from ..references.registry import REFERENCES, RTOL, method_of
+from ..references.registry import REFERENCES, method_of
 from ..trajectory.trajectory import Reference
 from . import store
 
 MOST = 1 << 30  # bytes of references that are kept
+OPTIONS = ("rtol", "atol", "breakpoints", "max_step")  # that a solver's answer depends on
 
 
 def cached_reference(
@@ -31,12 +34,8 @@ def cached_reference(
     t_end: float,
     method: str = "exact",
     t_eval: ArrayLike | None = None,
-    rtol: float = RTOL,
-    atol: float | None = None,
-    digits: int | str = "auto",
-    breakpoints: ArrayLike = (),
-    max_step: float | None = None,
     progress: bool | Show = False,
+    **options: Any,
 ) -> Reference:
     """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
 
@@ -51,7 +50,7 @@ def cached_reference(
 
     Parameters
     ----------
-    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, progress
+    system, t_end, method, t_eval, progress, **options
         As in ``reference``.
 
     Returns
@@ -69,16 +68,12 @@ def cached_reference(
     >>> sb.cached_reference(sb.paper_case(10).system(), 0.1).horizon
     0.1
     """
+    times = None if t_eval is None else numbers("t_eval", t_eval)
+    given = signature(reference).bind(system, t_end, method, times, progress=progress, **options)
     method_of(method)
     if method == "exact":
-        return reference(
-            system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step,
-            progress=progress,
-        )  # fmt: skip
-    times = None if t_eval is None else numbers("t_eval", t_eval)
-    steps = [times_of("breakpoints", breakpoints).tolist(), max_step]
-    # A file is found by everything that determines its content.
-    file = _file(system, t_end, method, times, rtol, atol, digits, steps)
+        return reference(*given.args, **given.kwargs)
+    file = _file(system, t_end, method, times, options)
     if file.is_file():
         try:
             result = store.load(file, system, times)
@@ -88,7 +83,7 @@ def cached_reference(
             return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, progress)
+    result = reference(*given.args, **given.kwargs)
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
@@ -108,38 +103,24 @@ def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | Non
     """Return True where ``cached_reference``, with its defaults, has a file to read."""
     times = None if t_eval is None else numbers("t_eval", t_eval)
     try:
-        return method != "exact" and _file(system, t_end, method, times, RTOL, None, "auto", [[], None, None]).is_file()
+        return method != "exact" and _file(system, t_end, method, times, {}).is_file()
     except InputError:
         return False  # a bare callable
 
 
-def _file(
-    system: System,
-    t_end: float,
-    method: str,
-    t_eval: np.ndarray | None,
-    rtol: float,
-    atol: float | None,
-    digits: int | str,
-    steps: list[Any],
-) -> Path:
-    # The arguments are checked before they become a part of the key.
+def _file(system: System, t_end: float, method: str, t_eval: Array | None, options: dict[str, Any]) -> Path:
     require_system(system)
-    method_of(method)
-    positive("t_end", t_end)
-    positive("rtol", rtol)
-    for name, value in (("atol", atol), ("max_step", steps[1])):
-        if value is not None:
-            positive(name, value)
     # A bare callable has no content to make a key of.
     require_closed_form(system.time_functions, "a cached reference", "sample it: Sampled(t, values, 'cubic')")
-    anytime = method == "multiprecision" and digits == "auto"  # frozen, it answers at any time
+    names = ("digits",) if method == "multiprecision" else OPTIONS
+    settings = {name: options.get(name, signature(reference).parameters[name].default) for name in names}
+    anytime = settings.get("digits") == "auto"  # frozen, it answers at any time
     key = {
         "fingerprint": system.fingerprint,
-        "t_end": float(t_end),
+        "t_end": positive("t_end", t_end),
         "method": method,
-        "settings": [digits] if method == "multiprecision" else [float(rtol), atol, *steps],
-        "t_eval": None if t_eval is None or anytime else t_eval.tolist(),
+        "settings": settings,
+        "t_eval": None if anytime else t_eval,
         # Another version may round differently, or compute something else.
         "versions": [
             platform.python_version(),
@@ -148,5 +129,5 @@ def _file(
             REFERENCES[method].versions(),
         ],
     }
-    name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:32]
+    name = hashlib.sha256(json.dumps(key, default=lambda x: np.asarray(x).tolist()).encode()).hexdigest()[:32]
     return storage.directory() / "references" / f"{name}.nc"

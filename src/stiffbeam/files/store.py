@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
+from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers
 from ..march.integrate import Plan
 from ..model.contact import Stops
@@ -30,7 +31,7 @@ from ..references.exact.motion import Motion, Solver, fresh_after, joined
 from ..references.exact.solution import reference_of
 from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
-from ..trajectory.schema import FORMAT, HASHED, IMPACT_FIELDS, LEDGER_FIELDS, output_index
+from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, output_index
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
 from .cases import parse_case
 
@@ -53,9 +54,8 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
 
     With an empty ``case`` the file can be read together with its system only; another must make that system.
 
-    The stored states are chosen so that the file, read back, gives the reference within ``BOUND``;
-    that is tried before anything is written. Raises InputError where the reference is not confirmed
-    to its end.
+    So many states are stored that the file, read back, gives the reference within a tenth of ``BOUND``; that is tried
+    before anything is written. Raises InputError where the reference is not confirmed to its end.
     """
     t_end = float(reference.provenance["t_end"])
     if not can_freeze(reference):
@@ -66,19 +66,18 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         remedy = "numbers in a case are decimals: solve the system of the case itself"
         raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
     solution: Motion = reference.solution
-    for share in (0.1, 0.01, 0.001):  # a run of near grazes can magnify the last bits more than three tries show
-        # Tried as it will be read. A tighter bound stores more states, where a run magnifies too much.
-        stored = _states_to_store(reference, solution, t_end, share * BOUND)
-        data = _arrays(reference, solution, case, t_end, stored)
+    # Fewer segments from one state to the next, until what float64 loses between them is small.
+    for every in (32, 16, 8, 4, 2, 1):
+        data = _arrays(reference, solution, case, t_end, np.arange(0, len(solution.times), every))
         deviation = _deviation(data, solution, reference)
-        if deviation <= BOUND:
+        if deviation <= 0.1 * BOUND:
             break
-    else:
+    if deviation > BOUND:
         raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
     # Attributes of the trial, then the hash of the whole.
     data.attrs["bound"] = BOUND
     data.attrs["deviation"] = deviation
-    data.attrs["hash"] = _hash(data)
+    data.attrs["hash"] = content_hash(data)
     path = write_netcdf(data, file, compression=9)
     return {
         "file": path.name,
@@ -104,88 +103,30 @@ def contact_facts(run: Trajectory) -> dict[str, float]:
 
 
 def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
-    """The Reference in an opened file. Its content is checked against the hash, and its events are computed again.
+    """The Reference in an opened file; its events are computed again.
 
     system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
     """
     begun = time.perf_counter()
-    # What the file is, whether it is whole, and whether it is of this system.
     if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
-        raise InputError(
-            "file",
-            str(path),
-            f"be of format {FROZEN_FORMAT}",
-            f"it has {data.attrs['stiffbeam_frozen']}: remake it",
-        )
-    if data.attrs.get("hash") != _hash(data):
-        raise InputError("file", str(path), "hold what its hash says", "it is damaged: remake it")
+        remedy = f"it has {data.attrs['stiffbeam_frozen']}: remake it"
+        raise InputError("file", str(path), f"be of format {FROZEN_FORMAT}", remedy)
     if system is None:
         if not data.attrs["case"]:
             raise InputError("file", str(path), "hold its case", "read it together with its system")
         system = _system_of(data.attrs["case"], str(path), data.attrs["form"])
     if system.fingerprint != data.attrs["fingerprint"]:
-        raise InputError(
-            "file", str(path), "describe the system that its case makes", "this version differs: remake it"
-        )
-    t_end = float(data.attrs["t_end"])
-    notes = json.loads(data.attrs["provenance"])
+        rule = "describe the system that its case makes"
+        raise InputError("file", str(path), rule, "this version differs: remake it")
+    t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
     # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
-    reference = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
-    return replace(reference, horizon=t_end)
+    return replace(reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
 
 
 def _system_of(case: str, source: str, form: str) -> System:
     """The system that the TOML text ``case`` makes."""
     return parse_case(case, source).system(form)
-
-
-def _states_to_store(reference: Reference, solution: Motion, t_end: float, bound: float) -> Array:
-    """The segments whose initial states a file needs.
-
-    From each of them float64 is followed until it is off by ``bound`` of max |u| or of t_end, and the next is the
-    last piece before that. Followed three times, twice with frequencies changed in their last bits: on
-    another machine the modes come out differently, and a grazing impact can magnify that.
-    """
-    assert reference.system is not None
-    system = reference.system
-    eps = float(np.finfo(float).eps)
-    # Two more solvers with other roundings stand for other machines.
-    solver = Solver(system)
-    solvers = [solver, *(solver.perturbed(eps, seed) for seed in (1, 2))]
-    scale = float(np.max(np.abs(reference.tip)))
-    # In the middle of segments, farthest from the events.
-    times = solution.times
-    middles = 0.5 * (times + np.append(times[1:], t_end))
-    expected = _positions(system, solution, middles)
-    # Spans start at 16 segments and grow or shrink by what holds.
-    stored, span = [0], 16
-    while True:
-        piece = stored[-1]
-        last = good = min(piece + span, len(times))
-        q, v = (x[0] for x in solution.state_at_start(piece))
-        for each in solvers:
-            # To the middle of the last segment: its start alone would not compare it.
-            until = float(middles[last - 1])
-            part = _trace(each, float(times[piece]), solution.sides, piece, (q, v), until)
-            here = slice(piece, min(piece + len(part.times), last))
-            part = part.first(here.stop - piece)
-            # Off by time, by position, or by sides; other sides count as 1, above any bound.
-            late = np.abs(part.times - times[here])
-            other = np.any(part.sides != solution.sides[here], axis=1)
-            u = _positions(system, part, middles[here])
-            off = np.maximum(late / t_end, np.max(np.abs(u - expected[here]), axis=1) / scale) + other
-            bad = np.flatnonzero(off > bound)
-            good = min(good, piece + int(bad[0]) if len(bad) else here.stop)
-        if good >= len(times):
-            return np.array(stored)
-        # The bound breaks inside the span: store a state at the last good segment and begin there.
-        if good < last:
-            stored.append(max(piece + 1, good))
-            span = max(16, 2 * (good - piece))
-        else:
-            # Good as far as it goes: look further from the same state.
-            span *= 2
 
 
 def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
@@ -197,16 +138,8 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
     q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
     for row, piece in enumerate(stored):
         q[row], v[row] = (x[0] for x in solution.state_at_start(piece))
-    keep = (
-        "digits",
-        "digits_confirmed_with",
-        "horizon",
-        "horizon_against",
-        "horizon_tolerance",
-        "parameters",
-        "python-flint",
-        "numpy",
-    )
+    keep = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
+            "python-flint", "numpy")  # fmt: skip
     attributes = {
         "title": f"stiffbeam frozen reference, {reference.provenance['form']} form",
         "stiffbeam_frozen": FROZEN_FORMAT,
@@ -238,14 +171,14 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     sides = sides[:, None] if sides.ndim == 1 else sides
     stored, t_end = data["stored_switch"].values, float(data.attrs["t_end"])
     parts: list[Motion] = []
+    ends = np.append(times, t_end)
     for row, piece in enumerate(stored):
         last = stored[row + 1] if row + 1 < len(stored) else len(times)
         # To the middle of the segment after the span, so that rounding cannot hide its last event.
-        until = (
-            0.5 * (times[last] + (times[last + 1] if last + 1 < len(times) else t_end)) if last < len(times) else t_end
-        )
-        q, v = data["q"].values[row], data["q_rate"].values[row]
-        part = _trace(solver, float(times[piece]), sides, piece, (q, v), float(until))
+        until = 0.5 * (ends[last] + ends[last + 1]) if last < len(times) else t_end
+        start = data["q"].values[row], data["q_rate"].values[row]
+        fresh = fresh_after(system, sides[max(0, piece - 1)], sides[piece])
+        part = solver.trace(float(times[piece]), np.ascontiguousarray(sides[piece]), fresh, start, float(until))
         # The events must be those of the file, in sides and in times.
         count = last - piece
         same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])
@@ -255,26 +188,15 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     return joined(parts)  # with the times re-marched, to which the coefficients belong
 
 
-def _trace(
-    solver: Solver, t: float, sides: NDArray[np.int64], piece: int, start: tuple[Array, Array], until: float
-) -> Motion:
-    """The motion from the start of a piece on, whose contacts are on sides[piece]."""
-    fresh = fresh_after(solver.system, sides[piece - 1] if piece else sides[0], sides[piece])
-    return solver.trace(t, np.ascontiguousarray(sides[piece]), fresh, start, until)
-
-
 def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
     """Largest difference in position of a contact or the tip over max |u|, in the middle of every segment, between
     ``a`` and the motion from the file; infinite if the events differ."""
     assert reference.system is not None
-    # Infinite, so that ``freeze`` tries a tighter bound.
     try:
         b = _march(reference.system, data, "the file to be")
     except InputError:
         return float("inf")
-    if len(a.times) != len(b.times):
-        return float("inf")
-    # In the middle of segments, as in ``_states_to_store``.
+    # In the middle of segments, farthest from the events.
     t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))
     difference = np.abs(_positions(reference.system, a, t) - _positions(reference.system, b, t))
     return float(np.max(difference) / np.max(np.abs(reference.tip)))
@@ -283,11 +205,6 @@ def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
 def _positions(system: System, solution: Motion, t: Array) -> Array:
     """Positions of every channel, (times, channels)."""
     return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
-
-
-def _hash(data: xr.Dataset) -> str:
-    """Hash of the content of the file, without the hash itself and machine-dependent entries."""
-    return content_hash(data, map(str, data.attrs.keys() - {"hash", "deviation"}))
 
 
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
@@ -326,7 +243,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     path = file_path("file", file, "give one that save() has written")
     if not path.is_file():
         raise InputError("file", str(path), "exist", "give one that save() has written")
-    if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy", ".mat"):
+    if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy"):
         remedy = "of columns of your own make stiffbeam.Trajectory.from_arrays(t, tip, system=system)"
         raise InputError("file", str(path), "be netCDF, as run.save('run.nc') writes it", remedy)
     if system is not None:
@@ -334,6 +251,12 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
         data = read_netcdf(path)
+        known = (data.attrs.get("stiffbeam_frozen"), data.attrs.get("stiffbeam_format")) in (
+            (FROZEN_FORMAT, None),
+            (None, FORMAT),
+        )
+        if known and data.attrs.get("hash") != content_hash(data):
+            raise InputError("file", str(path), "hold what its hash says", "it is damaged: make it again")
         if "stiffbeam_frozen" in data.attrs:
             return load_frozen(data, path, system, t_eval)
         return _from_arrays(data, path, system)
@@ -352,8 +275,6 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         raise InputError("file", str(path), rule, remedy)
     if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
-    if data.attrs.get("hash") != content_hash(data, HASHED):
-        raise InputError("file", str(path), "hold what its hash says", "it is damaged: save the run again")
     if system is not None and system.fingerprint != data.attrs["fingerprint"]:
         remedy = "it is of another one: read it with that, or alone"
         raise InputError("file", str(path), "be of the system it is read with", remedy)
@@ -375,6 +296,7 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
             )
         )
     work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
+    notes = {name: printable(x) if isinstance(x, str) else x for name, x in notes.items()}
     common: dict[str, Any] = {
         "t": data["time"].values,
         "tip": data["tip"].values,
@@ -387,16 +309,14 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
     }
     # A system allows more than the file holds: its states and fields are computed on first use.
     if data.attrs["kind"] == "reference":
-        again = None if system is None else _solved_again(system, common["provenance"])
-        state_at = None if again is None else partial(_states_at, again)
-        evaluate = partial(_values_at, common, again)
+        exact = _Again(system, common) if system is not None and common["provenance"]["method"] == "exact" else None
         run = Reference(
             **common,
             horizon=float(data.attrs["horizon"]),
-            evaluate=evaluate,
-            state_at=state_at,
-            contact_by_events=None if again is None else partial(_contact_between, again),
-            solution=None if again is None else _SolvedAgain(again),
+            evaluate=exact and exact.values,
+            state_at=exact and exact.states,
+            contact_by_events=exact and exact.contact_between,
+            solution=exact,
         )
     else:
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
@@ -423,48 +343,39 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
     return pieces
 
 
-class _SolvedAgain:
-    """The solver's own representation of a loaded exact solution, solved when one of its attributes is read."""
+class _Again:
+    """The exact solution of a loaded reference, solved when it is asked for more than the file holds."""
 
-    def __init__(self, again: Callable[[], Reference]) -> None:
-        self._again = again
+    def __init__(self, system: System, saved: dict[str, Any]) -> None:
+        self._system, self._saved = system, saved
+
+    @cached_property
+    def _solved(self) -> Reference:
+        return solve(self._system, self._saved["provenance"]["t_end"], "exact", None, 0.0, None)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # what copies and pickles ask for
             raise AttributeError(name)
-        return getattr(self._again().solution, name)
+        return getattr(self._solved.solution, name)
 
+    def states(self, t: Array) -> tuple[Array, Array]:
+        """(q, q') at the times t."""
+        assert self._solved.state_at is not None
+        return self._solved.state_at(t)
 
-def _solved_again(system: System, notes: dict[str, Any]) -> Callable[[], Reference] | None:
-    """The exact solution, solved on the first call; None for a solver that answers at its own times only."""
-    if notes["method"] != "exact":
-        return None
-    return cache(partial(solve, system, notes["t_end"], "exact", None, 0.0, None))
+    def contact_between(self, start: float, end: float, contact: int) -> ContactRecord | None:
+        """Record of a contact in [start, end] by events."""
+        return self._solved.contact_between(start, end, contact)
 
-
-def _states_at(again: Callable[[], Reference], t: Array) -> tuple[Array, Array]:
-    state_at = again().state_at
-    assert state_at is not None
-    return state_at(t)
-
-
-def _contact_between(again: Callable[[], Reference], start: float, end: float, contact: int) -> ContactRecord | None:
-    return again().contact_between(start, end, contact)
-
-
-def _values_at(
-    saved: dict[str, Any], again: Callable[[], Reference] | None, times: Array, channel: int
-) -> tuple[Array, Array]:
-    """A contact's position and velocity; the channel after the last contact is the tip. They are those of the file at
-    its output times, and of the solution at others, where ``again`` can solve it."""
-    try:
-        index = output_index(saved["t"], times, f"a saved {saved['provenance']['method']}")
-    except InputError:
-        evaluate = None if again is None else again().evaluate
-        if evaluate is None:
-            raise
-        return evaluate(times, channel)
-    if channel < len(saved["contacts"]):
-        contact = saved["contacts"][channel]
-        return contact.position[index], contact.velocity[index]
-    return saved["tip"][index], saved["tip_velocity"][index]
+    def values(self, times: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel, those of the file at its output times."""
+        saved = self._saved
+        try:
+            index = output_index(saved["t"], times, "exact")
+        except InputError:
+            assert self._solved.evaluate is not None
+            return self._solved.evaluate(times, channel)
+        if channel < len(saved["contacts"]):
+            contact = saved["contacts"][channel]
+            return contact.position[index], contact.velocity[index]
+        return saved["tip"][index], saved["tip_velocity"][index]

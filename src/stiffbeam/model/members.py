@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from numbers import Real
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -290,8 +290,6 @@ def varied_members(
     system: System,
     parameters: Mapping[str, ArrayLike] | None = None,
     *,
-    frequency: ArrayLike | None = None,
-    amplitude: ArrayLike | None = None,
     stops: Sequence[Stops | Sequence[Stops]] | None = None,
 ) -> EnsembleMembers:
     """Return one member per value of a parameter, or of several that vary together.
@@ -302,10 +300,8 @@ def varied_members(
     parameters : mapping of path to values
         For example ``{"stops.stiffness": [1e4, 1e5]}``, see ``with_values``. All paths have one number of values;
         ``{"frequency": w, "amplitude": c * w**2}`` couples an amplitude to the square of the frequency.
-    frequency, amplitude : array_like
-        Short for ``{"frequency": ...}`` and ``{"amplitude": ...}``.
     stops : sequence
-        The Stops of each member, with several contacts a sequence of one per contact.
+        In place of these the Stops of each member, with several contacts a sequence of one per contact.
 
     Returns
     -------
@@ -319,21 +315,17 @@ def varied_members(
     Examples
     --------
     >>> import stiffbeam as sb
-    >>> members = sb.varied_members(sb.paper_case(10).system(), frequency=[9.0, 10.0, 11.0])
+    >>> members = sb.varied_members(sb.paper_case(10).system(), {"frequency": [9.0, 10.0, 11.0]})
     >>> len(members)
     3
     """
     require_system(system)
-    short = {name: x for name, x in (("frequency", frequency), ("amplitude", amplitude)) if x is not None}
-    by_path = {} if parameters is None else parameters
-    columns = dict(instance("parameters", by_path, Mapping, 'for example {"frequency": [9.0, 10.0]}')) or short
-    chosen = [parameters, frequency, amplitude, stops]
-    if sum(x is not None for x in chosen) != 1 or (stops is None and not columns):
-        rule = "be given one of parameters, frequency, amplitude, stops"
-        remedy = "for several that vary together pass a mapping of their paths"
-        raise InputError("varied_members", sorted(columns), rule, remedy)
-    if stops is not None:
+    if stops is not None and parameters is None:
         return _with_stops(system, stops)
+    columns = dict(instance("parameters", parameters, Mapping, 'for example {"frequency": [9.0, 10.0]}'))
+    if stops is not None or not columns:
+        remedy = "for several that vary together pass a mapping of their paths"
+        raise InputError("varied_members", sorted(columns), "be given one of parameters and stops", remedy)
     # Values of every path, as many for each.
     grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
     name, values = next(iter(grid.items()))
@@ -426,16 +418,7 @@ def value_at(system: System, path: str) -> float:
         return numbers.pop()
     thing, keys = _rooted(system, keys)
     for key in keys:
-        if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
-            thing = cast("Any", 1.0)
-        elif _timed(thing) and key == "time":
-            thing = thing[1]
-        elif isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
-            thing = thing[key]
-        elif is_dataclass(thing) and key in [x.name for x in fields(thing)]:
-            thing = getattr(thing, key)
-        else:
-            raise LookupError(path)
+        thing = _part(thing, key)
     if not isinstance(thing, Real):
         raise LookupError(path)
     return float(thing)
@@ -480,28 +463,38 @@ def _rebuilt(system: System, new: BeamProblem) -> System:
     return semidiscretise(new, system.cells or system.size, system.form)
 
 
+def _part(thing: Any, key: Any) -> Any:
+    """The part of a path's object that a key names; a scale is 1. Raises LookupError where there is none."""
+    if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
+        return 1.0
+    if _timed(thing) and key == "time":
+        return thing[1]
+    if isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
+        return thing[key]
+    if is_dataclass(thing) and key in [x.name for x in fields(thing)]:
+        return getattr(thing, key)
+    raise LookupError(key)
+
+
 def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
+    """The object with a value at the end of the keys."""
     if not keys:
         if thing is not None and (isinstance(thing, bool) or not isinstance(thing, (Real, str, Decimal))):
             raise LookupError(thing)
         return value
     key, *others = keys
-    if key == SCALE and not others and isinstance(thing, (TimeFunction, np.ndarray)):
-        is_array = isinstance(thing, np.ndarray)
-        return value * thing if is_array else Superposition.weighted((value * factor, f) for factor, f in parts(thing))
+    new = _replaced(_part(thing, key), others, value)
+    if key == SCALE and isinstance(thing, np.ndarray):
+        return value * thing
+    if key == SCALE and isinstance(thing, TimeFunction):
+        return Superposition.weighted((value * factor, f) for factor, f in parts(thing))
     if _timed(thing) and key == "time":
-        return (thing[0], _replaced(thing[1], others, value))
-    if isinstance(thing, (tuple, list, np.ndarray)) and isinstance(key, int):
-        entries = list(thing)
-        entries[key] = _replaced(entries[key], others, value)
+        return (thing[0], new)
+    if isinstance(key, int):
+        entries = [new if i == key else x for i, x in enumerate(thing)]
         return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
-    if not is_dataclass(thing) or key not in [x.name for x in fields(thing)]:
-        raise LookupError(key)
-    new = _replaced(getattr(thing, key), others, value)
     # The constructor of a Superposition takes functions, not terms.
-    return (
-        Superposition.weighted(new) if isinstance(thing, Superposition) else replace(cast("Any", thing), **{key: new})
-    )
+    return Superposition.weighted(new) if isinstance(thing, Superposition) else replace(thing, **{key: new})
 
 
 def _timed(thing: Any) -> bool:

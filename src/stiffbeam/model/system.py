@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts, several
+from ..basics.text import DRAW, several
 from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
@@ -61,6 +61,15 @@ def square_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
             return dense
         raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
     return read_only(0.5 * (dense + dense.T))
+
+
+def _diagonal(mass: Any) -> Any:
+    """The diagonal matrix of a vector; anything else as it is."""
+    try:
+        vector = np.asarray(mass, float)
+    except (TypeError, ValueError):
+        return mass
+    return np.diag(vector) if vector.ndim == 1 and vector.size else mass
 
 
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
@@ -324,10 +333,10 @@ class System:
         initial_velocity: ArrayLike | None = None,
         units: Units = UNKNOWN,
     ) -> System:
-        """System of any finite-element model: dense or SciPy sparse matrices, any contact row. It is at rest at zero
-        without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
-        does."""
-        mass = square_matrix("mass", mass)
+        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
+        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises
+        InputError as the class does."""
+        mass = square_matrix("mass", _diagonal(mass))
         nothing = np.zeros(len(mass))
         options: Any = {
             "loads": loads, "contacts": contacts, "observe": observe,
@@ -348,14 +357,6 @@ class System:
         kwargs: of ``Axes.plot``.
         """
         return DRAW["system"](self, ax, **kwargs)
-
-    def _repr_html_(self) -> str:
-        places = [(f"contact {i + 1}", str(contact.stops)) for i, contact in enumerate(self.contacts)]
-        facts = [
-            ("unknowns", str(self.size)), ("damped", "yes" if self.damped else "no"), ("loads", str(len(self.loads))),
-            ("units", str(self.units)), *places,
-        ]  # fmt: skip
-        return html_facts(f"System, {self.form}", facts)
 
     @property
     def size(self) -> int:

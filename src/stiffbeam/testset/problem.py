@@ -14,10 +14,8 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import one_of
-from ..files.reader import SystemReader
-from ..model.sampled import Sampled
+from ..files.reader import Reader, located
 from ..model.system import System
-from ..model.time_functions import LoadFunction, TimeFunction
 
 # Of the test set: the first number changes when an answer does, the second when problems or answers are added.
 VERSION = "3.3"
@@ -123,28 +121,24 @@ class Problem:
         return system_of(self.name, self.data)
 
 
-class _SystemReader(SystemReader):
-    """Reads the [system] of a problem: bands of matrices, loads by their vector, samples by their times."""
-
-    def matrix(self, field: str) -> Array:
-        """A matrix, see ``matrix``."""
-        return matrix(self.table[field])
-
-    def load(self, n: int) -> tuple[Array, LoadFunction]:
-        """(vector, time function) of one load on n unknowns."""
-        return self.row("vector", n), self.time_function({"vector"})
-
-    def time_function(self, besides: set[str]) -> TimeFunction:
-        """amplitude sin(frequency t + phase), a constant, or values at times with straight lines between them."""
-        if "times" not in self.table:
-            return super().time_function(besides)
-        self.only({"times", "values", "kind"} | besides)
-        return self.build(Sampled, self.table["times"], self.table["values"], kind=self.table.get("kind", "linear"))
-
-
 def system_of(name: str, data: Mapping[str, Any]) -> System:
     """A System from the [system] of a file; ``name`` is for messages."""
-    return _SystemReader(dict(data), f"{name}: system").system()
+    table = dict(data)
+    table |= {x: matrix(table[x]).tolist() for x in ("mass", "stiffness", "damping") if x in table}
+    table["loads"] = [_load(load) for load in table.get("loads", [])]
+    try:
+        return Reader().read(table, System)
+    except Exception as error:
+        raise located(error, f"{name}: system") from None
+
+
+def _load(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A load of a problem as that of a case: its vector is a row, values at times are samples."""
+    load = dict(table)
+    load["row"] = load.pop("vector")
+    if "times" in load:
+        load["sampled"] = {"t": load.pop("times"), "values": load.pop("values")}
+    return load
 
 
 def matrix(given: ArrayLike | Mapping[str, Any]) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, html_facts, several
+from ..basics.text import DRAW, several
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
@@ -195,10 +195,6 @@ class Ensemble(Runs):
         """The stops of every contact of the system; those of members may differ."""
         return [contact.stops for contact in self.members.system.contacts]
 
-    def further_attributes(self) -> dict[str, Any]:
-        """Attributes of a file of an ensemble beside those of every file."""
-        return {"parameter": self.members.parameter}
-
     def __getitem__(self, name: str) -> Array:
         """The values of a variable by its name in the schema: ``ensemble["contact_fraction"]``, (contacts, M)."""
         return named(self, name)
@@ -207,14 +203,6 @@ class Ensemble(Runs):
         """Draw the tip of every member, or where it was not kept what the first contact bears; return ``ax``, or the
         new Figure. kwargs: of ``Axes.plot``."""
         return DRAW["ensemble"](self, ax, **kwargs)
-
-    def _repr_html_(self) -> str:
-        facts = [("members", f"{len(self)}, {self.members.parameter}")]
-        for i, contact in enumerate(self.contacts):
-            counts = contact.impact_count
-            text = f"{np.mean(counts):.4g} impacts in the mean, {np.min(counts)} to {np.max(counts)}"
-            facts.append((f"contact {i + 1}" if len(self.contacts) > 1 else "contact", text))
-        return html_facts(self.label, facts)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each member, the index: the varied parameter by its name where it is a number,
@@ -227,7 +215,7 @@ class Ensemble(Runs):
         return dataset_of(self)
 
     def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc, .json or .mat (all of ``to_xarray``) or .csv
+        """Write it in the format that the suffix names: .nc or .json (all of ``to_xarray``) or .csv
         (``to_dataframe``), whole or not at all. Raises InputError for any other."""
         return save(self, file)
 

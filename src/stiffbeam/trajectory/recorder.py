@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from itertools import pairwise
@@ -18,7 +18,6 @@ from ..kernels.march import EVENT, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
-from ..model.time_functions import offset_rate
 from .records import ContactRecord, Impacts, Ledger, step_ledger
 from .sampling import (
     AT_START,
@@ -136,32 +135,48 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
-def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
-    """Spans of contact in positions u (k,) and velocities v (k,) at increasing times t (k,), one row (6,) a span.
+def intervals(t: Array, side: Array, size: Array, switch: Callable[[int, int], float]) -> Array:
+    """Intervals of contact in the contact state ``side`` (k,) at increasing times t (k,), one row (6,) each.
 
-    Columns: the first step in contact; the first step after it, k of an open span; the times of entry and exit, an
-    exit NaN of an open span; the side, +1 or -1; the impulse, the sum of |sigma| times the step length. Entry and exit
-    are found by cubic Hermite interpolation over the interval's own length. A span with first step 0 is no impact:
-    where t begins at 0 it is the contact that is there at the start.
+    Columns: the first step in contact; the first step after it, k of an open interval; the times of entry and exit, an
+    exit NaN of an open one; the side, +1 or -1; the impulse, the sum of ``size`` (k,). switch(k, side): the time at
+    which step k enters or leaves a side.
     """
-    law = stops.law
+    total = np.concatenate([[0.0], np.cumsum(size)])
+    # From change to change the contact keeps its side.
+    changes = [0, *(np.flatnonzero(side[1:] != side[:-1]) + 1).tolist(), len(t)]
+    rows = [
+        (a, b, switch(a, s) if a else t[0], switch(b, s) if b < len(t) else np.nan, s, total[b] - total[a])
+        for a, b in pairwise(changes)
+        if (s := int(side[a]))
+    ]
+    return np.array(rows, float).reshape(-1, 6)
+
+
+def impacts_in(rows: Array, starts: bool, held: int = 0, size: Array | None = None) -> Impacts:
+    """The sampled impacts of ``intervals``; those that begin by step ``held`` are the contact at the start, which only
+    a record that ``starts`` at t = 0 has. size: |sigma| at every step, from which the peaks follow."""
+    rows = rows if starts else rows[rows[:, 0] > held]
+    first, after, times, ends, sides, impulses = rows.T
+    peaks = np.full(len(rows), np.nan)
+    if size is not None:
+        peaks = np.array([np.max(size[a:b]) for a, b in zip(first.astype(int), after.astype(int), strict=True)], float)
+    peaks, impulses = (np.where(np.isnan(ends), np.nan, x) for x in (peaks, impulses))
+    return Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses).started(first <= held)
+
+
+def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
+    """``intervals`` of positions u (k,) and velocities v (k,) against compliant stops. Entry and exit are found by
+    cubic Hermite interpolation over the interval's own length."""
     chi = stops.state(u, v)
     # At the first time a position exactly on a stop is contact unless it leaves.
     chi[0] = side_at_start(u[0], v[0], stops.law)
-    impulse = np.concatenate([[0.0], np.cumsum(np.abs(stops.force(u, v)) * step_lengths(t))])
 
     def switch(k: int, side: int) -> float:
         length = float(t[k] - t[k - 1])
-        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
+        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
 
-    # From change to change the contact keeps its side.
-    changes = [0, *(np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist(), len(t)]
-    rows = [
-        (a, b, switch(a, side) if a else t[0], switch(b, side) if b < len(t) else np.nan, side, impulse[b] - impulse[a])
-        for a, b in pairwise(changes)
-        if (side := int(chi[a]))
-    ]
-    return np.array(rows, float).reshape(-1, 6)
+    return intervals(t, chi, np.abs(stops.force(u, v)) * step_lengths(t), switch)
 
 
 def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
@@ -204,14 +219,7 @@ def sampled_impacts(t: Array, u: Array, v: Array | None, stops: Stops) -> Impact
     if stops.rigid:
         return rebounds(t, u, v, stops)
     assert v is not None
-    spans = contact_spans(t, u, v, stops)
-    # A span that is there at the first time counts only at t = 0, as the contact at the start.
-    first, after, times, ends, sides, impulses = spans[(spans[:, 0] > 0.0) | (t[0] == 0.0)].T
-    size, ended = np.abs(stops.force(u, v)), ~np.isnan(ends)
-    peaks = [float(np.max(size[a:b])) for a, b in zip(first.astype(int), after.astype(int), strict=True)]
-    peaks, impulses = np.where(ended, peaks, np.nan), np.where(ended, impulses, np.nan)
-    impacts = Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses)
-    return impacts.started(first == 0.0)
+    return impacts_in(contact_spans(t, u, v, stops), bool(t[0] == 0.0), 0, np.abs(stops.force(u, v)))
 
 
 def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = False) -> ContactRecord:
@@ -280,28 +288,10 @@ class Reactions:
 
     def _impacts(self, R: Array) -> Impacts:
         before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
-        side = np.concatenate([[np.sign(before)], np.sign(R)])
-        enters = np.flatnonzero((side[1:] != 0.0) & (side[1:] != side[:-1]))
-        first = enters + self.since <= self._last
-        # A record that begins later leaves out the contact at t = 0.
-        if self.since:
-            enters, first = enters[~first], first[~first]
-        # The end of an impact is the first change after its beginning that leaves its side.
-        leaves = np.flatnonzero((side[:-1] != 0.0) & (side[1:] != side[:-1]))
-        # Impulses are differences of the sum over the steps.
-        sizes = np.concatenate([[0.0], np.cumsum(np.abs(R))]) * self.dt
-        ends = np.full(len(enters), len(R))
-        nearest = np.searchsorted(leaves, enters, side="right")
-        ended = nearest < len(leaves)
-        ends[ended] = leaves[nearest[ended]]
-        start = self.since
-        return Impacts.at(
-            (start + enters) * self.dt,
-            -side[1:][enters],
-            "sampled",
-            ends=np.where(ended, (start + ends) * self.dt, np.nan),
-            impulses=np.where(ended, sizes[ends] - sizes[enters], np.nan),
-        ).started(first)
+        t = (self.since + np.arange(len(R) + 1)) * self.dt
+        size = np.concatenate([[0.0], np.abs(R) * self.dt])
+        rows = intervals(t, -np.sign(np.concatenate([[before], R])), size, lambda k, side: t[k - 1])
+        return impacts_in(rows, not self.since, max(0, self._last + 1 - self.since))
 
 
 NO_STATES = "the run came as arrays without states=(q, q')"
@@ -315,58 +305,49 @@ def run_fields(
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
-    all_times = _row("t", t, None)
+    given = _row("t", t, None)
     # Times first: of several rows at one time, as at an event, the last counts.
-    times, rows = distinct_times("t", all_times)
+    times, rows = distinct_times("t", given)
     if times[0] != 0.0 or len(times) < 3:
-        raise InputError("t", all_times, "be three or more times from 0 on", "begin with the initial state, at t = 0")
+        raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
+    q = v = None
     if system is not None:
         require_system(system)
     # States determine the tip and its velocity where these are not passed.
-    q = v = None
     if states is not None:
         if system is None:
             raise InputError("states", "without a system", "come with their system", "pass system=")
         if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
             raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
-        q, v = (_states(x, (len(all_times), system.size)) for x in pair)
-        row, offset = system.channels[system.tip_channel]
-        if tip is None:
-            tip = system.positions(all_times, q)[:, system.tip_channel]
-        if tip_velocity is None:
-            tip_velocity = v @ row + offset_rate(offset, all_times)
+        q, v = (_states(x, (len(given), system.size)) for x in pair)
+        seen = channel_motion(*system.channels[system.tip_channel], given, q, v)
+        tip, tip_velocity = (own if x is None else x for x, own in zip((tip, tip_velocity), seen, strict=True))
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    u = _row("tip", tip, len(all_times))
-    one_position("t", all_times, rows, u)
+    u = _row("tip", tip, len(given))
+    one_position("t", given, rows, u)
     u = u[rows]
-    # The velocity of a spline is smooth where the true one has a kink: the provenance states its source.
-    notes = {"tip_velocity": "of a spline through the tip"} if tip_velocity is None else {}
-    w = _spline_rate(times, u) if tip_velocity is None else _row("tip_velocity", tip_velocity, len(all_times))[rows]
-    return {
-        "t": times,
-        "tip": u,
-        "tip_velocity": w,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, tip_velocity is None, q, v)),
-        "provenance": {
-            "method": name,
-            "source": "arrays",
-            "form": "arrays" if system is None else system.form,
-            "dt": float(np.median(np.diff(times))),
-            "t_end": float(times[-1]),
-            "every": 1,
-            **({} if system is None else {"units": asdict(system.units)}),
-            **notes,
-        },
-        "system": system,
-        "pieces": None if system is None or q is None or v is None else partial(_pieces, system, times, q, v),
-        "ledger": None
-        if system is None or q is None or v is None or system.rigid
-        else partial(_ledger, system, times, q, v),
-    }
+    smoothed = tip_velocity is None
+    w = _spline_rate(times, u) if smoothed else _row("tip_velocity", tip_velocity, len(given))[rows]
+    notes: dict[str, Any] = {
+        "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
+        "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
+    }  # fmt: skip
+    if system is not None:
+        notes["units"] = asdict(system.units)
+    if smoothed:  # a spline's velocity is smooth where the true one has a kink
+        notes["tip_velocity"] = "of a spline through the tip"
+    fields: dict[str, Any] = {
+        "t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system,
+        "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
+    }  # fmt: skip
+    if system is not None and q is not None and v is not None:
+        fields["pieces"] = partial(_pieces, system, times, q, v)
+        fields["ledger"] = None if system.rigid else partial(_ledger, system, times, q, v)
+    return fields
 
 
 def _contacts(
@@ -379,8 +360,7 @@ def _contacts(
         elif q is not None and v is not None:
             yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:
-            nothing = np.full(len(t), np.nan)
-            unknown = float("nan")
+            nothing, unknown = np.full(len(t), np.nan), float("nan")
             yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
 
 

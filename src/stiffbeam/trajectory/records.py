@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, html_table, several
+from ..basics.text import DRAW, several
 from ..basics.validation import bound
 from ..model.contact import Stops, channel_motion
 from ..model.system import System
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-SHOWN = 20  # rows in a notebook
 COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, peaks, impulses
 
 
@@ -153,22 +152,6 @@ class Impacts:
         """Draw the largest force, or of rigid stops the impulse, of every impact against its time; return ``ax``, or
         the new Figure. kwargs: of ``Axes.plot``."""
         return DRAW["impacts"](self, ax, **kwargs)
-
-    def _repr_html_(self) -> str:
-        rows, flags = self.listed()
-        most = slice(0, SHOWN)
-        lines = [
-            ["at t = 0" if first else str(number), f"{t:.6g}", f"{end:.6g}", f"{stop:+d}", f"{peak:.4g}",
-             f"{impulse:.4g}"]
-            for number, (first, t, end, stop, peak, impulse) in enumerate(
-                zip(flags[most], rows.times[most], rows.ends[most], rows.stops[most], rows.peaks[most],
-                    rows.impulses[most], strict=True),
-                start=int(not np.any(flags)),
-            )
-        ]  # fmt: skip
-        first = f", the first {SHOWN}" if rows.count > SHOWN else ""
-        heads = ["impact", *IMPACT_FIELDS.values()]
-        return html_table(heads, lines, f"{several(self.count, f'{self.kind} impact')}{first}")
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.text import DRAW, html_facts, sentence, several
+from ..basics.text import DRAW, sentence, several
 from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
@@ -55,11 +55,11 @@ class Diverged(RuntimeError):
     """
 
     def __init__(self, scheme: str, t: float, remedy: str) -> None:
+        super().__init__(scheme, t, remedy)
         self.scheme, self.t, self.remedy = scheme, t, remedy
-        super().__init__(sentence((scheme, f"{t:.6g}", remedy), (" overflowed at t = ", ": ")))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.scheme, self.t, self.remedy)
+    def __str__(self) -> str:
+        return sentence((self.scheme, f"{self.t:.6g}", self.remedy), (" overflowed at t = ", ": "))
 
 
 class SolverFailure(RuntimeError):
@@ -73,11 +73,12 @@ class SolverFailure(RuntimeError):
     """
 
     def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
+        super().__init__(solver, t, reason, remedy)
         self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
-        super().__init__(sentence((solver, f"{t:.6g}", reason, remedy), (" stopped at t = ", ": ", "; ")))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.solver, self.t, self.reason, self.remedy)
+    def __str__(self) -> str:
+        parts = (self.solver, f"{self.t:.6g}", self.reason, self.remedy)
+        return sentence(parts, (" stopped at t = ", ": ", "; "))
 
 
 class Unfinished(RuntimeError):
@@ -206,18 +207,9 @@ class Trajectory:
     kind = "run"  # in files
 
     @property
-    def time(self) -> Array:
-        """The output times (k,), as ``t``: the name that tables and files have."""
-        return self.t
-
-    @property
     def stops(self) -> list[Stops]:
         """The stops of every contact."""
         return [contact.stops for contact in self.contacts]
-
-    def further_attributes(self) -> dict[str, Any]:
-        """Attributes of a file of this kind beside those of every file."""
-        return {}
 
     def __getitem__(self, name: str) -> Array:
         """The values of a variable by its name in the schema: ``run["energy_loss"]`` is ``run.energy.loss``,
@@ -317,25 +309,6 @@ class Trajectory:
         ``ax`` and return it. kwargs: of ``Axes.plot``."""
         return DRAW["run"](self, ax, **kwargs)
 
-    def _repr_html_(self) -> str:
-        return html_facts(self.label, self._facts())
-
-    def _facts(self) -> list[tuple[str, str]]:
-        """Names and values for a notebook."""
-        measure, dt = self.units.measure, self.provenance.get("dt")
-        counts = [
-            (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
-             f"{several(c.impact_count, 'impact')}, {100.0 * c.fraction:.3g} % of the time, "
-             f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
-            for i, c in enumerate(self.contacts)
-        ]  # fmt: skip
-        return [
-            ("end", measure(f"{self.t[-1]:g}", "time")),
-            ("time step", "" if dt is None else measure(f"{dt:g}", "time")),
-            ("output times", str(len(self.t))),
-            *counts,
-        ]
-
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
         impact; options: see ``figures.animation.animate``."""
@@ -343,7 +316,7 @@ class Trajectory:
 
     def save(self, file: str | Path) -> Path:
         """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
-        .json, .mat or .csv. Raises InputError for any other suffix."""
+        .json or .csv. Raises InputError for any other suffix."""
         return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -400,15 +373,6 @@ class Reference(Trajectory):
     )  # see ``derivative``
 
     kind = "reference"
-
-    def further_attributes(self) -> dict[str, Any]:
-        """The horizon."""
-        return {"horizon": self.horizon}
-
-    def _facts(self) -> list[tuple[str, str]]:
-        text = self.units.measure(f"{self.horizon:.4g}", "time") if np.isfinite(self.horizon) else "not known"
-        against = str(self.provenance.get("horizon_against", ""))
-        return [("horizon", text), ("against", against), *super()._facts()]
 
     def __str__(self) -> str:
         """The repr, and under it the error statement: to which time, how exactly, and what it was compared with."""

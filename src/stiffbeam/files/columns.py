@@ -1,0 +1,186 @@
+"""Columns of numbers in text files: records of loggers and spreadsheets, and runs of other programs."""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from ..basics.arrays import Array
+from ..basics.storage import regular_text
+from ..basics.validation import InputError, near, number, positive
+
+MOST_BYTES = 1 << 28  # of a file of columns
+TIMES = ("t", "time", "zeit", "temps", "tiempo", "tempo", "seconds")  # names of the times, in small letters
+UNITS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "min": 60.0, "h": 3600.0}  # in seconds
+COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")  # a number with a decimal comma
+STEADY, HOLE = 0.01, 1.5  # in median steps: what equal ones differ by; from where on one is a hole
+
+
+def read_columns(file: Path, field: str) -> pandas.DataFrame:
+    """Table of the numbers in a file, each row under the number of its line.
+
+    Between the cells are semicolons, tabs, commas or blanks; beside all but commas a decimal comma is a point. The
+    first line may name the columns, or the last comment before the numbers; comments begin with # or %. Without names
+    the columns are 0, 1, 2. A column whose head is empty numbers the rows and is left out. Raises InputError with file,
+    line and rule for a line of another length, an empty cell, and what is no finite number.
+    """
+    remark, lines, numbers = "", list[str](), list[int]()
+    for count, line in enumerate(regular_text(field, file, MOST_BYTES).splitlines(), 1):
+        if not line.strip():
+            continue
+        if line.lstrip(' "')[:1] in ("#", "%"):
+            remark = remark if lines else line.lstrip(' "#%')
+            continue
+        lines.append(line)
+        numbers.append(count)
+    if not lines:
+        remedy = "a line holds a time and a value, as in 0.0, 1.5"
+        raise InputError(field, str(file), "hold two or more lines of numbers", remedy)
+    split = _splitter(lines)
+    cells = [split(line) for line in lines]
+    names: list[Any] = []
+    if _float(next((cell for cell in cells[0] if cell), "")) is None:
+        names, cells, numbers = _splitter(lines[:1])(lines[0]), cells[1:], numbers[1:]
+    elif remark and len(behind := _splitter([remark])(remark)) == len(cells[0]):
+        names = behind
+    width = len(names) or len(cells[0])
+    if names and not cells:
+        raise InputError(field, str(file), "hold lines of numbers below their names", "write a time and a value a line")
+    for line, row in zip(numbers, cells, strict=True):
+        if len(row) != width:  # its cells may belong to other columns
+            remedy = "name every column" if names else "give every line as many cells as the first"
+            raise InputError(field, f"{file}, line {line}: {len(row)} columns", f"have {width} columns", remedy)
+    table = pandas.DataFrame(cells, index=numbers, columns=range(width), dtype=str)
+    values = table.apply(pandas.to_numeric, errors="coerce").astype(float)
+    bad = np.argwhere(~np.isfinite(values.to_numpy()))
+    if len(bad):
+        row, column = bad[0]
+        cell, line = cells[row][column], numbers[row]
+        remedy = "write a number" if cell else "a cell is empty: fill it, or leave the line out"
+        if names and not row and _float(cell) is None and cell:
+            remedy = "leave out all but one line of names: each other line holds numbers, as in 0.0, 1.5"
+        raise InputError(field, f"{file}, line {line}: {cell!r}", "be a finite number", remedy)
+    values.columns = pandas.Index(names or range(width))
+    return values.loc[:, [name not in ("", "Unnamed: 0") for name in values.columns]]
+
+
+def _splitter(lines: list[str]) -> Any:
+    """The function that splits a line into its cells."""
+    sample = lines[min(1, len(lines) - 1)]  # behind a line of names
+    for separator in (";", "\t"):
+        if separator in sample:
+            return lambda line: [cell.strip().replace(",", ".") if COMMA.fullmatch(cell.strip()) else cell.strip()
+                                 for cell in next(csv.reader([line], delimiter=separator))]  # fmt: skip
+    blanks = sample.split()
+    if "," not in sample or (len(blanks) > 1 and any(map(COMMA.fullmatch, blanks)) and ", " not in sample):
+        return lambda line: [x.replace(",", ".") if COMMA.fullmatch(x) else x.strip('"') for x in line.split()]
+    return lambda line: [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True))]
+
+
+def _float(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def bare(name: Any) -> str:
+    """A name without its unit, in small letters: "time" for "Time [ms]" and "Time / ms"."""
+    return re.sub(r"\s*[\[(/].*$", "", str(name)).strip().lower()
+
+
+def time_of(file: Path, field: str, table: pandas.DataFrame) -> Any:
+    """The column of the times: the one that is named so, else the first. Raises InputError where it does not increase,
+    and where it counts rows."""
+    named = [name for name in table.columns if bare(name) in TIMES]
+    if len(named) > 1:
+        remedy = "rename the others"
+        raise InputError(field, f"{file}: {', '.join(map(repr, named))}", "have one column of times", remedy)
+    if named:
+        return named[0]
+    first = table.columns[0]
+    increasing = [name for name in table.columns if np.all(np.diff(table[name]) >= 0.0)]
+    if first not in increasing:
+        found = f"{file}: a first column that decreases"
+        raise InputError(field, found, "have its times first, in a sorted column", "name the column of the times t")
+    counts = np.array_equal(np.diff(table[first]), np.ones(len(table) - 1)) and len(table) > 3
+    if counts and len(table.columns) > 2 and np.all(np.diff(table.iloc[:, 1]) > 0.0):
+        remedy = "name the columns in a first line, the times t"
+        raise InputError(field, f"{file}: a first column of row numbers", "have its times first", remedy)
+    return first
+
+
+def read_samples(
+    file: Path, column: str | None = None, dt: float | None = None, time_factor: float | None = None,
+    start: float | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Times and values of a record, see ``read_columns``.
+
+    Parameters
+    ----------
+    column : str, optional
+        Name of the values; without it there must be one column beside the times.
+    dt : float, optional
+        Sampling interval of a file without times.
+    time_factor : float, optional
+        Factor on the times of the file, 1e-3 for milliseconds.
+    start : float, optional
+        Time of the first sample; the others move with it.
+
+    Raises
+    ------
+    InputError
+        For what cannot be read, and for columns that are not known to be times and values.
+    """
+    table = read_columns(file, "sampled")
+    names = list(table.columns)
+    if dt is None and len(names) < 2:
+        found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
+        raise InputError("sampled", found, "have two columns, times and values", remedy)
+    time = None if dt is not None and not any(bare(x) in TIMES for x in names) else time_of(file, "sampled", table)
+    if dt is not None and time is not None:
+        raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
+    named = names and isinstance(names[0], str)
+    others = [x for x in names if x != time]
+    if column is None:
+        if len(others) != 1 or names.count(others[0]) > 1:
+            remedy = f"name one: column = {' or '.join(map(repr, others)) if named else 'a name in a first line'}"
+            raise InputError("sampled", f"{file}: {len(names)} columns", "have two columns, times and values", remedy)
+        column = others[0]
+    elif time is not None and column == time:
+        rule = f"be a column of values: that of {file} holds the times"
+        raise InputError("column", column, rule, f"name {' or '.join(map(repr, others)) or 'another column'}")
+    elif not named or column not in names:
+        raise InputError("column", column, f"be a name in the first line of {file}", near(column, map(str, others)))
+    elif names.count(column) > 1:
+        raise InputError("column", column, f"be the name of one column of {file}", "rename the others")
+    values = table[column].to_numpy(float)
+    if time is None:
+        return number("start", start or 0.0) + positive("dt", dt) * np.arange(len(values)), values
+    unit = next((x for x in re.split(r"[\[\](){}/_\s]+", str(time)) if x in UNITS), None)
+    if unit and time_factor is None:
+        remedy = f"give time_factor = {UNITS[unit]:g} for seconds, or 1 where the case counts in {unit}"
+        raise InputError("time_factor", None, f"be given for times in {unit}, {time!r}", remedy)
+    t = table[time].to_numpy(float) * positive("time_factor", 1.0 if time_factor is None else time_factor)
+    t = t if start is None else t - t[0] + number("start", start)
+    _warn_of_holes(file, t, values)
+    return t, values
+
+
+def _warn_of_holes(file: Path, t: Array, values: Array) -> None:
+    """Warn where samples are missing from a record at equal steps, unless it is constant across the hole."""
+    steps = np.diff(t)
+    if len(steps) < 8 or not (median := float(np.median(steps))) > 0.0:
+        return
+    wide = (steps > HOLE * median) & (np.diff(values) != 0.0)
+    if np.any(wide) and np.mean(np.abs(steps - median) <= STEADY * median) > 0.9:
+        first = int(np.argmax(wide))
+        holes = f"{np.count_nonzero(wide)} holes, the first" if np.count_nonzero(wide) > 1 else "a hole"
+        warnings.warn(f"{file}: {holes} from t = {t[first]:g} to {t[first + 1]:g}: it is filled in by its kind, "
+                      "linear or cubic", stacklevel=4)  # fmt: skip
