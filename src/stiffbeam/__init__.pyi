@@ -73,8 +73,8 @@ from .studies.doubt import doubt as doubt
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
+from .testset.score import Scorecard as Scorecard
 from .testset.score import score as score
-from .testset.scorecard import Scorecard as Scorecard
 from .trajectory.ensemble import Ensemble as Ensemble
 from .trajectory.records import Impacts as Impacts
 from .trajectory.trajectory import Diverged as Diverged

@@ -7,9 +7,9 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.files.cases import case_of
+from stiffbeam.integrators import integrator, integrators
 from stiffbeam.schemes.labels import user_source
 from stiffbeam.studies.comparison import compare_case
-from stiffbeam.testset.integrators import integrator, integrators
 
 S6 = np.sqrt(6.0)
 NODES = np.array([(4.0 - S6) / 10.0, (4.0 + S6) / 10.0, 1.0])

@@ -360,12 +360,12 @@ def _reference(
 
 def score(
     integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
-    show: Annotated[bool, Parameter(name="--list")] = False, latex: bool = False, out: Path | None = None,
-    json: Json = None,
+    show: Annotated[bool, Parameter(name="--list")] = False, out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
-    """Errors of integrators on problems with known answers.
+    """Errors and orders of integrators on problems with known answers.
 
-    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
+    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, an impact is missing,
+    or a run failed.
 
     Example: stiffbeam score BDF2,cvode --problem bilinear-gap
 
@@ -379,10 +379,8 @@ def score(
         Score this file instead: columns t, u and, if known, v; repeat for other time steps.
     show
         List the problems, or print the file of one --problem.
-    latex
-        One --problem as a LaTeX table.
     out
-        Folder for the page index.html, pictures and records.
+        Folder for table, records and pictures.
     json
         Write the records to this file, - for stdout.
     """
@@ -393,14 +391,8 @@ def score(
     from ..testset.score import score as score_all
     from ..testset.score import score_trajectories
 
-    # What writes one thing takes no option that would be passed over.
-    alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
-    others = {
-        "INTEGRATORS": integrators, "--trajectory": trajectory and alone != "--trajectory",
-        "--latex": latex and alone != "--latex",
-        "--out": out if alone in ("--list", "--latex") else None,
-        "--json": json if alone in ("--list", "--latex") else None,
-    }  # fmt: skip
+    alone = "--list" if show else "--trajectory" if trajectory else None
+    others = {"INTEGRATORS": integrators} | ({"--trajectory": trajectory, "--out": out, "--json": json} if show else {})
     for name, value in others.items():
         if alone is not None and value:
             raise InputError(name, str(value), f"be left out with {alone}", "give one command for each")
@@ -408,14 +400,6 @@ def score(
     if out is not None:
         make_folder(out)  # before the work begins
     names = None if problem is None else [name.strip() for name in problem.split(",")]
-    if (trajectory or latex) and (names is None or len(names) != 1):
-        flag = "--latex" if latex else "--trajectory"
-        raise InputError("--problem", problem, f"name one problem for {flag}", ", ".join(problems()))
-    if latex:
-        from ..testset.scorecard import latex_table
-
-        say(latex_table(find(names[0])))  # type: ignore[index]
-        return 0
     if show:
         for name in names or []:
             say(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8").rstrip("\n"))
@@ -425,15 +409,16 @@ def score(
                 say(f"  {each.name:<22}{each.title}")
         return 0
     if trajectory:
+        if names is None or len(names) != 1:
+            raise InputError("--problem", problem, "name one problem for --trajectory", ", ".join(problems()))
         label = trajectory[0].name if len(trajectory) == 1 else f"{len(trajectory)} files"
-        assert names is not None
         card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], label)
     else:
         with progress() as bar:
             card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
     written = [] if out is None else card.save(out)
     if not write_json("score", card.to_dict(), json):
-        console(card.width).print(card.tables())
+        say(str(card))
         if written:
             say(f"Written: {written[0]} and {len(written) - 1} files beside it")
     return int(bool(card.flagged))

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..files.cases import Case as CaseFile
+    from ..integrators import Integrator
     from ..measures.rates import ContactRates
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
-    from ..testset.integrators import Integrator
     from ..trajectory.trajectory import Reference, Trajectory
 
 
@@ -73,9 +73,9 @@ def compare(
     """
     json_file = json
     from ..files.cases import compared_runs, find_case
+    from ..integrators import parse_integrator
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
-    from ..testset.integrators import parse_integrator
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):

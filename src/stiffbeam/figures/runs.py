@@ -26,7 +26,7 @@ from ..model.system import System
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, log_scale, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
+from .chart import COLOURS, axes_for, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -379,15 +379,6 @@ def comparison_figure(result: Comparison) -> Figure:
 
 
 POINTS = 200  # along a beam
-ONE = 3.6  # height of a picture of one panel, in inches
-
-
-def _axes(ax: Axes | None, title: str) -> tuple[Axes, Axes | Figure]:
-    """The axes to draw into, and the object to return."""
-    if ax is not None:
-        return ax, ax
-    figure = new_figure(ONE, title, width=8.0)
-    return figure.subplots(), figure
 
 
 def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
@@ -408,7 +399,7 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
 
 def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The start of the motion between the stops: u(x, 0) of a beam, the unknowns of matrices by their numbers."""
-    axis, returned = _axes(ax, repr(system).strip("<>"))
+    axis, returned = axes_for(ax, repr(system).strip("<>"))
     beam, units = system.problem, system.units
     style: dict[str, Any] = {"color": "black", "lw": 2.0, "label": "start"} | kwargs
     if beam is None:
@@ -439,7 +430,7 @@ def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axe
     heights, name = (impacts.peaks, "largest force") if known else (impacts.impulses, "impulse")
     seen = heights[np.isfinite(heights)]
     to = f", {name} up to {np.max(seen):.4g}" if len(seen) else ""
-    axis, returned = _axes(ax, f"{several(impacts.count, 'impact')}{to}")
+    axis, returned = axes_for(ax, f"{several(impacts.count, 'impact')}{to}")
     for side, stop, colour in ((1, "upper stop", COLOURS[0]), (-1, "lower stop", COLOURS[1])):
         of_side = impacts.stops == side
         if np.any(of_side):
@@ -454,7 +445,7 @@ def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axe
 
 def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The tip of every member where it was kept; else what the first contact bears against the varied parameter."""
-    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
+    axis, returned = axes_for(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
     units = many.units
     style: dict[str, Any] = {"color": look(many.provenance["method"])["color"]}
     if len(many.t):
@@ -496,7 +487,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
 
 def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
-    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
+    axis, returned = axes_for(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
     runs: dict[str, list[Any]] = {}
     for probe in advice.candidates:
         runs.setdefault(probe.label, []).append(probe)
@@ -512,26 +503,6 @@ def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Fi
     if (advised := advice.recommendation) is not None:
         axis.plot([advised.work], [worst(advised)], "o", ms=10, mfc="none", color="black", label="advised")
     axis.set(xscale="log", yscale="log", xlabel="linear solves", ylabel="worst error / wanted error")
-    panel_legend(axis)
-    return returned
-
-
-def plot_scorecard(card: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-    """The smallest error of the tip of every integrator, problem by problem."""
-    axis, returned = _axes(ax, f"Test set {card.version}")
-    problems = [problem.name for problem in card.problems]
-    for integrator in card.integrators:
-        best = []
-        for name in problems:
-            errors = [r.errors.tip_rms for e in card.entries
-                      if (e.integrator, e.problem.name) == (integrator, name) for r in e.runs]  # fmt: skip
-            best.append(min((x for x in map(abs, errors) if np.isfinite(x)), default=np.nan))
-        style: dict[str, Any] = look(integrator) | {"ls": "", "ms": 5, "label": short(integrator)} | kwargs
-        style.pop("linestyle", None)
-        axis.plot(range(len(problems)), np.maximum(best, 1e-16), **style)
-    axis.set_xticks(range(len(problems)), problems, rotation=60, ha="right", fontsize=8)
-    axis.set_ylabel("smallest rms error of u over max |u|")
-    log_scale(axis, x=False)
     panel_legend(axis)
     return returned
 

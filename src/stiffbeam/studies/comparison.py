@@ -14,13 +14,13 @@ from ..basics.resources import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
+from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
 from ..references import expected_seconds, reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
-from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
@@ -131,7 +131,7 @@ def compare_case(
     """Run every scheme over the case's time span and hold it against a reference of the same form.
 
     runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
-    label of one (``testset.integrators``); the name of a solver makes it a further reference. references: methods; None
+    label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None
     for those of ``COMPARED`` that take the system.
 
     The first of ``references`` that can take the system is the main reference, over the whole span; the

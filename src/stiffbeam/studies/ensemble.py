@@ -21,13 +21,13 @@ from ..basics.arrays import Array
 from ..basics.validation import integer
 from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
 from ..files.cases import Case
+from ..integrators import RECORDED, SCHEME, Integrator, part_of
 from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
 from ..references.ensemble import reference_ensemble
-from ..testset.integrators import RECORDED, SCHEME, Integrator
 from ..trajectory.ensemble import Ensemble as RunsOfScheme
 from ..trajectory.ensemble import Runs
 from ..trajectory.trajectory import Diverged, Trajectory
@@ -244,8 +244,8 @@ def _runs(
     """A run of each member, or the recorded ones, with the tip at the times t (k,)."""
     if one.kind == RECORDED:
         for run in one.source:
-            common.recorded_at(replace(one, source=(run,)), system, dt)
-        runs = [common.part_of(run, system, t_end, one.label) for run in one.source]
+            replace(one, source=(run,)).recorded_at(system, dt)
+        runs = [part_of(run, system, t_end, one.label) for run in one.source]
     else:
         runs = [one.run(member, dt, t_end) for member in members]
     return [_sampled(run, t) for run in runs]
