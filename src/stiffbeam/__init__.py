@@ -33,7 +33,7 @@ def _draw(module: str, function: str) -> _Any:
 _DRAW |= (
     {
         name: _draw(".figures.runs", f"plot_{name}")
-        for name in ("run", "system", "impacts", "ensemble", "comparison", "advice")
+        for name in ("run", "system", "impacts", "ensemble", "comparison", "comparisons", "advice")
     }
     | {"scorecard": _draw(".figures.scores", "plot_scorecard")}
     | {"film": _draw(".figures.animation", "animate")}

@@ -241,8 +241,9 @@ def run_of(arrays: Any, system: System, label: str) -> Trajectory:
     if not isinstance(arrays, (tuple, list)) or len(arrays) not in (2, 3):
         raise InputError(label, type(arrays).__name__, "return (t, u) or (t, u, v)", "return a tuple of arrays")
     t, u, v = (None if x is None else np.asarray(x, float) for x in (*arrays, None)[:3])
+    assert t is not None
     for x in (u, v):
-        if x is not None and x.ndim and t is not None and len(x) == len(t):
+        if x is not None and x.ndim and len(x) == len(t):
             bad = ~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1)
             if np.any(bad):
                 raise Diverged(label, float(t[np.argmax(bad)]), "more steps may help")

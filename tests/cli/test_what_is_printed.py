@@ -180,9 +180,8 @@ def test_a_second_line_of_names_is_refused_with_its_text(tmp_path):
 
 
 REFUSED = [
-    ("score bdf2 --latex --problem bilinear-gap", "INTEGRATORS must be left out with --latex"),
     ("score --list bdf2", "INTEGRATORS must be left out with --list"),
-    ("score --latex --problem bilinear-gap --json x.json", "--json must be left out with --latex"),
+    ("score --list --problem bilinear-gap --json x.json", "--json must be left out with --list"),
     ("score bdf2 --problem bilinear-gap --trajectory a.csv", "INTEGRATORS must be left out with --trajectory"),
     ("reference table10 --method cvode --digits 50", "--digits must be left out"),
     ("reference table10 --rtol 1e-3", "--rtol must be left out"),

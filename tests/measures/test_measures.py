@@ -15,7 +15,7 @@ from stiffbeam.figures.runs import four_panels
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.errors import after_rest, match, matched_until
 from stiffbeam.measures.frequencies import amplitude_spectrum, drive_amplitude
-from stiffbeam.measures.report import comparison_tables
+from stiffbeam.measures.report import report
 from stiffbeam.trajectory.records import Impacts
 
 
@@ -239,25 +239,26 @@ def test_the_comparison_prints_and_goes_to_json(compared):
     assert "SDIRK(gamma=0.4359)" in text
     assert "one realisation" in text
     assert "<table" in c._repr_html_()
+    assert c.to_latex().count("\\toprule") == c.to_latex().count("\\begin{table}") == 2
     plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
     assert plain["contacts"][0]["run"]["impacts"] == c.contacts[0].run.impacts
 
 
 @pytest.mark.parametrize("width", [80, 120, 200])
 def test_the_tables_use_the_width_of_the_terminal(compared, width):
-    """Heads of one line from 80 columns on; short notes, in lines of at most 100 columns; details if asked for."""
+    """Heads of two lines, one number a cell; notes shorter than the tables; details if asked for."""
     c, text, whole = compared[3], io.StringIO(), io.StringIO()
-    Console(file=text, width=width).print(comparison_tables([c]))
-    Console(file=whole, width=width).print(comparison_tables([c], [compared[1]], verbose=True))
+    Console(file=text, width=width).print(report([c]).rich())
+    Console(file=whole, width=width).print(report([c], [compared[1]], verbose=True).rich())
     lines = [line.rstrip() for line in text.getvalue().splitlines()]
-    (head,) = [line for line in lines if "match to" in line]
-    assert head.split() == ["run", "match", "to", "tip", "error", "lag", "loss", "impacts", "contact"]
-    (below,) = [line for line in lines if "ns/step" in line]
-    assert below.split() == ["run", "ns/step", "impacts", "contact", "peak", "force", "impulse", "loss"]
+    heads = [line for line in lines if line.startswith("run ")]
+    assert heads[0].split() == ["run", "error", "lag", "delay", "lost", "right", "to", "impacts", "time"]
+    assert heads[1].split() == ["run", "per", "step", "impacts", "time", "force", "impulse", "lost"]
     assert any(line.startswith("SDIRK(gamma=0.4359) ") for line in lines)
-    start, end = lines.index(next(line for line in lines if line.startswith("Match to:"))), lines.index("")
-    notes = lines[start:end]
-    assert len(notes) <= (9 if width == 80 else 7)
+    assert not any("[" in line or " (" in line.replace(" (reference)", "") for line in lines[:12])  # one number a cell
+    start = next(i for i, line in enumerate(lines) if line.startswith("Tip error:"))
+    notes = lines[start:]
+    assert len(notes) < start  # shorter than the tables
     assert max(map(len, notes)) <= min(width, 100)
     assert "exact for this mesh; `stiffbeam study space`" in " ".join(notes)
     assert "s of computing" not in text.getvalue()
@@ -326,3 +327,17 @@ def test_a_share_above_all_of_the_loss_is_explained():
     first = np.flatnonzero((force[:-1] != 0.0) & (force[1:] == 0.0)) + 1
     assert sum(without) < 0.0
     assert abs(sum(without[first]) / sum(without) - 1.0) < 1e-3
+
+
+def test_several_runs_are_one_table(compared):
+    system, ref, run, c = compared
+    runs = [run, sb.integrate(system, sb.BDF2(), 5e-6, 0.6)]
+    both = sb.compare(runs, ref)
+    assert len(both) == 2
+    assert both[0].to_dict() == c.to_dict()
+    assert both.to_dataframe().label.to_list() == [x.label for x in runs]
+    assert both.to_dataframe().attrs["units"]["time"] == "1"
+    lines = str(both).splitlines()
+    assert sum(line.startswith("SDIRK(gamma=0.4359) ") for line in lines) == 2
+    assert sum(line.startswith("BDF2 ") for line in lines) == 2
+    assert len(both.figure().axes[0].get_lines()) >= 3

@@ -10,7 +10,7 @@ from rich.console import Console
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
-from stiffbeam.measures.report import comparison_tables
+from stiffbeam.measures.report import report
 from stiffbeam.schemes import RIGID, SCHEMES
 from stiffbeam.studies.common import chosen
 from stiffbeam.studies.comparison import compare_case
@@ -50,7 +50,7 @@ def test_a_comparison_asks_the_exact_solution_only():
     asked = compare_case(CASE, references=("exact", "cvode"))
     assert asked.refused == {"cvode@displacement"}
     said = io.StringIO()
-    tables = comparison_tables(asked.comparisons, asked.references, asked.failures, asked.truths, asked.refused)
+    tables = report(asked.comparisons, asked.references, asked.failures, asked.truths, asked.refused).rich()
     Console(file=said, width=200).print(tables)
     assert said.getvalue().count("refused  cvode@displacement") == 1
     assert "failed" not in said.getvalue()

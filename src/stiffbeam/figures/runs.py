@@ -18,7 +18,7 @@ from ..basics.units import UNKNOWN, Units
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
-from ..measures.report import largest, percent
+from ..measures.report import largest, verdict
 from ..model.contact import Stops
 from ..model.natural_modes import modes
 from ..model.scales import scales
@@ -348,34 +348,19 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     return figure
 
 
-def verdict(comparisons: Sequence[Comparison]) -> str:
-    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+def plot_comparisons(results: Sequence[Comparison]) -> Figure:
+    """Runs beside one reference, in the panels of ``stiffbeam compare``; the title says how far they agree.
 
-    Of several runs the first and the last to part from the reference are named.
+    Each comparison has its ``pair`` of run and reference.
     """
-    units = comparisons[0].units
-    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
-    ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
-    if not ends:
-        errors = sorted(c.tip_error_rms for c in comparisons)
-        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
-    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
-    if len(ends) == 1:
-        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
-    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
-
-
-def comparison_figure(result: Comparison) -> Figure:
-    """A run beside its reference, in the four panels of ``stiffbeam compare``; the title says how far they agree.
-
-    The comparison has its ``pair`` of run and reference.
-    """
-    assert result.pair is not None
-    names = " against ".join(short(solution.provenance["method"]) for solution in result.pair)
-    title, note = f"{names}: {verdict([result])}", result.units.note
-    run, reference = result.pair
-    return four_panels(f"{title} ({note})" if note else title, [run], [reference], [result])
+    pairs = [c.pair for c in results if c.pair is not None]
+    if len(pairs) < len(results):
+        raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", "compare again")
+    runs, reference = [run for run, _ in pairs], pairs[0][1]
+    names = ", ".join(short(run.provenance["method"]) for run in runs)
+    title = f"{names} against {short(reference.provenance['method'])}: {verdict(results)}"
+    note = results[0].units.note
+    return four_panels(f"{title} ({note})" if note else title, runs, [reference], results)
 
 
 POINTS = 200  # along a beam
@@ -469,10 +454,7 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
 def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The error of the tip against time, with a dot where the impacts cease to match; without ``ax`` four panels."""
     if ax is None:
-        if comparison.pair is None:
-            remedy = "compare the run and the reference again"
-            raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return comparison_figure(comparison)
+        return plot_comparisons([comparison])
     method = comparison.label.partition("@")[0]
     t, error, parted = _largest_so_far(comparison)
     style: dict[str, Any] = {"color": look(method)["color"], "lw": 1.2, "label": short(method)} | kwargs

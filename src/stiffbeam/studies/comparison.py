@@ -15,7 +15,6 @@ from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference, is_cached
 from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
-from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
@@ -127,81 +126,92 @@ def compare_case(
     cache: bool = False,
     budget: float = BUDGET,
     truth: Callable[[Case, str, float], Reference | None] = lambda case, form, t_end: None,
+    measured: Callable[[CaseComparison, Trajectory | None], None] = lambda result, solution: None,
 ) -> CaseComparison:
-    """Run every scheme over the case's time span and hold it against a reference of the same form.
+    """Run every scheme over the case's time span and compare it with a reference of the same form.
+
+    The schemes run first, then the main reference, the first of ``references`` that supports the system, over the whole
+    span, then the others to its horizon; they are compared like the schemes. A run that fails is reported and the
+    others go on.
 
     runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
-    label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None
-    for those of ``COMPARED`` that take the system.
-
-    The first of ``references`` that can take the system is the main reference, over the whole span; the
-    others run to its horizon only and are compared like the schemes. A run that fails is reported and
-    the others go on. ``keep`` is called with every trajectory as soon as it is finished. cache: keep the references
-    for the next time, and read those of an earlier one. budget: seconds of CPU that a further reference may
-    take by an estimate made before it starts, the main one four times as many; one that would take more ends earlier
-    and says so. ``truth`` is asked, with case, form and t_end, for a solution that holds over the whole span.
+    label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None for
+    those of ``COMPARED`` that support the system. keep: called with every trajectory as soon as it is finished.
+    measured: called with the result and None when all schemes are compared, then with each further reference. cache:
+    store the references, and use stored ones. budget: seconds of CPU that a further reference may take, the main one
+    four times as many; one that would take more ends earlier. truth: called with case, form and t_end, returns a
+    solution that holds over the whole span, or None.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
     one_of("contact", contact, TREATMENTS)
     positive("budget", budget)
-    solver = _Solver(cache, budget)
     first = case.system()
-    rigid = first.rigid
     if references is None:
-        references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
+        alone = COMPARED_RIGID if first.rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
+        references = alone
     for name in references:
         method_of(name, "references")
-    result = CaseComparison(case)
-    pairs = list(case.runs if runs is None else runs)
-    chosen = {
-        form: integrators(x for x, of_run in pairs if of_run == form) for form in dict.fromkeys(f for _, f in pairs)
-    }
+    result, pairs = CaseComparison(case), list(case.runs if runs is None else runs)
+    forms = dict.fromkeys(form for _, form in pairs)
+    chosen = {form: integrators(x for x, of_run in pairs if of_run == form) for form in forms}
     solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
-    references = list(dict.fromkeys([*references, *solvers]))
-    refused: list[Diverged | InputError | SolverFailure] = []
+    systems = {form: case.system(form) for form in chosen}
+    refused, of_form = list[Exception](), dict[str, list[Trajectory]]()
     for form, several in chosen.items():
-        system = case.system(form)
-        solved = []
-        for one in _references(system, case, references, result, progress, solver):
-            keep(one)
-            solved.append(one)
-        main = solved[0] if solved else None
-        for one in several:
-            if one.kind == SOLVER:
-                continue
-            label = f"{one.label}@{form}"
-            try:
-                run = _run(one, system, case, contact, partial(progress, label))
-            except (Diverged, InputError, SolverFailure) as error:
-                refused.append(error)
-                result.note(label, error)
-                continue
-            result.runs.append(run)
-            keep(run)
-            if main is not None:
-                progress(f"measuring {label}", 0, 0)
-                _measure(result, run, main)
-        if main is not None:
-            for other in solved[1:]:
-                _measure(result, other, main)
-            if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
-                result.truths[form] = true
+        begin = len(result.runs)
+        errors = [_scheme(result, one, systems[form], contact, progress, keep) for one in several if one.kind != SOLVER]
+        refused += filter(None, errors)
+        of_form[form] = result.runs[begin:]
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
         raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
+    methods, solver, further = list(dict.fromkeys([*references, *solvers])), _Solver(cache, budget), []
+    for form, system in systems.items():
+        solutions = _references(system, case, methods, result, progress, solver)
+        main = next(solutions, None)
+        if main is None:
+            continue
+        keep(main)
+        for run in of_form[form]:
+            progress(f"measuring {run.label}", 0, 0)
+            _measure(result, run, main)
+        if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
+            result.truths[form] = true
+        further.append((main, solutions))
+    measured(result, None)
+    for main, solutions in further:
+        for one in solutions:
+            keep(one)
+            _measure(result, one, main)
+            measured(result, one)
     return result
 
 
-def _run(one: Integrator, system: System, case: Case, contact: str, show: Callable[[int, int], None]) -> Trajectory:
-    """Return the run of an integrator that chooses no steps itself: of a scheme with its progress, a recorded one."""
+def _scheme(
+    result: CaseComparison, one: Integrator, system: System, contact: str, progress: Show,
+    keep: Callable[[Trajectory], None],
+) -> Diverged | InputError | SolverFailure | None:  # fmt: skip
+    """Run an integrator that chooses no steps itself and add it to the result; returns the reason if that fails."""
+    case, label = result.case, f"{one.label}@{system.form}"
     steps = round(case.t_end / case.dt)
-    if one.kind == SCHEME:
-        arguments = (system, one.source, case.dt, case.t_end, contact)
-        return fastest(lambda: integrate(*arguments, progress=lambda done: show(done, steps)))
-    show(0, 0)
-    if one.kind == RECORDED and len(one.source) == 1:
-        return one.source[0]
-    return one.run(system, case.dt, case.t_end)
+    progress(label, 0, steps)
+    try:
+        if one.kind == RECORDED and len(one.source) == 1:
+            run = one.source[0]
+        else:
+            show = partial(_steps, progress, label, steps)
+            repeat = fastest if one.kind == SCHEME else lambda march: march()
+            run = repeat(lambda: one.run(system, case.dt, case.t_end, contact, show=show))
+    except (Diverged, InputError, SolverFailure) as error:
+        result.note(label, error)
+        return error
+    result.runs.append(run)
+    keep(run)
+    return None
+
+
+def _steps(progress: Show, label: str, steps: int, done: int) -> None:
+    progress(label, done, steps)
 
 
 def _references(
