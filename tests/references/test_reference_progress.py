@@ -48,14 +48,14 @@ def test_an_advice_past_the_horizon_shows_its_exact_motions(table10):
 
 
 def test_a_printed_reference_states_its_error():
-    units = sb.Units("mm", "ms", "N")
+    units = ("mm", "ms", "N")
     system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[STOP], initial_velocity=[2.0], units=units)
     exact = sb.reference(system, 3.0)
     first, statement = str(exact).splitlines()
     assert first == repr(exact)
     tolerance = exact.provenance["horizon_tolerance"]
-    assert statement.startswith(f"Valid to t = 3 ms: {tolerance} ms. Compared with 4 copies perturbed by")
-    assert str(sb.reference(system, 3.0, "dop853")).endswith("ms. Compared with the exact solution.")
+    assert statement.startswith(f"Valid to t = 3: {tolerance}. Compared with 4 copies perturbed by")
+    assert str(sb.reference(system, 3.0, "dop853")).endswith(". Compared with the exact solution.")
     more = str(sb.reference(system, 3.0, "multiprecision"))
     assert " the same events. Compared with itself with " in more
     assert str(replace(exact, horizon=float("nan"))).endswith("Its error is not known: it was compared with nothing.")

@@ -346,7 +346,7 @@ def _reference(
     solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
         "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
-        "units": str(solution.units), "against": solution.provenance["horizon_against"],
+        "units": list(solution.units), "against": solution.provenance["horizon_against"],
         "impacts": len(impact_times(solution)), "seconds": round(solution.work.seconds, 3),
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
@@ -476,7 +476,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     for row in rows:
         table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
     console().print(table)
-    say("All are non-dimensional.")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 

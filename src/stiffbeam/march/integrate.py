@@ -12,7 +12,6 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 from ..basics.resources import afford, clock, silent
-from ..basics.units import KNOWN
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.members import EnsembleMembers
@@ -112,11 +111,10 @@ class Plan:
 
     def provenance(self, every: int | None) -> dict[str, Any]:
         """Provenance of the run."""
-        units = self.system.units
         return {
             "method": label_of_run(self.scheme),
             "form": self.system.form,
-            "units": {name: getattr(units, name) for name in KNOWN},
+            "units": list(self.system.units),
             "contact": self.treatment.name,
             "dt": float(self.dt),
             "t_end": float(self.t_end),

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.units import KNOWN
 from ..basics.validation import InputError, near
 
 if TYPE_CHECKING:
@@ -131,8 +130,14 @@ def provenance_of(system: System, method: str, t_end: float, notes: dict[str, An
     """Provenance of a reference: what all have, and the ``notes`` of its method."""
     from ..trajectory.trajectory import versions
 
-    units = {name: getattr(system.units, name) for name in KNOWN}
-    return {"method": method, "form": system.form, "units": units, "t_end": float(t_end), **notes, **versions()}
+    return {
+        "method": method,
+        "form": system.form,
+        "units": list(system.units),
+        "t_end": float(t_end),
+        **notes,
+        **versions(),
+    }
 
 
 def output_times(t_eval: Array | None, t_end: float) -> Array:

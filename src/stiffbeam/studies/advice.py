@@ -259,7 +259,7 @@ class Advice:
             "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
             "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
             "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
-            "units": str(self.system.units),
+            "units": list(self.system.units),
         }  # fmt: skip
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
@@ -283,21 +283,20 @@ class Advice:
         return table({"scheme": [str(p.scheme) for p in self.candidates]} | columns | errors)
 
     def __str__(self) -> str:
-        units = self.system.units
-        end = units.measure(self.t_end, "time", "g")
+        end = f"{self.t_end:g}"
         lines = [self.remark] if self.remark else []
         if self.recommendation is not None:
             p = self.recommendation
             met = ", ".join(f"{name} {p.errors[name]:.2g} (wanted {self.want[name]:g})" for name in self.attainable)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
-            dt = units.measure(p.dt, "time", ".6g")
+            dt = f"{p.dt:.6g}"
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
             lines.append(f"relative errors, of the tip rms, without those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
-            until, least = units.measure(self.trusted_until, "time", ".4g"), self.want.get("tip", WANT["tip"])
+            until, least = f"{self.trusted_until:.4g}", self.want.get("tip", WANT["tip"])
             near = f"within {least:g} max|u| of the exact one"
             to = f"at every moment to t = {until} its tip is {near}"
             lines.append(to if self.trusted_until > 0.0 else f"already after one step its tip is not {near}")
@@ -394,7 +393,7 @@ def advise(
     past = exact.horizon < t_end
     rates = any(name in wanted for name in RATES)
     criterion = Statistics(system, t_end, members, rates, show) if past else Motion(exact, rates)
-    until = system.units.measure(exact.horizon, "time", ".4g")
+    until = f"{exact.horizon:.4g}"
     cannot = {"tip": PAST.format(until)} if past and "tip" in wanted else {}
     cannot |= too_uncertain(criterion.scatter, members, wanted)
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}

@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -23,6 +23,7 @@ import pandas as pd
 from ..basics.resources import TALK, Show, cores, displayed
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
+from ..basics.units import with_unit
 from ..basics.validation import InputError, integer
 from ..files.cases import Case
 from ..model.time_functions import covered, stays_at_rest
@@ -107,7 +108,7 @@ class Study:
 
     def axis_labels(self, case: Case) -> dict[str, str]:
         """Labels of the columns, with the units of the case."""
-        return {column: case.units.label(*label) for column, label in self.labels.items()}
+        return {column: with_unit(case.units, *label) for column, label in self.labels.items()}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -223,7 +224,7 @@ class Records:
         return plain({
             "measured": [f"rows.{column}" for column in self.study.measured],
             "study": self.name, "question": self.study.question(), "case": self.case.name,
-            "units": asdict(self.case.units), "options": options,
+            "units": list(self.case.units), "options": options,
             "answer": answer.verdict, "notes": answer.notes, "table": answer.table.to_dict("records"),
             "rows": self.table.to_dict("records"),
         })  # fmt: skip
@@ -265,7 +266,7 @@ def perform(
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
     table = pd.DataFrame(rows)
-    table.attrs = {"study": name, "case": case.name, "units": asdict(case.units), "labels": study.axis_labels(case)}
+    table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": study.axis_labels(case)}
     return Records(study, case, table)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -100,7 +100,7 @@ class CaseComparison:
             "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
             "case": self.case.name,
             "title": self.case.title,
-            "units": asdict(self.case.units),
+            "units": list(self.case.units),
             "dt": self.case.dt,
             "t_end": self.case.t_end,
             "cells": self.case.cells if self.case.beam else None,
