@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.resources import TALK, cores, progress
+from ..basics.progress import TALK, progress
+from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
 
 if TYPE_CHECKING:
-    from ..basics.resources import Show
+    from ..basics.progress import Show
     from ..studies.base import Study
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.

@@ -9,7 +9,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..basics.resources import TALK, progress
+from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES

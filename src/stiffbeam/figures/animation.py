@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.progress import Show, silent
 from ..basics.storage import write_whole
 from ..basics.units import with_unit
 from ..basics.validation import InputError, file_path, instance, integer, positive

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, displayed, silent
+from ..basics.progress import Show, working
 from ..basics.text import DRAW, html_table, table
 from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
@@ -322,7 +322,7 @@ def advise(
     contacts: Sequence[str] = ("implicit", "conserving"),
     most_steps: int | None = None,
     members: int = 48,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     tell: Tell = lambda line: None,
     journal: Store | None = None,
 ) -> Advice:
@@ -373,10 +373,14 @@ def advise(
     >>> advice.recommendation is not None
     True
     """
-    if progress is True:
-        with displayed(progress) as show:
-            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
-    show = progress or silent
+    with working("advise", progress) as show:
+        return _advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
+
+
+def _advise(
+    system: System | Case, want: Mapping[str, float] | None, t_end: float | None, schemes: Sequence[Scheme] | None,
+    contacts: Sequence[str], most_steps: int | None, members: int, show: Show, tell: Tell, journal: Store | None,
+) -> Advice:  # fmt: skip
     if isinstance(system, Case):
         t_end, system = system.t_end if t_end is None else t_end, system.system()
     system = instance("system", system, System, "make it with semidiscretise or from_matrices")
@@ -388,7 +392,7 @@ def advise(
         one_of("contacts", name, TREATMENTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
-    exact = best_reference(system, positive("t_end", t_end), progress=progress)
+    exact = best_reference(system, positive("t_end", t_end), progress=show)
     # One motion up to the horizon; past it means over perturbed members.
     past = exact.horizon < t_end
     rates = any(name in wanted for name in RATES)

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ..basics.resources import TALK, Show, cores, displayed
+from ..basics.progress import TALK, Show, working
+from ..basics.resources import cores
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
@@ -241,7 +242,11 @@ class Records:
 
 
 def perform(
-    study: Study, case: Case, jobs: int | None = None, folder: str | Path | None = None, progress: bool | Show = False
+    study: Study,
+    case: Case,
+    jobs: int | None = None,
+    folder: str | Path | None = None,
+    progress: bool | Show | None = None,
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
@@ -250,7 +255,7 @@ def perform(
     if jobs is not None:
         integer("jobs", jobs, 1)
     name = type(study).__name__.lower()
-    with displayed(progress) as show:
+    with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store = Store(folder, _key(study, case))
         points = list(study.points(case))

@@ -48,7 +48,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, cores, displayed, over_slices
+from ..basics.progress import Show, working
+from ..basics.resources import over_slices
 from ..basics.text import html_table, plain, several, table
 from ..basics.units import Units, with_unit
 from ..basics.validation import InputError, integer, number, positive
@@ -195,7 +196,7 @@ def doubt(
     members: int = 48,
     seed: int = 1,
     tolerance: float = 0.05,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     contact: str = "implicit",
     t_end: float | None = None,
     uncertain: Mapping[str, Any] | None = None,
@@ -259,7 +260,7 @@ def doubt(
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
     scheme = case.runs[0][0] if scheme is None else scheme
-    with displayed(progress) as show:
+    with working("doubt", progress) as show:
         return _doubt(
             case, scheme, case.dt if dt is None else positive("dt", dt), members, seed, tolerance, show, contact
         )
@@ -406,4 +407,4 @@ def _mean_energies(many: Ensemble) -> Array:
     def means(part: Sequence[int]) -> list[float]:
         return [float(np.mean(each)) for each in energies(many, part)]
 
-    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE, cores(), None)))
+    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE)))
