@@ -10,7 +10,6 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.basics.resources import stopped_clock
 from stiffbeam.files.reader import read_samples
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, study
@@ -95,17 +94,6 @@ def test_what_is_kept_ends_with_the_run_where_a_divisor_allows(steps, outputs):
     assert max(1, most / 2) <= every <= most
     if any(steps % d == 0 for d in range(most // 2 + 1, most + 1)):
         assert steps % every == 0
-
-
-@pytest.mark.slow
-def test_multiprecision_takes_no_negative_time(table10):
-    """Its clock began as one that runs on while kernels are compiled and ended as one that does not."""
-    pytest.importorskip("flint")
-    system = sb.semidiscretise(table10, 6)
-    with stopped_clock():
-        sb.reference(system, 1e-3, "multiprecision")
-    run = sb.reference(system, 1e-3, "multiprecision")
-    assert 0.0 < run.work.seconds < 60.0
 
 
 @pytest.mark.parametrize(

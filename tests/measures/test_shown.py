@@ -24,7 +24,8 @@ class Tables(HTMLParser):
         self.rows: list[list[str]] = []
 
     def handle_starttag(self, tag, attrs):
-        self.open.append(tag)
+        if tag != "br":
+            self.open.append(tag)
         if tag == "tr":
             self.rows.append([])
         if tag in ("td", "th"):

@@ -225,7 +225,7 @@ def test_by_default_a_sweep_looks_at_as_many_periods_as_its_budget_allows():
 
 def test_a_path_is_on_an_axis_with_its_unit():
     stops = sb.Stops(-0.1, 0.1, stiffness=1e4, damping=3.0)
-    units = sb.Units("mm", "s", "N")
+    units = ("mm", "s", "N")
     beam = sb.BeamProblem(stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0), length=1.0, mass_per_length=1.0)
     case = case_of(sb.semidiscretise(replace(beam, units=units), 6), 1e-3, 1.0)
     wanted = {

@@ -376,7 +376,7 @@ def test_the_command_says_what_the_function_finds(tmp_path: Path):
 
 def test_tables_name_the_units_of_the_means():
     stops = sb.Stops(None, 0.1, stiffness=1e4)
-    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=sb.Units("mm"))
+    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=("mm", "s", "N"))
     case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.stiffness": (9e3, 1.1e4)})
     text = str(sb.doubt(case, sb.HHT(-0.1), members=8))
     values = drawn_members(system, case.uncertain, 8).values

@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.resources import TALK, cores, progress
+from ..basics.progress import TALK, progress
+from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
 
 if TYPE_CHECKING:
-    from ..basics.resources import Show
+    from ..basics.progress import Show
     from ..studies.base import Study
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
@@ -346,7 +347,7 @@ def _reference(
     solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
         "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
-        "units": str(solution.units), "against": solution.provenance["horizon_against"],
+        "units": list(solution.units), "against": solution.provenance["horizon_against"],
         "impacts": len(impact_times(solution)), "seconds": round(solution.work.seconds, 3),
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
@@ -461,7 +462,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     for row in rows:
         table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
     console().print(table)
-    say("All are non-dimensional.")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 

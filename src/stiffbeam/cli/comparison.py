@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from ..basics.resources import TALK, progress
+from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
@@ -225,13 +225,12 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     from ..figures.runs import four_panels
     from ..measures.report import verdict
 
-    written, units = [], result.case.units
+    written = []
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]
-        dt = units.measure(f"{result.case.dt:g}", "time")
-        details = ", ".join(filter(None, [form, f"dt = {dt}", result.case.grid, units.note]))
+        details = ", ".join(filter(None, [form, f"dt = {result.case.dt:g}", result.case.grid]))
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
         comparisons = [c for c in result.comparisons if c.reference == references[0].label]
         own = [c for c in comparisons if c.label in {run.label for run in runs}]

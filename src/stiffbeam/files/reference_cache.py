@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.resources import TALK, Show
+from ..basics.progress import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import require_closed_form, times_of
@@ -37,7 +37,8 @@ def cached_reference(
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
     switches: str | None = None,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
+    seconds: float | None = None,
 ) -> Reference:
     """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
 
@@ -52,7 +53,7 @@ def cached_reference(
 
     Parameters
     ----------
-    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress
+    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, switches, progress, seconds
         As in ``reference``.
 
     Returns
@@ -74,7 +75,7 @@ def cached_reference(
     if method == "exact":
         return reference(
             system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step, switches=switches,
-            progress=progress,
+            progress=progress, seconds=seconds,
         )  # fmt: skip
     times = None if t_eval is None else numbers("t_eval", t_eval)
     steps = [times_of("breakpoints", breakpoints).tolist(), max_step, switches]
@@ -89,7 +90,11 @@ def cached_reference(
             return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches, progress)
+    result = reference(
+        system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, switches, progress, seconds
+    )
+    if "budget" in result.provenance:
+        return result  # more seconds reach further
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
@@ -103,15 +108,6 @@ def cached_reference(
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
     return result
-
-
-def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | None = None) -> bool:
-    """Return True where ``cached_reference``, with its defaults, has a file to read."""
-    times = None if t_eval is None else numbers("t_eval", t_eval)
-    try:
-        return method != "exact" and _file(system, t_end, method, times, RTOL, None, "auto", [[], None, None]).is_file()
-    except InputError:
-        return False  # a bare callable
 
 
 def _file(

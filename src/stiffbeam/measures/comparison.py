@@ -102,7 +102,7 @@ def remark(system: System, reference: Reference) -> str:
         return AT_REST
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
         return ""
-    return f"No impacts: the motion reaches no stop to t = {system.units.measure(reference.t[-1], 'time', 'g')}."
+    return f"No impacts: the motion reaches no stop to t = {reference.t[-1]:g}."
 
 
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
@@ -133,7 +133,7 @@ class Comparison:
     Parameters
     ----------
     label, reference : str
-    units : Units
+    units : tuple
         Units of times, forces and impulses.
     dt : float
         The median time step.
@@ -217,7 +217,7 @@ class Comparison:
         entries = self._records()
         contacts = {f"contact{i}": contact for i, contact in enumerate(entries.pop("contacts"))}
         columns = {name: [value] for name, value in _flat("", entries | contacts).items()}
-        return table(columns, {"units": asdict(self.units)})
+        return table(columns, {"units": list(self.units)})
 
     def to_latex(self) -> str:
         """The tables for a paper, by booktabs."""
@@ -255,7 +255,7 @@ class Comparisons:
         import pandas
 
         frame = pandas.concat([c.to_dataframe() for c in self.comparisons], ignore_index=True)
-        frame.attrs["units"] = asdict(self.comparisons[0].units)
+        frame.attrs["units"] = list(self.comparisons[0].units)
         return frame
 
     def to_latex(self) -> str:
@@ -476,4 +476,4 @@ def _place(system: System, i: int) -> str:
     if system.problem is None:
         return f"contact {i + 1}"
     place = float(system.problem.place(system.problem.all_stops[i]))
-    return f"stops at x = {system.units.measure(place, 'length', 'g')}"
+    return f"stops at x = {place:g}"

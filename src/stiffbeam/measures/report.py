@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.text import several
+from ..basics.units import with_unit
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference, Trajectory
@@ -52,21 +53,21 @@ def percent(value: float, sign: str = "") -> str:
 def largest(run: Trajectory) -> str:
     """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
     horizon within it."""
-    measure, records = run.units.measure, run.contacts
+    records = run.contacts
     impulses = [x for record in records if record.stops.rigid for x in record.impacts.impulses]
     facts = [
-        f"largest {name} {measure(np.nanmax(values), quantity, '.4g')}"
-        for name, quantity, values in (
-            ("contact force", "force", [record.peak_force for record in records]),
-            ("impulse", "impulse", impulses),
-            ("displacement", "length", np.abs(run.tip)),
+        f"largest {name} {np.nanmax(values):.4g}"
+        for name, values in (
+            ("contact force", [record.peak_force for record in records]),
+            ("impulse", impulses),
+            ("displacement", np.abs(run.tip)),
         )
         if np.any(np.greater(values, 0.0))
     ]
     if records and not any(record.impacts.kind == "unknown" for record in records):
         facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
-        facts.append(f"horizon t = {measure(run.horizon, 'time', '.4g')}")
+        facts.append(f"horizon t = {run.horizon:.4g}")
     return ", ".join(facts) or "at rest"
 
 
@@ -75,14 +76,13 @@ def verdict(comparisons: Sequence[Comparison]) -> str:
 
     Of several runs the first and the last to part from the reference are named.
     """
-    units = comparisons[0].units
     known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
     ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
     if not ends:
         errors = sorted(c.tip_error_rms for c in comparisons)
         span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
-    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
+        return f"tip error {span} rms to t = {comparisons[0].window:.3g}"
+    (first, early), (last, late) = ((f"{t:.3g}", name) for t, name in (ends[0], ends[-1]))
     if len(ends) == 1:
         return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
     return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
@@ -241,7 +241,7 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
     first = comparisons[0]
     method, _, form = first.reference.partition("@")
     common, main = common_window(comparisons), f"{short(method)} (reference)"
-    lag, delay = first.units.label("lag", "time"), first.units.label("impact delay", "time")
+    lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
 
     def line(name: str, c: Comparison, whose: str, contact: ContactComparison | None) -> dict[str, str]:
         """A line of a whole run, or of one of several contacts."""
@@ -264,7 +264,7 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
     rows += [line(_line(x), first, "reference", x) for x in _several(first)]
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         rows += [line(name, c, "run", None), *(line(_line(x), c, "run", x) for x in _several(c))]
-    title = f"To the horizon t = {first.units.measure(number(first.window), 'time')}, {form} form"
+    title = f"To the horizon t = {number(first.window)}, {form} form"
     return title, _frame(rows, [main])
 
 
@@ -278,7 +278,7 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
     said = ": one realisation each, compare statistically" if beyond else ""
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
-        said = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
+        said = f"; impacts differ from t = {number(parted)} on"
     main = f"{short(method)} ({'double precision' if truth is not None else 'reference'})"
     rows: list[dict[str, str]] = []
 
@@ -289,7 +289,8 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
         return {
             "run": name, "ns per step": number(c.ns_per_step, 3) if whole else DASH,
             "impacts": counts["impacts"], "contact time": counts["contact time"],
-            units.label("peak force", "force"): counts["peak"], units.label("impulse", "impulse"): counts["impulse"],
+            with_unit(units, "peak force", "force"): counts["peak"],
+            with_unit(units, "impulse", "impulse"): counts["impulse"],
             "energy lost": percent(c.totals_energy_lost) if whole else DASH,
         }  # fmt: skip
 
@@ -305,7 +306,7 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
     for name, c in zip(_names(comparisons), comparisons, strict=True):
         if c.steps:
             rows += [line(name, c, "run_totals", None), *(line(_line(x), c, "run_totals", x) for x in _several(c))]
-    return f"To t = {units.measure(end, 'time', 'g')}, {form} form{said}", _frame(rows, names)
+    return f"To t = {end:g}, {form} form{said}", _frame(rows, names)
 
 
 def _several(comparison: Comparison) -> tuple[ContactComparison, ...]:
@@ -337,15 +338,15 @@ def _until(until: float, window: float, horizon: float) -> str:
 def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
     """The notes without which the tables would be misread."""
     first = comparisons[0]
-    units, common = first.units, common_window(comparisons)
+    common = common_window(comparisons)
     lines = [
-        f"Tip error: rms over max |u|, to t = {units.measure(number(common), 'time')}"
+        f"Tip error: rms over max |u|, to t = {number(common)}"
         f"{'' if common == first.window else ', where the impacts of all runs still match'}. Lag, delay: > 0 is late. "
         "Energy lost: by the scheme, of the energy supplied. Impacts: those that the time steps show."
     ]
     events = sum(c.reference_totals.event_impacts for c in first.contacts)
     if events != sum(c.reference_totals.impacts for c in first.contacts):
-        lines.append(f"The reference has {events} impacts to t = {units.measure(first.t_end, 'time', 'g')} in all.")
+        lines.append(f"The reference has {events} impacts to t = {first.t_end:g} in all.")
     if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
         lines.append("Energy lost is – if the time step does not resolve the dissipation of dampers.")
     system = None if first.pair is None else first.pair[1].system
@@ -356,14 +357,12 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -
         for r in references
         if "budget" in r.provenance
     ]
-    if units.note:
-        lines.append(f"Times, forces and impulses are {units.note}.")
     if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
         lines.append("A contact that begins at t = 0 counts as contact, not as an impact.")
     for c in comparisons:
         lengths = np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
-            least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
+            least, most, median = (number(x) for x in (lengths.min(), lengths.max(), c.dt))
             lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
 
@@ -371,7 +370,7 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -
 def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
     """Horizons and cost of the references, treatment of events, set-up."""
     lines = [
-        f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
+        f"{r.label}: horizon {number(r.horizon)} "
         f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
         f"{' in an earlier run' if r.provenance.get('kept') else ''}."
         for r in references

@@ -20,6 +20,7 @@ import pandas as pd
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
+from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
 from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
 from ..files.cases import Case
@@ -78,8 +79,8 @@ class Chaos(Study):
     def axis_labels(self, case: Case) -> dict[str, str]:
         """Labels with the symbol of the tip."""
         u, ahead = (tip_symbol(case.beam, t) for t in ("t", "t + T"))
-        speed = case.units.label(u.replace("u(", "u_t("), "velocity")
-        tips = {name: case.units.label(text, "length") for name, text in (("u", u), ("u_delayed", ahead))}
+        speed = with_unit(case.units, u.replace("u(", "u_t("), "velocity")
+        tips = {name: with_unit(case.units, text, "length") for name, text in (("u", u), ("u_delayed", ahead))}
         return super().axis_labels(case) | tips | {"v": speed}
 
     def points(self, case: Case) -> list[Row]:
@@ -159,21 +160,20 @@ class Chaos(Study):
         known = {method: pair for method, pair in means.items() if pair is not None}
         if not known:
             return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
-        unit = units.of("rate") and f" {units.of('rate')}"
-        notes = "Means over the starts, ± 95 % by their scatter."
+        rate, notes = with_unit(units, "lambda", "rate"), "Means over the starts, ± 95 % by their scatter."
         if "tangent flow" in known:
             mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
-            time = units.of("time") or "unit of time"
+            time = unit_of(units, "time") or "unit of time"
             notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
         rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
-        said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
-        schemes = f"{common.extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
+        said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g} for the exact flow" if "exact" in known else ""
+        schemes = f"{common.extremes(rates, '{:.3g}'.format)} for schemes" if rates else ""
         if not said and not schemes:
-            said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g}{unit} for the tangent flow"
+            said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g} for the tangent flow"
         return Answer(
             f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
             pd.DataFrame(
-                [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+                [{"neighbours diverge like exp(lambda t)": method, rate: f"{mean:.3g} ± {interval:.2g}"}
                  for method, (mean, interval) in known.items()]
             ),
             notes + (f" {unseen}." if unseen else ""),

@@ -48,9 +48,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, cores, displayed, over_slices
+from ..basics.progress import Show, working
+from ..basics.resources import over_slices
 from ..basics.text import html_table, plain, several, table
-from ..basics.units import Units
+from ..basics.units import Units, with_unit
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
 from ..measures.rates import stationary_mean, windows
@@ -93,7 +94,7 @@ class Doubt:
     data_horizon : float
         The time to which 95 % of the members agree to ``tolerance`` of the largest |u|, at most t_end.
     tolerance : float
-    units : Units
+    units : tuple
     budgets : sequence of Budget
         One per quantity.
     remarks : sequence of str
@@ -113,11 +114,9 @@ class Doubt:
 
     def _lines(self) -> list[str]:
         """Run, times to which the motion is certain, and verdicts."""
-        values = (self.dt, self.t_end, self.horizon, self.data_horizon)
-        dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
-        head = f"{self.scheme}, dt = {dt}, {several(self.members, 'member')} to t = {end}"
+        head = f"{self.scheme}, dt = {self.dt:.4g}, {several(self.members, 'member')} to t = {self.t_end:.4g}"
         known = (
-            f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
+            f"Rounding leaves the motion certain to t = {self.horizon:.4g}, data to t = {self.data_horizon:.4g} "
             f"(95 % of the members within {percent(self.tolerance)})."
         )
         return [head, known, *(budget.verdict for budget in self.budgets), *self.remarks]
@@ -125,7 +124,7 @@ class Doubt:
     def _table(self) -> list[dict[str, str]]:
         """Means and columns with their intervals, as they are printed."""
         return [
-            {"95 % intervals": x.quantity, "mean": self.units.measure(x.mean, UNITS.get(x.name, ""), ".4g")}
+            {"95 % intervals": with_unit(self.units, x.quantity, UNITS.get(x.name, "")), "mean": f"{x.mean:.4g}"}
             | {
                 name: str(x.shares.get(name, "no finer model"))
                 for name in SOURCES
@@ -168,7 +167,7 @@ class Doubt:
         ]  # fmt: skip
         names = ("scheme", "dt", "t_end", "members", "horizon", "data_horizon", "tolerance")
         rest = {name: getattr(self, name) for name in names}
-        return plain({"measured": []} | rest | {"units": str(self.units), "budgets": budgets, "remarks": self.remarks})
+        return plain({"measured": []} | rest | {"units": list(self.units), "budgets": budgets, "remarks": self.remarks})
 
     def __getitem__(self, quantity: str) -> Budget:
         """The budget of a quantity by its name."""
@@ -197,7 +196,7 @@ def doubt(
     members: int = 48,
     seed: int = 1,
     tolerance: float = 0.05,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     contact: str = "implicit",
     t_end: float | None = None,
     uncertain: Mapping[str, Any] | None = None,
@@ -261,7 +260,7 @@ def doubt(
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
     scheme = case.runs[0][0] if scheme is None else scheme
-    with displayed(progress) as show:
+    with working("doubt", progress) as show:
         return _doubt(
             case, scheme, case.dt if dt is None else positive("dt", dt), members, seed, tolerance, show, contact
         )
@@ -408,4 +407,4 @@ def _mean_energies(many: Ensemble) -> Array:
     def means(part: Sequence[int]) -> list[float]:
         return [float(np.mean(each)) for each in energies(many, part)]
 
-    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE, cores(), None)))
+    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE)))

@@ -67,10 +67,10 @@ class Energy(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-        units, small, lost, known, shares = case.units, [], {}, True, [0.0]
+        small, lost, known, shares = [], {}, True, [0.0]
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
         closed = [
-            f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {units.measure(row.t, 'time', '.3g')})"
+            f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {row.t:.3g})"
             for row in last[last.scheme == "exact"].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
@@ -83,11 +83,11 @@ class Energy(Study):
             elif np.isfinite(row["lost_fraction"]):
                 lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
             else:  # on balance nothing was put in
-                loss = units.measure(row["loss"], "energy", ".2g") + " in all"
+                loss = f"{row['loss']:.2g}" + " in all"
             shares += [share] if row["sure"] else []
             part = f"{100 * share:z.0f} %" if row["sure"] else DASH
             small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
-        end = units.measure((schemes if len(schemes) else last).t.max(), "time", "g")
+        end = f"{(schemes if len(schemes) else last).t.max():g}"
         verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, "
         verdict += "the exact flow none."
         if not lost and not known:
@@ -118,7 +118,7 @@ class Energy(Study):
         names, left = [x for x in table.scheme.unique() if x != "exact"], None
         for j, form in enumerate(forms):
             left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
-            end = case.units.measure(table[table.form == form].t.max(), "time", "g")
+            end = f"{table[table.form == form].t.max():g}"
             _shares(left, dict(iter(table[table.form == form].groupby("scheme"))), names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 import pandas as pd
 
+from ..basics.units import with_unit
 from ..basics.validation import InputError, near, number
 from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
@@ -34,7 +35,6 @@ from .parameters import (
     drive_period,
     is_path,
     named,
-    quantity_of,
     setup_of,
 )
 from .sweep import Sweep
@@ -139,10 +139,10 @@ class Orbits(Study):
         if not orbits:
             return Answer(f"No orbit was found: {'; '.join(ends)}.")
         name, first = self.parameter, [row for row in orbits if row["phase"] == 0]
-        units, quantity, length = case.units, quantity_of(case, name), self.length
+        length = self.length
 
         def value(row: Row, digits: int) -> str:
-            return units.measure(f"{row[name]:.{digits if row['located'] else 4}g}", quantity)
+            return f"{row[name]:.{digits if row['located'] else 4}g}"
 
         small = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
         said = "; ".join(
@@ -153,7 +153,7 @@ class Orbits(Study):
         low, high = (pick(row[name] for row in first) for pick in (min, max))
         return Answer(
             f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
-            f"{units.measure(f'{low:g} to {high:g}', quantity)}: {said or first[0]['stability'] + ' all along'}.",
+            f"{low:g} to {high:g}: {said or first[0]['stability'] + ' all along'}.",
             pd.DataFrame(small),
             " ".join(f"The branch ends {reason}." for reason in ends),
         )
@@ -169,7 +169,7 @@ class Orbits(Study):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
-        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
         panel_legend(above, below=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import content
+from ..basics.units import with_unit
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case
 from ..model.contact import Stops
@@ -250,5 +251,5 @@ PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscos
 
 def named(case: Case, name: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    names = NAMES | (PHYSICAL if case.units.known else {})
-    return case.units.label(names.get(name, name), quantity_of(case, name))
+    names = NAMES | (PHYSICAL if case.units else {})
+    return with_unit(case.units, names.get(name, name), quantity_of(case, name))

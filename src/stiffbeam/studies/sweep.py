@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array, content
+from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, near, number, one_of
 from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
@@ -56,7 +57,6 @@ from .parameters import (
     named,
     names_of,
     parameters_of,
-    quantity_of,
     scheme_of,
     setup_of,
 )
@@ -153,10 +153,7 @@ class Sweep(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
-        units, first, names = case.units, table.iloc[0], self._names()
-
-        def value(name: str, text: str) -> str:
-            return f"{name} {units.measure(text, quantity_of(case, name))}"
+        first, names = table.iloc[0], self._names()
 
         counted, over = self._rate(table, case)
         columns = [("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01)]
@@ -167,14 +164,23 @@ class Sweep(Study):
                 known = contacts[contacts[name].notna()]
                 ends = [known.loc[x] for x in (known[name].idxmin(), known[name].idxmax())] if len(known) else []
                 texts = [
-                    f"{units.measure(row[name] / scale, quantity, '.4g')} at "
-                    + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
+                    f"{row[name] / scale:.4g} at " + ", ".join(f"{varied} {row[varied]:.5g}" for varied in names)
                     for row in ends
                 ]
-                small += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
+                small += (
+                    [
+                        {
+                            "over all values": with_unit(case.units, words, quantity) + place,
+                            "least": texts[0],
+                            "most": texts[1],
+                        }
+                    ]
+                    if texts
+                    else []
+                )
         notes = f"{first.periods:g} periods of the drive after {first.transient:g}."
         if "t_end" in table:
-            notes = f"Single runs, t = 0 to {units.measure(first.t_end, 'time', 'g')}."
+            notes = f"Single runs, t = 0 to {first.t_end:g}."
         if "lossless" in table:
             free = table.drop_duplicates(names)
             if (lossless := int(free.lossless.sum())) > 0:
@@ -189,7 +195,7 @@ class Sweep(Study):
                     " slow changes may look like longer periods: raise transient."
                 )
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
-        ranges = (value(x, f"{table[x].min():g} to {table[x].max():g}") for x in names)
+        ranges = (f"{x} {table[x].min():g} to {table[x].max():g}" for x in names)
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
         return Answer(f"{first.method} over {' and '.join(ranges)}: {verdict}.", pd.DataFrame(small), notes)
 
@@ -216,7 +222,7 @@ class Sweep(Study):
             self._section(axes[0], sections, case)
         for axis, (quantity, label, unit, title) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
             self._measure(axis, contacts, quantity, over)
-            axis.set(title=title, ylabel=case.units.label(label, unit))
+            axis.set(title=title, ylabel=with_unit(case.units, label, unit))
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
         if _spaced_by_a_factor(table[self.parameter]):
@@ -231,7 +237,7 @@ class Sweep(Study):
         for (way, rows), colour in zip(ways, colours, strict=False):
             dots: dict[str, Any] = {"ms": 3.0, "mew": 0.0, "color": colour, "alpha": alpha, "rasterized": True}
             axis.plot(rows[self.parameter], rows.tip, ".", label=way or None, **dots)
-        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
         if len(ways) > 1:
             axis.legend(frameon=False, fontsize=8)
@@ -256,7 +262,7 @@ class Sweep(Study):
         counted, over = self._rate(group, case)
         quantities = [("count", counted), ("fraction", "share of time in contact")]
         if not _rigid(case.system(self.form), group):
-            quantities.append(("peak_force", case.units.label(r"peak force $|\sigma|$", "force")))
+            quantities.append(("peak_force", with_unit(case.units, r"peak force $|\sigma|$", "force")))
         for j, (quantity, label) in enumerate(quantities):
             axis = figure.add_subplot(lines, len(quantities), i * len(quantities) + j + 1)
             grid = group.pivot(index=self.second, columns=self.parameter, values=quantity)
@@ -279,7 +285,7 @@ class Sweep(Study):
         """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
         if "t_end" not in table:
             return "impacts per period", float(table.periods.iloc[0])
-        return f"impacts per {case.units.time if case.units.known else 'unit of time'}", float(table.t_end.iloc[0])
+        return f"impacts per {unit_of(case.units, 'time') or 'unit of time'}", float(table.t_end.iloc[0])
 
 
 def plan(study: Sweep, case: Case) -> list[Row]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, displayed
+from ..basics.progress import Show, working
 from ..basics.storage import write_whole
 from ..basics.text import DRAW, plain, several
 from ..basics.validation import InputError, sequence
@@ -301,7 +301,7 @@ def score(
     those = DEFAULT if integrators is None else integrators
     runners = integrators_of(those if isinstance(those, (list, tuple)) else [those], order)
     entries = []
-    with displayed(progress) as show:
+    with working("score", progress) as show:
         for i, runner in enumerate(runners):
             smooth = runner.order
             for k, each in enumerate(chosen):

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
-from ...basics.resources import Forecast
+from ...basics.resources import in_time
 from ...basics.validation import InputError
 from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.state_space import StateSpace
@@ -114,7 +114,6 @@ class Phase(NamedTuple):
     times: Array
     max_step: float
     watch: Watch
-    forecast: Forecast
 
 
 class Outcome(NamedTuple):
@@ -292,7 +291,6 @@ def follow(
     for k in np.flatnonzero(closed):
         contacts.switch(int(k), 0.0, z)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
-    forecast = Forecast(pieces[-1].end)
     counters: dict[str, int] = {}
     # In every smooth interval, phases from event to event.
     still = 0
@@ -322,10 +320,10 @@ def follow(
                 tries += 1
                 watch = Watch(rhs, now, z, closed, fixed, rounding)
                 last = np.searchsorted(t, end, "right")
-                outcome = run(Phase(now, end, z, t[len(states) : last], piece.max_step, watch, forecast))
+                outcome = run(Phase(now, end, z, t[len(states) : last], piece.max_step, watch))
                 for name, count in outcome.counters.items():
                     counters[name] = counters.get(name, 0) + count
-                refuse_endless(method, outcome.t, max(counters.values(), default=0), forecast)
+                refuse_endless(method, outcome.t, max(counters.values(), default=0))
                 if not outcome.missed or outcome.t <= now or tries == STUCK:
                     break
                 landing, end = outcome.ended_by[0].which % watch.count, outcome.t
@@ -358,10 +356,9 @@ def follow(
     return Path(np.array(states), contacts if events else None, counters, z)
 
 
-def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) -> None:
-    """Raise SolverFailure for a solver that has done too much work by time t, and InputError if its work so far
-    predicts that it will."""
-    forecast.check(t)
+def refuse_endless(method: str, t: float, evaluations: int) -> None:
+    """Raise SolverFailure for a solver that has done too much work by time t, and OutOfTime past the deadline."""
+    in_time(t)
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")

@@ -87,7 +87,7 @@ def stepping(
                 left, message = stepper.y, stepper.step()
                 steps += 1
                 if steps % BETWEEN == 0:
-                    refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
+                    refuse_endless(method, float(stepper.t), int(stepper.nfev))
                 if stepper.status == "failed":
                     raise SolverFailure(
                         method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"

@@ -180,7 +180,7 @@ def advance(method: str, solver: Any, phase: Phase) -> Outcome:
                 message, remedy = str(result.message), "loosen rtol and atol or take the exact solution"
                 raise SolverFailure(method, float(result.t), message, remedy)
             t, z = float(result.t), np.asarray(result.y)
-            refuse_endless(method, t, int(result.nfev), phase.forecast)
+            refuse_endless(method, t, int(result.nfev))
             if result.status != 2:  # not a root: the output time, or the end
                 break
             # Roots: only some end a phase; after the others the solver goes on to the same target.
