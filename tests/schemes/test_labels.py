@@ -86,11 +86,11 @@ def test_a_comparison_of_matrices_names_no_mesh_and_no_units():
     assert "units" not in run.to_xarray()["tip"].attrs
 
 
-def test_the_four_panels_of_a_physical_case_are_in_metres_and_seconds():
-    from stiffbeam.figures.runs import four_panels
+def test_the_comparison_panels_of_a_physical_case_are_in_metres_and_seconds():
+    from stiffbeam.figures.runs import comparison_panels
 
     run, reference, _ = compared(sb.semidiscretise(STEEL, 8), 1e-4, 0.1)
-    words = words_of(four_panels("steel", [run], [reference]))
+    words = words_of(comparison_panels("steel", [run], [reference]))
     for text in ("tip displacement $u(L, t)$ (m)", "max |$u(L, t)$|", "time $t$ (s)", "a = 150"):
         assert any(text in word for word in words), text
 

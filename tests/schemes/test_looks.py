@@ -10,7 +10,7 @@ import stiffbeam as sb
 from dumont2002 import figures as page
 from stiffbeam.figures import chart
 from stiffbeam.figures.chart import EXACT, look
-from stiffbeam.figures.runs import four_panels
+from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered
 
 
@@ -67,7 +67,7 @@ def test_a_comparison_draws_every_scheme_in_its_look():
     system = sb.semidiscretise(sb.paper_case(10).problem, 8)
     runs = [sb.integrate(system, scheme, 1e-4, 0.05) for scheme in (sb.HHT(), sb.SDIRK(nystrom=True), sb.BDF2())]
     exact = sb.reference(system, 0.05)
-    axis = four_panels("three schemes", runs, [exact]).axes[0]
+    axis = comparison_panels("three schemes", runs, [exact]).axes[0]
     curves = [line for line in axis.get_lines() if len(line.get_xdata()) > 2]
     assert curves[0].get_color() == "black"
     assert [line.get_color() for line in curves[1:]] == [look(name)["color"] for name in ("hht", "sdirk", "bdf2")]

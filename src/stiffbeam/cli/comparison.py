@@ -222,7 +222,7 @@ def _clear(folder: Path) -> list[str]:
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     """The picture of each form."""
     from ..figures.chart import save_figure
-    from ..figures.runs import four_panels
+    from ..figures.runs import comparison_panels
     from ..measures.report import verdict
 
     written = []
@@ -238,7 +238,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
         heads = [named[0], *([verdict(own)] if own else [])]
         title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
         title = title.replace("$", r"\$")  # no formula of matplotlib's
-        written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
+        written.append(save_figure(comparison_panels(title, runs, references, comparisons), folder / name))
     return written
 
 

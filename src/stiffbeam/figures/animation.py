@@ -160,7 +160,8 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
     high = 1.1 * max(float(np.max(np.abs(film.tip))) for film in films) or 1.0
     below.set(xlim=(0.0, t[-1]), ylim=(-high, high))
     below.set(
-        xlabel=with_unit(units, "time $t$", "time"), ylabel=with_unit(units, f"{tip_name(beam)} {symbol}", "length")
+        xlabel=with_unit(units, "time $t$", "time"),
+        ylabel=with_unit(units, f"{tip_name(beam)} {symbol}".strip(), "length"),
     )
     above.legend(loc="upper left", frameon=False, ncols=len(films))
     clock = above.text(0.99, 0.97, "", transform=above.transAxes, ha="right", va="top")

@@ -6,7 +6,8 @@ notebook shows. It takes arguments of ``Axes.plot``. The exact motion is black, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
@@ -37,59 +38,88 @@ TICKS = 6  # of an axis of times: more would run into each other
 CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
 
 
-def four_panels(
+def comparison_panels(
     title: str,
     runs: Sequence[Trajectory],
     references: Sequence[Reference],
     comparisons: Sequence[Comparison] | None = None,
 ) -> Figure:
-    """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
+    """Displacement, error, close-up of the first impacts, contact force and amplitude spectrum of runs of one system.
 
-    Several contacts have a panel like c each, see ``shown_contacts``. All of one form: another is another system. All
-    but the spectrum show the time inside the horizon of the first reference, where one solution exists to compare
-    with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
-    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
-    vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
-    if None. Axes name the units of the system.
+    Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
+    largest one. All but the spectrum show the time inside the horizon of the first reference; the spectrum shows the
+    schemes over their whole span. The other references are thin and lie beneath the schemes. The error is the largest
+    |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a vertical line at a solver's own
+    horizon; ``comparisons`` of the runs and the other references with the first, made if None.
     """
-    main = references[0]
+    main, runs = references[0], [*runs, *references[1:]]
     system = main.system
     assert system is not None
-    units, symbol = system.units, tip_symbol(system.problem)
-    window = min(main.horizon, float(main.t[-1]))
-    contacts = shown_contacts([*references, *runs])
-    zooms = max(1, len(contacts))
-    lines = (4 + zooms) // 2
+    window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([*references, *runs])
+    hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force), default=None)
+    error = f"error{'; lines: horizons' * any(x.horizon < window for x in references[1:])}"
+    panels: list[tuple[str, Callable[[Axes], None]]] = [
+        (f"displacement to the horizon t = {window:.3g}", lambda axis: _motion(axis, main, runs, window)),
+        (error, lambda axis: _draw_errors(axis, main, runs, comparisons, window)),
+    ]
+    for i in contacts or [None]:
+        name = "first oscillations" if i is None else f"first impact at {contact_name(system, i)}"
+        panels.append((name, partial(_zoom, main=main, runs=runs, window=window, contact=i)))
+    if hardest is not None:
+        name = f"force of {contact_name(system, hardest)} to the horizon"
+        panels.append((name, partial(_forces, main=main, runs=runs, window=window, contact=hardest)))
+    whole = min((float(run.t[-1]) for run in runs if not isinstance(run, Reference)), default=np.inf)
+    span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
+    panels.append((f"spectrum{span}", lambda axis: _draw_spectra(axis, runs, references, system)))
+    lines = -(-len(panels) // 2)
     figure = new_figure(4.1 * lines, title)
-    axes = figure.subplots(lines, 2).ravel()
-    displacement, errors, spectrum = axes[0], axes[1], axes[2 + zooms]
-    for axis in axes[3 + zooms :]:
-        axis.remove()
-    runs = [*runs, *references[1:]]
-
-    for index, run, t, (u, _) in _curves(main, runs, window):
-        _draw(displacement, t, u, index, run)
-    for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
-        draw_stops(displacement, contact, horizontal=True)
-    displacement.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(system), xlim=(0.0, window))
-    displacement.set_title(f"(a) displacement to the horizon t = {window:.3g}", loc="left")
-    _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
-    errors.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
-    marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
-    errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
-    *letters, last = ascii_lowercase[2 : 3 + zooms]
-    for axis, contact, letter in zip(axes[2 : 2 + zooms], contacts or [None], letters, strict=True):
-        _zoom(axis, main, runs, window, contact)
-        label = tip_label(system) if contact is None else position_label(system, contact)
-        axis.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=label)
-        first = "contact" if len(system.contacts) == 1 else f"impact at contact {(contact or 0) + 1}"
-        axis.set_title(f"({letter}) first {'oscillations' if contact is None else first}", loc="left")
-    for axis in axes[: 2 + zooms]:
-        axis.locator_params(axis="x", nbins=TICKS)
-    _draw_spectra(spectrum, runs, references, system, last)
-    handles, labels = displacement.get_legend_handles_labels()
+    grid = figure.add_gridspec(lines, 2)
+    for k, (name, draw) in enumerate(panels):
+        last = k == len(panels) - 1
+        axis = figure.add_subplot(grid[k // 2, :] if last and k % 2 == 0 else grid[k // 2, k % 2])
+        if not last:
+            axis.set_xlabel(with_unit(system.units, "time $t$", "time"))
+            axis.locator_params(axis="x", nbins=TICKS)
+        draw(axis)
+        axis.set_title(f"({ascii_lowercase[k]}) {name}", loc="left")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def contact_name(system: System, i: int) -> str:
+    """A contact with its place along the beam or, if it acts on one unknown, the row of that."""
+    number = f"contact {i + 1}" if len(system.contacts) > 1 else "the contact"
+    if system.problem is not None:
+        return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"
+    rows = np.flatnonzero(system.contacts[i].row)
+    return f"{number}, row {rows[0] + 1}" if len(rows) == 1 and system.size > 1 else number
+
+
+def _motion(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float) -> None:
+    """The observed displacement between its stops."""
+    system = main.system
+    assert system is not None
+    for index, run, t, (u, _) in _curves(main, runs, window):
+        _draw(axis, t, u, index, run)
+    for i, contact in enumerate(system.contacts):
+        if system.reads_tip(i):
+            draw_stops(axis, contact.stops, horizontal=True)
+    axis.set(ylabel=tip_label(system), xlim=(0.0, window))
+
+
+def _forces(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int) -> None:
+    """The force of a contact over time; of a rigid stop the impulse of every impact."""
+    stops = main.contacts[contact].stops
+    for index, run, t, (u, v) in _curves(main, runs, window, contact):
+        if not stops.rigid:
+            _draw(axis, t, stops.force(u, v), index, run)
+        else:
+            impacts = run.contacts[contact].impacts.until(window)
+            _draw(axis, impacts.times, np.abs(impacts.impulses), index, run)
+            axis.lines[-1].set(linestyle="", marker="o", markersize=5.0 if index is None else 3.0)
+    name = ("impulse", "impulse") if stops.rigid else (r"contact force $\sigma$", "force")
+    axis.set(xlim=(0.0, window), ylabel=with_unit(main.units, *name))
 
 
 def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
@@ -101,7 +131,7 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
     beam, units = system and system.problem, units or (system and system.units) or ()
-    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length")
+    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}".strip(), "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -109,7 +139,7 @@ def position_label(system: System, contact: int) -> str:
     if system.reads_tip(contact):
         return tip_label(system)
     moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
-    name = "displacement relative to the moving stop" if moving else f"position at contact {contact + 1}"
+    name = f"{'displacement relative to the moving stop' if moving else 'position'} at {contact_name(system, contact)}"
     return with_unit(system.units, name, "length")
 
 
@@ -148,9 +178,11 @@ def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) ->
         axis.plot(x, y, lw=1.2, label=name, zorder=3 + index, **line_of(run))
 
 
-def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
+def _draw_errors(
+    axis: Axes, main: Reference, runs: Sequence[Trajectory], comparisons: Sequence[Comparison] | None, window: float
+) -> None:
     """The largest error so far of every run, on a logarithmic axis."""
-    by_label = {c.label: c for c in comparisons}
+    by_label = {c.label: c for c in ([compare(x, main) for x in runs] if comparisons is None else comparisons)}
     for index, run in enumerate(runs):
         if run.label not in by_label:
             continue
@@ -162,6 +194,10 @@ def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[C
     axis.set(yscale="log", xlim=(0.0, window))
     low, high = axis.get_ylim()
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
+    axis.set_ylabel(f"largest error so far / max |{tip_symbol(main.system and main.system.problem)}|")
+    if any(x.matched_until < x.window for x in by_label.values()):
+        (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
+        axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")
 
 
 def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[float], list[float]]]:
@@ -176,7 +212,9 @@ def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[fl
 def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
     """The first impacts at a contact, or the first oscillations of the tip."""
     assert main.system is not None
-    start, end = first_contact(main, main.system, window, contact or 0)
+    system = main.system
+    axis.set_ylabel(tip_label(system) if contact is None else position_label(system, contact))
+    start, end = first_contact(main, system, window, contact or 0)
     for index, run, t, (u, _) in _curves(main, runs, end, contact, start):
         _draw(axis, t, u, index, run)
     axis.set_xlim(start, end)
@@ -186,9 +224,8 @@ def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:
-    """Colour and dashes: a scheme's own, black for a solver, which is grey elsewhere, as it lies on the reference."""
-    style = look(run.provenance["method"])
-    return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
+    """Colour and dashes of a method, the same in every picture."""
+    return {name: look(run.provenance["method"])[name] for name in ("color", "linestyle")}
 
 
 def first_contact(reference: Trajectory, system: System, window: float, contact: int = 0) -> tuple[float, float]:
@@ -236,18 +273,15 @@ def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
 
 
-def _draw_spectra(
-    axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System, letter: str
-) -> None:
+def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System) -> None:
+    """The amplitudes of the schemes, and of the exact motion where it has their span."""
     drive, units = drive_frequency(system), system.units
-    whole = np.inf
     for i, run in enumerate(runs):
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
         label = short(run.provenance["method"])
         axis.plot(omega, amplitude, lw=0.9, label=label, zorder=2 + i, **line_of(run))
-        whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
@@ -263,8 +297,6 @@ def _draw_spectra(
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
     axis.set_ylabel(with_unit(units, f"amplitude of {tip_symbol(system.problem)}", "length"))
-    span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
-    axis.set_title(f"({letter}) spectrum{span}", loc="left")
 
 
 def drive_axis(axis: Axes, units: Units, drive: float) -> str:
@@ -326,7 +358,7 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
         label += ", without impulses" if isinstance(run, Reference) else ", mean per step"
     force.set(xlabel=time, ylabel=with_unit(units, label, "force"))
     portrait.set_xlabel(tip_label(run.system, units))
-    portrait.set_ylabel(with_unit(units, f"{tip_name(beam)} {velocity}", "velocity"))
+    portrait.set_ylabel(with_unit(units, f"{tip_name(beam)} {velocity}".strip(), "velocity"))
     energy.set(xlabel=time, ylabel=with_unit(units, "energy", "energy"))
     if run.has_energy:
         names = ["kinetic", "elastic", "stops", "input", "loss"]
@@ -357,7 +389,7 @@ def plot_comparisons(results: Sequence[Comparison]) -> Figure:
     runs, reference = [run for run, _ in pairs], pairs[0][1]
     names = ", ".join(short(run.provenance["method"]) for run in runs)
     title = f"{names} against {short(reference.provenance['method'])}: {verdict(results)}"
-    return four_panels(title, runs, [reference], results)
+    return comparison_panels(title, runs, [reference], results)
 
 
 POINTS = 200  # along a beam

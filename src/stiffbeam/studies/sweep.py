@@ -237,7 +237,7 @@ class Sweep(Study):
         for (way, rows), colour in zip(ways, colours, strict=False):
             dots: dict[str, Any] = {"ms": 3.0, "mew": 0.0, "color": colour, "alpha": alpha, "rasterized": True}
             axis.plot(rows[self.parameter], rows.tip, ".", label=way or None, **dots)
-        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
         if len(ways) > 1:
             axis.legend(frameon=False, fontsize=8)
