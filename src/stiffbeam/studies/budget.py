@@ -11,11 +11,12 @@ step, or twice the cells, changes an error of order 2 by a factor of 4, which re
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
+import scipy.stats
 
 from ..basics.arrays import Array
 from ..measures.rates import Mean
@@ -133,54 +134,39 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-Statistic = Callable[[Array], Array]
+Statistic = Callable[..., Array]  # of the values along an axis, by default the second
 Ends = Mapping[str, Array]
 
 
-def resampled(statistic: Statistic, sample: Array, seed: int = 1) -> Array:
-    """A statistic of RESAMPLES bootstrap resamples of a sample (M, ...), which has the same rows for every sample of
-    its size; the statistic works along the second axis."""
-    return statistic(sample[np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))])
+def resampled(statistic: Statistic, sample: Array) -> Array:
+    """A statistic of RESAMPLES bootstrap resamples of a sample (M,), which are the same rows for every sample of its
+    size."""
+    return statistic(sample[np.random.default_rng(1).integers(0, len(sample), (RESAMPLES, len(sample)))])
 
 
-def bootstrap(statistic: Statistic, sample: Array, seed: int = 1) -> tuple[float, float]:
-    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...), see ``resampled``.
-
-    Bias correction and acceleration as in Efron, Better Bootstrap Confidence Intervals (1987), section 2. A sample
-    whose values are all equal has an interval without width.
-    """
-    estimate = float(statistic(sample[None])[0])
-    drawn = np.sort(resampled(statistic, sample, seed))
-    below = (np.sum(drawn < estimate) + 0.5 * np.sum(drawn == estimate)) / RESAMPLES
-    # Without scatter, or with all resamples on one side of the estimate, the bias has no finite value.
-    if drawn[0] == drawn[-1] or not 0.0 < below < 1.0:
-        return float(drawn[0]), float(drawn[-1])
-    # Acceleration by the jackknife: the statistic without each member in turn.
-    keep = ~np.eye(len(sample), dtype=bool)
-    left_out = statistic(np.array([sample[row] for row in keep]))
-    off = np.mean(left_out) - left_out
-    size = float(np.sum(off**2)) ** 1.5
-    acceleration = float(np.sum(off**3)) / (6.0 * size) if size else 0.0
-    normal = NormalDist()
-    # The ends are quantiles of the resamples, shifted by bias and acceleration.
-    bias = normal.inv_cdf(float(below))
-    ends = []
-    for z in (normal.inv_cdf(0.025), normal.inv_cdf(0.975)):
-        share = normal.cdf(bias + (bias + z) / (1.0 - acceleration * (bias + z)))
-        ends.append(float(np.quantile(drawn, share)))
-    return ends[0], ends[1]
+def bootstrap(statistic: Statistic, sample: Array) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of a statistic over a sample (M,). A sample whose values are all equal has an
+    interval without width."""
+    drawn = resampled(statistic, sample)
+    ends = float(np.min(drawn)), float(np.max(drawn))
+    if ends[0] == ends[1]:
+        return ends
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
+        interval = scipy.stats.bootstrap((sample,), statistic, n_resamples=RESAMPLES, rng=1).confidence_interval
+    return (float(interval.low), float(interval.high)) if np.all(np.isfinite(interval)) else ends
 
 
-def _means(x: Array) -> Array:
-    return np.mean(x, axis=1)
+def _means(x: Array, axis: int = 1) -> Array:
+    return np.mean(x, axis=axis)
 
 
-def _deviations(x: Array) -> Array:
-    return np.std(x, axis=1, ddof=1)
+def _deviations(x: Array, axis: int = 1) -> Array:
+    return np.std(x, axis=axis, ddof=1)
 
 
-def _roots(x: Array) -> Array:
-    return np.sqrt(np.mean(x**2, axis=1))
+def _roots(x: Array, axis: int = 1) -> Array:
+    return np.sqrt(np.mean(x**2, axis=axis))
 
 
 @dataclass(frozen=True)
