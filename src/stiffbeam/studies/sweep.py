@@ -150,9 +150,11 @@ class Sweep(Study):
         notes = f"{self.periods} periods of the drive after {self.transient}."
         if "t_end" in table:
             notes = f"Single runs, t = 0 to {first.t_end:g}."
+        elif table.left.max() == 1.0:
+            notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
         elif table.left.max() > SAME:
-            notes += f" {percent(table.left.max())} of a free vibration is left after that transient: raise transient."
-            notes += " Nothing damps it: another start gives another answer." * bool(table.left.max() == 1.0)
+            left = percent(table.left.max())
+            notes += f" Without contact {left} of a free vibration is left after that transient: raise transient."
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
         ranges = (f"{x} {table[x].min():g} to {table[x].max():g}" for x in names)
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
