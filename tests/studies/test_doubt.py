@@ -66,34 +66,27 @@ def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
     noise = np.random.default_rng(5).normal(size=(3, 40))
     small, large = 0.05 + 0.02 * noise[0], 0.08 + 0.02 * noise[1]
     zero = np.zeros(40)
-    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == (("mesh",), True)
-    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == (("data",), True)
-    assert not ranked({"scheme": shift(zero, zero), "data": scatter(zero)})[1]
+    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == ("mesh",)
+    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == ("data",)
+    assert len(ranked({"scheme": shift(zero, zero), "data": scatter(zero)})) == 1
     scatters = {"rounding": scatter(noise[0]), "scheme": shift(small, zero), "data": scatter(1.02 * noise[1])}
-    assert ranked(scatters) == (("rounding",), True)
-    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == (("data",), True)
+    assert ranked(scatters) == ("rounding",)
+    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == ("data",)
 
 
-def test_sources_are_alike_where_they_are_surely_within_a_factor_of_2():
+def test_sources_that_may_be_the_largest_are_named_together():
     """Errors whose sizes are known but for 1 %, with a bracket of the mesh that is narrow or wide."""
     noise, zero = 0.01 * np.random.default_rng(5).normal(size=(3, 40)), np.zeros(40)
     one, near, less = (shift(size * (1.0 + part), zero) for size, part in zip((1.0, 1.05, 0.3), noise, strict=True))
     mesh = near.between((0.9, 1.1))
-    assert ranked({"scheme": one, "mesh": near}) == (("mesh",), True)
-    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == (("mesh", "scheme"), True)
-    assert ranked({"scheme": one, "mesh": near.between((0.4, 1.5)), "data": less}) == (("mesh", "scheme"), False)
-    third = shift(0.98 + noise[2], zero).between((0.9, 1.1))
-    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": third})
-    assert (budget.dominant, budget.alike) == ("", ("mesh", "scheme", "data"))
-    assert budget.verdict == "tip: mesh, scheme and data alike, 10 %, 10 % and 9.8 %: all must be improved."
-    # Few and scattered members leave open what more of them would decide.
-    wide = shift(np.array([0.2, 2.0, 0.4, 1.6, 0.1, 2.4, 1.2, 0.3]), np.zeros(8))
-    half = shift(np.full(8, 0.8), np.zeros(8))
-    assert ranked({"scheme": wide, "mesh": half})[1] is False
-    assert budget_of("tip", 1.0, {"scheme": wide, "mesh": half}).rankable
+    assert ranked({"scheme": one, "mesh": near}) == ("mesh",)
+    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == ("mesh", "scheme")
+    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": less})
+    assert budget.dominant == ""
+    assert budget.verdict == "tip: mesh (10 %) and scheme (10 %) may be the largest: improve all of them."
     # Rounding takes the place of the data whose scatter it may be.
     scatters = {"rounding": scatter(noise[0]), "data": scatter(1.02 * noise[1])}
-    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == (("scheme", "rounding"), True)
+    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == ("scheme", "rounding")
 
 
 def test_the_energy_of_members_that_swing_freely():
@@ -342,7 +335,7 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     assert "The case has matrices and no finer model" in str(result)
     assert "no finer model" in result._repr_html_()
     assert result["largest force"].dominant == "data"
-    assert result["largest force"].verdict.endswith("%: the step is good enough.")
+    assert result["largest force"].verdict.endswith(": the step is good enough.")
     assert result["impacts"].verdict.startswith("impacts: no uncertainty, 1 in all members")
 
 
@@ -374,4 +367,3 @@ def test_it_names_the_largest_source_of_uncertainty(systems):
     outcomes = sum((judged(1, k) for k in systems), Counter())
     assert not [name for name in outcomes if name.startswith("wrong")]
     assert sum(n for name, n in outcomes.items() if name.startswith(("right", "alike"))) >= len(systems)
-    assert not [name for name in outcomes if name.startswith("open")]

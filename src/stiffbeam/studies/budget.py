@@ -2,11 +2,8 @@
 
 Intervals are bootstrap intervals over the members (BCa). Mesh and span have a bracket besides, see ``doubt``. A source
 is the largest if it is in 97.5 % of the resamples, in each of which all columns have the same members and are at the
-unfavourable ends of their brackets. Rounding need not exceed data and span, which contain it.
-
-If no source is the largest, the group of the largest is the smallest one of which a member exceeds all others in the
-same sense. Its members are alike if they are within a factor ALIKE of each other in 97.5 % of the resamples: half the
-step, or twice the cells, changes an error of order 2 by a factor of 4, which reverses their order.
+unfavourable ends of their brackets. If none is, those that may be the largest are named together. Rounding need not
+exceed data and span, which contain it.
 """
 
 from __future__ import annotations
@@ -24,7 +21,6 @@ from ..measures.report import percent
 
 RESAMPLES = 2000
 SURE = 0.975  # of the resamples in which the source that is named is the largest
-ALIKE = 2.0  # largest ratio of sources that count as equally large
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 BRACKET = (2 / 3, 3 / 2)  # of the extrapolated error of the mesh
 MEASURED = (0.9, 1.1)  # of the distance to cubic elements
@@ -71,19 +67,13 @@ class Budget:
         Over the exact members; for the tip its largest |u|.
     shares : dict of str to Share
     largest : sequence of str
-        The source that exceeds all others, or the group of the largest.
-    sure : bool
-        True if one source exceeds all others, or those of the group are alike, in 97.5 % of the resamples.
-    rankable : bool
-        False if more members leave the largest open, because its bracket overlaps that of another.
+        The source that exceeds all others, or those that may be the largest.
     """
 
     quantity: str
     mean: float
     shares: dict[str, Share]
     largest: tuple[str, ...]
-    sure: bool
-    rankable: bool
 
     @property
     def name(self) -> str:
@@ -98,44 +88,23 @@ class Budget:
     @property
     def dominant(self) -> str:
         """The source that exceeds all others, "" if none does."""
-        return self.largest[0] if self.sure and len(self.largest) == 1 else ""
-
-    @property
-    def alike(self) -> tuple[str, ...]:
-        """The largest sources, if they are within a factor ALIKE of each other and none exceeds the others."""
-        return self.largest if self.sure and len(self.largest) > 1 else ()
+        return self.largest[0] if len(self.largest) == 1 else ""
 
     @property
     def verdict(self) -> str:
-        """Sentence with the largest source, or those that are alike, and a remedy."""
+        """Sentence with the largest source, or those that may be the largest, and a remedy."""
         if not self.uncertain:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
-        if not self.dominant:
-            sizes = [percent(self.shares[name].value) for name in self.largest]
-            if self.alike:
-                many = "both" if len(sizes) == 2 else "all"
-                heads = f"{self.quantity}: {_listed(self.largest)} alike, {_listed(sizes)}"
-                return f"{heads}: {many} must be improved."
-            large = _listed([f"{name} ({size})" for name, size in zip(self.largest, sizes, strict=True)])
-            members = ": draw more members" if self.rankable else ""
-            return f"{self.quantity}: {large} are too close to rank{members}."
-        first = self.dominant
-        rest = ", ".join(
-            f"{name} {percent(x.value)}"
-            for name, x in self.shares.items()
-            if name != first and not _contains(name, first)
-        )
+        sizes = {name: f"{name} ({percent(x.value)})" for name, x in self.shares.items()}
+        if not (first := self.dominant):
+            names = [sizes[name] for name in self.largest]
+            return f"{self.quantity}: {', '.join(names[:-1])} and {names[-1]} may be the largest: improve all of them."
+        rest = ", ".join(sizes[name] for name in self.shares if name != first and not _contains(name, first))
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
-        cure = CURES[first].format(parts=parts)
-        return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}: {cure}."
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+        return f"{self.quantity}: {sizes[first]} exceeds {rest}: {CURES[first].format(parts=parts)}."
 
 
 Statistic = Callable[..., Array]  # of the values along an axis, by default the second
-Ends = Mapping[str, Array]
 
 
 def resampled(statistic: Statistic, sample: Array) -> Array:
@@ -229,40 +198,25 @@ def share(column: Column, scale: float) -> Share:
 
 def budget_of(quantity: str, mean: float, columns: dict[str, Column]) -> Budget:
     """The budget of a quantity from its columns, relative to |mean|."""
-    shares = {name: share(x, abs(mean)) for name, x in columns.items()}
-    group, sure = ranked(columns)
-    # Brackets alone, without the scatter of the resamples, are what more members would leave.
-    least, most = ({name: np.array([x.sample_size * x.factors[end]]) for name, x in columns.items()} for end in (1, 2))
-    rankable = _ranked(columns, least, most)[1]
-    return Budget(quantity, mean, shares, group, sure, rankable)
+    return Budget(quantity, mean, {name: share(x, abs(mean)) for name, x in columns.items()}, ranked(columns))
 
 
-def ranked(columns: Mapping[str, Column]) -> tuple[tuple[str, ...], bool]:
-    """The largest source, or the group of the largest, and True if that is sure, see the module. Data and span, which
-    contain the scatter of rounding, do not count against it."""
+def ranked(columns: Mapping[str, Column]) -> tuple[str, ...]:
+    """The largest source, or those that may be the largest. Data and span, which contain the scatter of rounding, do
+    not count against it."""
     # A source at the low end of its bracket is held against all others at their high ends.
     least, most = ({name: x.resampled(x.factors[end]) for name, x in columns.items()} for end in (1, 2))
-    return _ranked(columns, least, most)
-
-
-def _ranked(columns: Mapping[str, Column], least: Ends, most: Ends) -> tuple[tuple[str, ...], bool]:
-    """``ranked`` from the ends of the brackets, each in all resamples."""
-
-    def exceed(names: Sequence[str], rivals: Sequence[str]) -> bool:
-        low = np.max([least[name] for name in names], axis=0)
-        return bool(np.mean(np.all([low >= most[x] for x in rivals] or [low >= 0.0], axis=0)) >= SURE)
-
     names = sorted(columns, key=lambda x: -columns[x].size)
     for name in names:
-        rivals = [x for x in names if x != name and not _contains(x, name)]
-        if columns[name].size > 0.0 and exceed([name], rivals):
-            return (name,), True
+        rivals = [most[x] for x in names if x != name and not _contains(x, name)]
+        if columns[name].size > 0.0 and np.mean(np.all([least[name] >= x for x in rivals], axis=0)) >= SURE:
+            return (name,)
     # Rounding stands for data and span if they may be its scatter alone.
-    rounding = [x for x in names if x == "rounding"]
-    names = [x for x in names if not _contains(x, "rounding") or exceed([x], rounding)]
-    group = next(names[:k] for k in range(2, len(names) + 1) if exceed(names[:k], names[k:]))
-    near = np.max([most[x] for x in group], axis=0) <= ALIKE * np.min([least[x] for x in group], axis=0)
-    return tuple(group), bool(columns[group[0]].size > 0.0 and np.mean(near) >= SURE)
+    rounding = most.get("rounding")
+    names = [x for x in names if not _contains(x, "rounding") or rounding is None
+             or np.mean(least[x] >= rounding) >= SURE]  # fmt: skip
+    first = least[names[0]]
+    return (names[0], *([x for x in names[1:] if np.mean(first >= most[x]) < SURE] or names[1:2]))
 
 
 def of_span(rates: Sequence[Mean]) -> Column:

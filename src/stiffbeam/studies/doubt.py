@@ -131,12 +131,12 @@ class Doubt:
         return f"<p>{'<br>'.join(map(escape, self._lines()))}</p>{small}"
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row for each quantity, the index: ``mean``, ``dominant``, ``alike``, and ``data``, ``data_low``,
+        """One row for each quantity, the index: ``mean``, ``largest``, and ``data``, ``data_low``,
         ``data_high`` for each source; NaN where a quantity lacks it."""
         import pandas
 
         rows = {
-            x.quantity: {"mean": x.mean, "dominant": x.dominant, "alike": ", ".join(x.alike)}
+            x.quantity: {"mean": x.mean, "largest": ", ".join(x.largest)}
             | {f"{name}{end}": getattr(part, field) for name, part in x.shares.items() for end, field in ENDS.items()}
             for x in self.budgets
         }
@@ -145,7 +145,7 @@ class Doubt:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
         budgets = [
-            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "alike": list(x.alike),
+            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "largest": list(x.largest),
              "verdict": x.verdict}
             | {name: asdict(share) for name, share in x.shares.items()}
             for x in self.budgets
