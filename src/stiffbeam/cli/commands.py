@@ -145,7 +145,7 @@ def advise(
     case
         table1 .. table17, a case file, or file.toml:name.
     want
-        Admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; by default
+        Admissible relative errors: tip (rms), impacts, peak_force, impulse; by default
         tip=1e-3,impacts=0.05,peak_force=0.05.
     schemes
         Comma-separated; by default all.

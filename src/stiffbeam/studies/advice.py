@@ -4,7 +4,6 @@
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
-    error(normal_work) likewise, of the rate of int |sigma| |v| dt; like force_rms measured only if it is wanted
 
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
@@ -21,7 +20,7 @@ follow one motion of that scheme first, and their mean would contain no informat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from itertools import takewhile
@@ -39,7 +38,6 @@ from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
-from ..measures.rates import contact_rates
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
 from ..model.scales import scales
@@ -64,8 +62,7 @@ BETWEEN = 5  # steps of one motion that are tried between a step and its half; m
 FEWEST = 8  # members of a mean
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
-RATES = ("normal_work", "force_rms")  # a run that is asked for them is integrated twice, for the force at every step
-QUANTITIES = ("tip", *(name for name, _ in COLUMNS), *RATES)
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ class Search:
         """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
         dt = self.t_end / steps
         point = {"system": self.system.fingerprint, "t_end": self.t_end, "contact": contact, "steps": steps}
-        point |= {"scheme": scheme, "members": self.criterion.members, "rates": self.criterion.rates is not None}
+        point |= {"scheme": scheme, "members": self.criterion.members}
 
         def measured() -> list[dict[str, Any]]:
             try:
@@ -345,8 +342,8 @@ def advise(
     system : System or Case
         As for the exact reference.
     want : mapping of str to float, optional
-        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work, force_rms. By
-        default 1e-3, 0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
+        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05
+        of the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
@@ -424,8 +421,7 @@ def _advise(
             t_end = exact.horizon
             remarks[-1] += f"the advice is for one motion to its horizon t = {t_end:.4g}."
             exact = best_reference(system, t_end, progress=show)
-    rates = any(name in wanted for name in RATES)
-    criterion = Statistics(system, t_end, members, rates, show) if past else Motion(exact, rates)
+    criterion = Statistics(system, t_end, members, show) if past else Motion(exact)
     cannot = {"tip": PAST.format(f"{exact.horizon:.4g}")} if past and "tip" in wanted else {}
     cannot |= too_uncertain(criterion.scatter, members, wanted)
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
@@ -476,7 +472,7 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name in ("peak_force", *RATES) and system.rigid:
+        if name == "peak_force" and system.rigid:
             raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
@@ -499,9 +495,8 @@ class Motion:
     members = 0
     scatter: Mapping[str, float] = {}
 
-    def __init__(self, exact: Reference, rates: bool) -> None:
+    def __init__(self, exact: Reference) -> None:
         self.exact = exact
-        self.rates = _rates([exact]) if rates else None
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -513,16 +508,13 @@ class Motion:
         errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
         for name in ("peak_force", "impulse"):
             errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        if self.rates is not None:
-            rates = zip(RATES, _rates([run])[..., 0], self.rates[..., 0], strict=True)
-            errors |= {name: max(map(_relative, of_run, exact)) for name, of_run, exact in rates}
         return errors, run.work.march_seconds
 
 
 class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
-    def __init__(self, system: System, t_end: float, members: int, rates: bool, show: Show) -> None:
+    def __init__(self, system: System, t_end: float, members: int, show: Show) -> None:
         self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
         what = f"advise: {members} exact motions"
@@ -531,9 +523,6 @@ class Statistics:
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS
         }
-        self.rates = _rates(best_reference(x, t_end) for x in self.systems) if rates else None
-        if self.rates is not None:
-            self.scatter |= {x: max(map(_deviation, y)) for x, y in zip(RATES, self.rates, strict=True)}
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -541,23 +530,9 @@ class Statistics:
         """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
         a member; Diverged where one overflows."""
         many = run_members(scheme, self.systems, dt, t_end, contact)
-        errors: dict[str, float] = {}
-        for name, column in COLUMNS:
-            pairs = zip(many.contacts, self.exact.contacts, strict=True)
-            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
-        if self.rates is not None:
-            runs = _rates(integrate(x, scheme, dt, t_end, contact) for x in self.systems)
-            with np.errstate(all="ignore"):  # a run may have grown to 1e200
-                worst = [max(map(_mean_error, *pair)) for pair in zip(runs, self.rates, strict=True)]
-            errors |= dict(zip(RATES, np.nan_to_num(worst, nan=np.inf).tolist(), strict=True))
+        pairs = list(zip(many.contacts, self.exact.contacts, strict=True))
+        errors = {name: max(_mean_error(getattr(a, x), getattr(b, x)) for a, b in pairs) for name, x in COLUMNS}
         return errors, many.work.march_seconds / len(self.systems)
-
-
-def _rates(runs: Iterable[Trajectory]) -> Array:
-    """Each of RATES by contact and run, (2, m, k), infinite where the run has grown beyond numbers."""
-    with np.errstate(all="ignore"):
-        rates = [[[each[name].value for name in RATES] for each in contact_rates(run).rates] for run in runs]
-        return np.transpose(np.nan_to_num(rates, nan=np.inf))
 
 
 def _relative(value: float, exact: float) -> float:

@@ -140,31 +140,28 @@ def _supplied(rows: Table) -> float:
 
 def _shares(axis: Axes, runs: dict[Any, Table], names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
-    bars: list[tuple[float, float, str, str]] = []
-    for i, name in enumerate(names):
-        if name not in runs:
-            continue
-        most, last = _supplied(runs[name]), runs[name].iloc[-1]
-        if not last.sure:
-            axis.text(0.0, i, " not known", va="center", fontsize=7.5)
-        for part, words, colour, place in PARTS:
-            bars.append((i + place, 100.0 * last[part] / most if most > 0.0 else np.nan, words, colour))
-    reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
-    labelled: set[str] = set()
-    for at, share, words, colour in bars:
-        look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
-        if abs(share) <= MOST:
-            axis.barh(at, share, 0.3, color=colour, label=None if words in labelled else words)
-            labelled.add(words)
-            axis.text(share, at, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
-        elif np.isfinite(share):
-            where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
-            axis.text(where, at, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+    lasts = {name: (runs[name].iloc[-1], _supplied(runs[name])) for name in names if name in runs}
+    shares = {
+        part: [100.0 * lasts[x][0][part] / lasts[x][1] if x in lasts and lasts[x][1] > 0.0 else np.nan for x in names]
+        for part, *_ in PARTS
+    }
+    reach = 1.35 * max([1.0, *(abs(x) for each in shares.values() for x in each if abs(x) <= MOST)])
+    look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
+    for part, words, colour, place in PARTS:
+        for i, share in enumerate(shares[part]):
+            label = words if i == 0 else None
+            axis.barh(i + place, share if abs(share) <= MOST else np.nan, 0.3, color=colour, label=label)
+            if abs(share) <= MOST:
+                axis.text(share, i + place, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
+            elif np.isfinite(share):
+                where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
+                axis.text(where, i + place, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+    for name in (x for x in lasts if not lasts[x][0].sure):
+        axis.text(0.0, names.index(name), " not known", **look)
     axis.axvline(0.0, color="0.5", lw=0.9)
-    axis.set_xlim(-reach, reach)
+    axis.set(xlim=(-reach, reach), ylim=(len(names) - 0.4, -0.6))
     axis.set_yticks(range(len(names)), [short(name) for name in names], fontsize=8.5)
-    axis.set_ylim(len(names) - 0.4, -0.6)
-    if labelled:
+    if names:
         axis.legend(fontsize=8, loc="lower left")
 
 

@@ -25,7 +25,7 @@ from ..figures.runs import OMEGA
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, part_of
 from ..march.ensemble import integrate_ensemble
-from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
+from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
@@ -109,7 +109,6 @@ class Ensemble(Study):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
         drive = drive_frequency(system)
-        response = drive_amplitude(t, many.tip, drive)
         losses = np.full((len(many), 2), np.nan)
         # The exact flow loses nothing; the runs of a function may hold no states.
         if isinstance(many, RunsOfScheme) and method != "exact":
@@ -124,8 +123,6 @@ class Ensemble(Study):
                     "kind": "member", "member": i, "contact_number": number, "count": int(contact.impact_count[i]),
                     "fraction": float(contact.fraction[i]), "peak_force": float(contact.peak_force[i]),
                     "impulse": float(contact.impulse[i]), "diverged": not bool(whole[i]),
-                    "drive_amplitude": float(np.abs(response[i])) if of_run else np.nan,
-                    "drive_phase": float(np.angle(response[i])) if of_run else np.nan,
                     "energy_lost": losses[i, 0] if of_run else np.nan,
                     "energy_had": losses[i, 1] if of_run else np.nan,
                 }
@@ -179,7 +176,9 @@ class Ensemble(Study):
             summaries = table[(table.kind == "summary") & (table.method == method)]
             for row in summaries.to_dict("records"):
                 texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
-                line[f"durations, {row['stop']} stop"] = f"median {texts[0]}, half of the time from {texts[1]}"
+                line[with_unit(units, f"durations, {row['stop']} stop", "time")] = (
+                    f"median {texts[0]}, half of the time from {texts[1]}"
+                )
             small.append(line)
         counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
