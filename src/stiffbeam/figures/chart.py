@@ -40,7 +40,14 @@ DASHES = (
     (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
     (4, 4), (10, 2, 3, 2), (3, 1, 1, 1, 1, 1, 1, 1), (8, 5), (3, 3, 1, 3),
 )  # fmt: skip
-SOLVERS = ("0.25", "#999933", "#882255", "#44AA99")  # of adaptive solvers: muted, and none of a scheme
+SOLVERS = (
+    "0.25",
+    "#999933",
+    "#882255",
+    "#44AA99",
+    "#AA4499",
+    "#332288",
+)  # of adaptive solvers: muted, and none of a scheme
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.

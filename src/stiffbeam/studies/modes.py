@@ -104,22 +104,27 @@ class Modes(Study):
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
         left = len(table) - len(measured)
+        short_lived = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
+        notes = [short_lived] * (left > 0)
+        for label, scheme in common.chosen_schemes(case, self.schemes).items():
+            limit = amplification(scheme, STEPS).stable_to
+            notes += [f"{short(label)} is stable to dt/T = {limit:.3g}."] if np.isfinite(limit) else []
         return Answer(
             f"Mode {measured['mode'].iloc[0]:g} is late by {common.extremes(first.period_elongation.to_dict(), late)}, "
             f"with a damping ratio of {common.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
             f"differ from theory by at most {off[0]:.1g} in the period and {off[1]:.1g} in the damping ratio.",
             small,
-            f"Not measured: {several(left, 'mode')}, damped out too soon or followed for less than half a period."
-            if left
-            else "",
+            " ".join(notes),
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Lines are theory, markers runs; below their distance."""
         across, axes = table.attrs["labels"]["dt_over_period"], figure.subplots(2, 2, height_ratios=(1.6, 1.0))
         for upper, lower, (name, words, threshold) in zip(*axes, QUANTITIES, strict=True):
-            for label, group in table.sort_values("dt_over_period").groupby("scheme", sort=False):
-                style: Any = look(str(label)) | {"ms": 4.0}
+            by_scheme = table.sort_values("dt_over_period").groupby("scheme", sort=False)
+            for k, (label, group) in enumerate(by_scheme):
+                # Hollow and of growing size: markers at one point do not hide each other.
+                style: Any = look(str(label)) | {"ms": 3.5 + 1.2 * k, "mfc": "none"}
                 upper.plot(group.dt_over_period, group[f"{name}_theory"], **style | {"marker": "", "lw": 1.1})
                 upper.plot(group.dt_over_period, group[name], label=short(str(label)), **style | {"linestyle": ""})
                 lower.plot(group.dt_over_period, _distances(group, name), **style | {"linestyle": ""})
@@ -129,6 +134,9 @@ class Modes(Study):
             log_scale(lower)
             lower.set(title="distance of runs from theory", xlabel=across, ylabel="|run - theory|")
         shared_legend(figure, axes=list(axes[0]))
+
+
+STEPS = np.linspace(0.005, 1.0, 200)  # dt/T at which stability is tested
 
 
 def _distances(table: Table, name: str) -> Array:
