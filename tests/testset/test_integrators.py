@@ -162,6 +162,28 @@ def test_an_ensemble_takes_functions_solvers_and_recorded_members():
     assert solver == pytest.approx(exact, rel=1e-6)
 
 
+def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
+    def broken(system, dt, t_end):
+        raise ZeroDivisionError("no pivot")
+
+    system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
+    options = {"halvings": 4, "kinds": ["smooth"], "dt": 0.05, "t_end": 2.0}
+    answer = sb.study("converge", system, integrators=["trapezoidal", broken], **options).answer
+    assert "Every run of broken failed" in str(answer)
+    assert "no pivot" in str(answer)
+
+
+def test_mass_solves_of_an_explicit_scheme_are_evaluations():
+    class Explicit(sb.Scheme):
+        order, nodes = 1, (0.0,)
+
+        def step(self, equation, dt, z, loads, reactions):
+            return z + dt * equation.rate(z, loads[0] + reactions[0]), [z]
+
+    assert not integrator(Explicit()).implicit
+    assert all(integrator(name).implicit for name in ("bdf2", "HHT(alpha=-0.1)", "exponential-flow", "moreau-jean"))
+
+
 @pytest.mark.slow
 def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
     """As a function and as arrays the same errors at the same steps; order 5 = 2s - 1 without contact."""

@@ -47,7 +47,7 @@ SOLVERS = (
     "#44AA99",
     "#AA4499",
     "#332288",
-)  # of adaptive solvers: muted, and none of a scheme
+)  # muted, none of a scheme
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.

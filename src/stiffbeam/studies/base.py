@@ -179,7 +179,16 @@ class Records:
             return Answer(NOTHING)
         answer = self.study.answer(self.found, self.case)
         other = substitute(self.case.system(), self.case.t_end) if not self.study.free else ""
-        return answer._replace(notes=f"{answer.notes} {other}".strip())
+        return answer._replace(notes=" ".join(filter(None, [answer.notes, other, self._failed()])))
+
+    def _failed(self) -> str:
+        """A sentence with the methods of which every run has failed."""
+        names = [x for x in ("integrator", "scheme", "method") if x in self.table and "lost" in self.table]
+        if not names:
+            return ""
+        lost = self.table[self.table["lost"].notna()].groupby(names[0], sort=False)["lost"]
+        found = set(self.found.get(names[0], ()))
+        return " ".join(f"Every run of {name} failed: {why.iloc[0]}." for name, why in lost if name not in found)
 
     def text(self, width: int | None = None) -> str:
         """Question, answer, table and lost points as text; a table wider than ``width`` is printed in parts."""

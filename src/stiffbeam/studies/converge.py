@@ -62,7 +62,8 @@ class Converge(Study):
     contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
-    Work of a scheme: linear solves. Of a solver: evaluations of the right-hand side or linear solves, whichever are
+    Work of an implicit scheme: linear solves. Of an explicit one: evaluations of the force. Of a solver: evaluations of
+    the right-hand side or linear solves, whichever are
     more. Of a function: what its Trajectory counts, else its steps.
 
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
@@ -227,7 +228,7 @@ class Converge(Study):
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
         costs = cheapest(_implicit(at, self.contact), ERROR, "solves")
         for label, cost in costs.items():
-            small[label][f"solves for {ERROR:g}"] = _count(cost)
+            small[label][f"work for {ERROR:g}"] = _count(cost)
         right = right_from(_implicit(at, self.contact))
         for label, dt in right.items():
             small[label]["impacts right from dt"] = f"{dt:.2g}" if np.isfinite(dt) else DASH
@@ -240,8 +241,9 @@ class Converge(Study):
         best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if best is not None:
-            verdict += f" Fewest solves for a tip error of {ERROR:g}: {_count(costs[best])} ({short(best)})."
-        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Solves: for a tip "
+            unit = "solves" if self.chosen(case)[best].implicit else "evaluations"
+            verdict += f" Least work for a tip error of {ERROR:g}: {_count(costs[best])} {unit} ({short(best)})."
+        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: for a tip "
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
