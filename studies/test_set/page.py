@@ -168,12 +168,8 @@ TAIL = """
 The derivatives come from differences of order 8 of these answers. When they were frozen, Taylor series with variational
 equations in MPFR (heyoka) gave the same 22 digits.
 
-Two tests check the answers with methods that share no code with the first solution:
-
-* `tests/testset/test_known_answers.py` uses matrix exponentials between events, in mpmath if the system is small, and
-  Runge-Kutta of order 8 with events;
-* `tests/testset/test_known_answers_by_series.py` compares every digit of the piecewise-linear answers with Taylor
-  series in whole numbers.
+`tests/testset/test_known_answers.py` checks the answers with methods that share no code with the first solution: matrix
+exponentials between events, in mpmath if the system is small, and Runge-Kutta of order 8 with events.
 
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](../../CITATION.cff).
 

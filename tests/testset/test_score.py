@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -154,18 +153,6 @@ def test_a_wrong_stiffness_is_found():
     assert outcomes(card) == {SOME[0]: CONVERGES, SOME[1]: STAYS, SOME[2]: STAYS}
 
 
-def test_a_function_is_scored_by_its_modules_name(tmp_path, monkeypatch, command):
-    lines = ["import numpy as np", "def rest(system, dt, t_end):",
-             "    t = np.arange(round(t_end / dt) + 1) * dt", "    return t, 0.0 * t"]  # fmt: skip
-    (tmp_path / "of_a_stranger.py").write_text("\n".join(lines), encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    code, out, _ = command("score", "of_a_stranger:rest", "--problem", "bilinear-gap", "--json", "-")
-    assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "of_a_stranger:rest")
-    code, _, error = command("study", "energy", "table10", "--schemes", "of_a_stranger:rest")
-    assert code == 2
-    assert "schemes must be schemes" in error
-
-
 def test_a_damper_that_pulls_is_found():
     name = "kelvin-voigt"
     right, wrong = (
@@ -280,17 +267,6 @@ def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
     assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
 
 
-@pytest.mark.parametrize(("rate", "outcome"), [("c.offset.rate(t)", CONVERGES), ("0.0", STAYS)])
-def test_a_dashpot_that_ignores_the_motion_of_its_stop_is_found(rate, outcome):
-    """The page's integrator, with and without it."""
-    (block,) = re.findall(r"```python\n(.*?)\n\nproblems = ", PAGE, re.DOTALL)
-    names = {}
-    exec(block.replace("c.offset.rate(t)", rate), names)
-    (entry,) = sb.score(names["central_differences"], "moving-dashpot").entries
-    assert entry.outcome == outcome
-    assert entry.best["impacts"] == 2
-
-
 def test_a_missing_impact_is_flagged_and_never_converges():
     """Between the second and the third impact of Table 14 are 1.6e-5, eight of the shortest steps."""
     known = sb.problem("table14")
@@ -334,20 +310,6 @@ def test_runs_with_like_steps_are_not_judged():
     assert score_trajectories(known, runs).entries[0].outcome == NOT_JUDGED
     runs.append((np.linspace(0.0, known.t_end, 1921), np.full(1921, 0.3)))
     assert score_trajectories(known, runs).entries[0].outcome == STAYS
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["bilinear-gap", "mass-on-a-stop", "two-mass-chain", "hammer-pulse"])
-def test_the_verdict_does_not_hang_on_the_steps(name):
-    """Ten random families of steps: impacts lie elsewhere within them, the schemes are right all the same."""
-    known, rng = sb.problem(name), np.random.default_rng(7)
-    for _ in range(10):
-        near = np.array(known.steps) * rng.uniform(0.7, 1.4, len(known.steps))
-        steps = np.unique(known.samples * np.maximum(1, np.round(near / known.samples)).astype(int))
-        for scheme in (sb.Trapezoidal(), sb.SDIRK(), sb.BDF2()):
-            made = (sb.integrate(known.system, scheme, known.t_end / n, known.t_end) for n in steps)
-            (entry,) = score_trajectories(known, [(run.t, *run.states) for run in made]).entries
-            assert entry.outcome == CONVERGES
 
 
 def sampled(name, steps, everything=False):
@@ -526,35 +488,6 @@ def test_the_page_runs_as_written(tmp_path):
         assert (ROOT / "reference" / "problems" / f"{name}.png").is_file()
 
 
-C_PROGRAM = r"""
-#include <stdio.h>
-int main(void) { /* a bouncing ball, h = 1, g = 9.81, e = 0.5, Moreau's time stepping, as the page describes it */
-    double u = 1.0, v = 0.0, t_end = 1.5; int n = 6000;
-    printf("t,u,v\n");
-    for (int k = 0; k <= n; k++) {
-        printf("%.17g,%.17g,%.17g\n", k * t_end / n, u, v);
-        double h = t_end / n, new = v - h * 9.81;
-        if (u + 0.5 * h * v <= 0.0 && new < -0.5 * v) new = -0.5 * v;
-        u += 0.5 * h * (v + new); v = new;
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
-def test_a_c_program_is_scored(tmp_path, command):
-    (tmp_path / "ball.c").write_text(C_PROGRAM, encoding="utf-8")
-    subprocess.run(["gcc", "-O1", "-o", "ball", "ball.c"], cwd=tmp_path, check=True)
-    done = subprocess.run([str(tmp_path / "ball")], capture_output=True, text=True, check=True)
-    (tmp_path / "ball.csv").write_text(done.stdout, encoding="utf-8")
-    code, out, _ = command("score", "--trajectory", "ball.csv", "--problem", "bouncing-ball", "--json", "-")
-    assert code == 0
-    (run,) = json.loads(out)["entries"][0]["runs"]
-    assert run["tip_error_max"] < 2e-3
-    assert run["energy_error"] == pytest.approx(0.0, abs=1e-3)
-
-
 @pytest.mark.slow
 def test_the_plugin_asks_every_problem(tmp_path):
     text = (
@@ -564,19 +497,3 @@ def test_the_plugin_asks_every_problem(tmp_path):
         "    assert tip.shape == known_problem.times.shape\n"
     )
     assert f"{len(sb.problems())} passed" in passed(tmp_path, text)
-
-
-def test_integrators_of_one_name_stay_apart(tmp_path, monkeypatch):
-    """A user's ``radau`` beside SciPy's, and two functions of one name."""
-    (tmp_path / "ext.py").write_text(
-        "import numpy as np\n\ndef radau(system, dt, t_end):\n"
-        "    t = np.linspace(0.0, t_end, round(t_end / dt) + 1)\n    return t, 0.0 * t\n"
-    )
-    monkeypatch.chdir(tmp_path)
-
-    def radau(system, dt, t_end):
-        t = np.linspace(0.0, t_end, round(t_end / dt) + 1)
-        return t, 0.0 * t
-
-    card = sb.score(["ext:radau", "radau", radau, radau], "free-oscillator", statistics=False)
-    assert [entry.integrator for entry in card.entries] == ["ext:radau", "radau", "radau (2)", "radau (3)"]
