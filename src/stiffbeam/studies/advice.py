@@ -403,7 +403,7 @@ def _advise(
     remarks = [remark(system, exact)]
     if "budget" in exact.provenance:
         t_end = float(exact.t[-1])
-        remarks.append(f"The exact motion was followed {exact.provenance['budget']}: the advice is for that time.")
+        remarks.append(f"The advice is for the time that the exact motion reached, {exact.provenance['budget']}.")
     # One motion up to the horizon; past it means over perturbed members, as many as there is time for.
     past = exact.horizon < t_end
     affordable = int(share / max(exact.work.march_seconds, 1e-9))
