@@ -193,6 +193,18 @@ def test_bad_wants_are_refused(three_masses):
         sb.advise(three_masses, {"impacts": 0.1}, 1.0)
 
 
+def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
+    """Two coarse steps meet the want and a finer one does not: the advice begins where all finer ones do."""
+    errors = {64: 0.01, 128: 0.02, 256: 0.3, 512: 0.04, 1024: 0.02, 2048: 0.01}
+    tried = [Probe(sb.BDF2(), "implicit", 1.0 / n, n, n, 0.0, {"peak_force": e}) for n, e in errors.items()]
+    assert cheapest(tried, {"peak_force": 0.05}).steps == 512
+    assert cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
+    said = unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
+    assert said.startswith(
+        "some, but of no scheme all finer ones, of 3 runs of up to 256 steps reach it; the best has 0.01"
+    )
+
+
 def test_the_time_a_run_stays_within_an_error():
     """By its definition, from the arrays alone."""
     system = bouncing_chain()
@@ -209,25 +221,3 @@ def test_the_time_a_run_stays_within_an_error():
         sb.stays_within(run.tip, exact, 1e-2)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="same system"):
         sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
-
-
-def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
-    """Two coarse steps meet the want and a finer one does not: the advice begins where all finer ones do."""
-    errors = {64: 0.01, 128: 0.02, 256: 0.3, 512: 0.04, 1024: 0.02, 2048: 0.01}
-    tried = [Probe(sb.BDF2(), "implicit", 1.0 / n, n, n, 0.0, {"peak_force": e}) for n, e in errors.items()]
-    assert cheapest(tried, {"peak_force": 0.05}).steps == 512
-    assert cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
-    said = unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
-    assert said.startswith(
-        "some, but of no scheme all finer ones, of 3 runs of up to 256 steps reach it; the best has 0.01"
-    )
-
-
-def test_of_rigid_stops_the_impulse_is_asked_for():
-    """A blow has no largest force: asked for, it was nan, and "cannot be had"."""
-    ball = sb.problem("bouncing-ball").system
-    advice = sb.advise(ball, t_end=1.0, schemes=[sb.MoreauJean()], most_steps=4096)
-    assert set(advice.want) == {"tip", "impacts", "impulse"}
-    assert "nan" not in str(advice)
-    with pytest.raises(sb.InputError, match="ask for impulse"):
-        sb.advise(ball, {"peak_force": 0.1}, t_end=1.0)

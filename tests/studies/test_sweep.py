@@ -215,16 +215,6 @@ def test_values_that_cannot_be_read_are_refused(values):
     assert "numbers with commas between them" in str(result.exception)
 
 
-def test_lists_and_ranges_of_values():
-    from stiffbeam.studies.common import read_values as values_of
-
-    assert values_of("8:14:4") == [8.0, 10.0, 12.0, 14.0]
-    assert values_of("1e-4, 2e-4") == [1e-4, 2e-4]
-    assert np.allclose(values_of("1:100:3:log"), [1.0, 10.0, 100.0])
-    assert values_of("2*pi*50,1/4") == [100.0 * np.pi, 0.25]  # as in a case file
-    assert values_of("28*2*pi:38*2*pi:3") == pytest.approx([56.0 * np.pi, 66.0 * np.pi, 76.0 * np.pi])
-
-
 def bistable() -> sb.System:
     """x'' + 0.1 x' + x = 0.08 sin(w t) - 8 (x - 0.3)_+: a stop bends the resonance to higher frequencies."""
     return one_mass(1.0, sb.Stops(upper=0.3, stiffness=8.0), damping=0.1, load=sb.Harmonic(0.08, 1.2))
@@ -311,19 +301,3 @@ def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
     with pytest.raises(sb.InputError, match=r"a linear law, .* name a scheme as method, or transient=0"):
         study("sweep", hertz, transient=2, **options)
     assert study("sweep", hertz, transient=0, **options).answer.verdict.startswith("exact over frequency")
-
-
-def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
-    """It is 0 where nothing touches the stop, and not a number elsewhere."""
-    system = one_mass(1.0, sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8), load=sb.Harmonic(1.0, 2.8))
-    for method in ("moreau-jean", "exact"):
-        records = study(
-            "sweep", system, dt=1e-2, t_end=20.0, parameter="loads[0].time.frequency", values=[1.1, 3.0],
-            method=method, periods=5, transient=3,
-        )  # fmt: skip
-        assert {row["count"] for row in records.found.to_dict("records") if row["kind"] == "contact"} == {0, 5}
-        assert records.answer.table["over all values"].tolist() == [
-            "impacts per period",
-            "time in contact, %",
-        ]
-        assert len(records.figure().axes) == 2  # section and impacts

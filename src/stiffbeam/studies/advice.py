@@ -31,7 +31,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.progress import Show, working
 from ..basics.resources import clock
-from ..basics.text import DRAW, table
+from ..basics.text import DRAW
 from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -62,6 +62,7 @@ BETWEEN = 5  # steps of one motion that are tried between a step and its half; m
 FEWEST = 8  # members of a mean
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
+COST = ("scheme", "contact", "dt", "steps", "work", "seconds")
 QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
 
 
@@ -260,17 +261,9 @@ class Advice:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
-        run = self.recommendation
-        recommendation = run and {
-            "scheme": str(run.scheme), "contact": run.contact, "dt": run.dt, "steps": run.steps, "work": run.work,
-            "seconds": run.seconds, "errors": dict(run.errors),
-        }  # fmt: skip
-        return {
-            "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
-            "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
-            "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
-            "units": list(self.system.units),
-        }  # fmt: skip
+        run = self.recommendation and vars(self.recommendation) | {"scheme": str(self.recommendation.scheme)}
+        rest = {name: value for name, value in vars(self).items() if name not in ("candidates", "system")}
+        return {"measured": ["recommendation.seconds"], **rest, "recommendation": run, "units": list(self.system.units)}
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -282,9 +275,11 @@ class Advice:
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each trial run."""
-        columns = {x: [getattr(p, x) for p in self.candidates] for x in ("contact", "dt", "steps", "work", "seconds")}
-        errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.candidates] for name in QUANTITIES}
-        return table({"scheme": [str(p.scheme) for p in self.candidates]} | columns | errors)
+        import pandas
+
+        rows = [vars(p) | {"scheme": str(p.scheme)} | {f"error_{x}": p.errors.get(x, np.nan) for x in QUANTITIES}
+                for p in self.candidates]  # fmt: skip
+        return pandas.DataFrame(rows, columns=[*COST, *(f"error_{x}" for x in QUANTITIES)])
 
     def __str__(self) -> str:
         end = f"{self.t_end:g}"
@@ -408,7 +403,7 @@ def _advise(
     remarks = [remark(system, exact)]
     if "budget" in exact.provenance:
         t_end = float(exact.t[-1])
-        remarks.append(f"The exact motion was followed {exact.provenance['budget']}: the advice is for that time.")
+        remarks.append(f"The advice is for the time that the exact motion reached, {exact.provenance['budget']}.")
     # One motion up to the horizon; past it means over perturbed members, as many as there is time for.
     past = exact.horizon < t_end
     affordable = int(share / max(exact.work.march_seconds, 1e-9))

@@ -105,30 +105,23 @@ class Doubt:
         )
         return [head, known, *(budget.verdict for budget in self.budgets), *self.remarks]
 
-    def _table(self) -> list[dict[str, str]]:
+    def _table(self) -> pandas.DataFrame:
         """Means and columns with their intervals, as they are printed."""
-        return [
+        import pandas
+
+        rows = [
             {"95 % intervals": with_unit(self.units, x.quantity, UNITS.get(x.name, "")), "mean": f"{x.mean:.4g}"}
-            | {
-                name: str(x.shares.get(name, "no finer model"))
-                for name in SOURCES
-                if name in x.shares or name == "mesh"
-            }
+            | {name: str(x.shares.get(name, "no finer model")) for name in SOURCES if name in {"mesh", *x.shares}}
             for x in self.budgets
         ]
+        return pandas.DataFrame(rows).fillna("–")
 
     def __str__(self) -> str:
         """The verdicts, then the columns with their intervals."""
-        import pandas
-
-        small = pandas.DataFrame(self._table()).fillna("–").to_string(index=False)
-        return "\n".join([*self._lines(), small])
+        return "\n".join([*self._lines(), self._table().to_string(index=False)])
 
     def _repr_html_(self) -> str:
-        import pandas
-
-        small = pandas.DataFrame(self._table()).fillna("–").to_html(index=False)
-        return f"<p>{'<br>'.join(map(escape, self._lines()))}</p>{small}"
+        return f"<p>{'<br>'.join(map(escape, self._lines()))}</p>{self._table().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each quantity, the index: ``mean``, ``largest``, and ``data``, ``data_low``,
@@ -144,22 +137,12 @@ class Doubt:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
-        budgets = [
-            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "largest": list(x.largest),
-             "verdict": x.verdict}
-            | {name: asdict(share) for name, share in x.shares.items()}
-            for x in self.budgets
-        ]  # fmt: skip
-        names = ("scheme", "dt", "t_end", "members", "horizon", "data_horizon", "tolerance")
-        rest = {name: getattr(self, name) for name in names}
-        return plain({"measured": []} | rest | {"units": list(self.units), "budgets": budgets, "remarks": self.remarks})
+        budgets = [asdict(x) | {"dominant": x.dominant, "verdict": x.verdict} for x in self.budgets]
+        return plain({"measured": [], **vars(self), "budgets": budgets})
 
     def __getitem__(self, quantity: str) -> Budget:
         """The budget of a quantity by its name."""
-        for budget in self.budgets:
-            if budget.quantity == quantity:
-                return budget
-        raise KeyError(quantity)
+        return {budget.quantity: budget for budget in self.budgets}[quantity]
 
 
 def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.95) -> float:
