@@ -14,7 +14,7 @@ import stiffbeam as sb
 from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.errors import after_rest, match, matched_until
-from stiffbeam.measures.frequencies import amplitude_spectrum, drive_amplitude
+from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.measures.report import report
 from stiffbeam.trajectory.records import Impacts
 
@@ -154,15 +154,6 @@ def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():
     omega, amplitude = amplitude_spectrum(t, u, 10.0)
     for w, a in ((0.0, 0.3), (10.0, 0.7), (30.0, 0.05)):
         assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.01)
-
-
-@pytest.mark.parametrize("per_period", [8, 40, 45.86])
-def test_the_amplitude_at_the_drive_is_that_of_a_sinusoid(per_period):
-    """Times that divide the period or not: a sum over the times counted the first of the last periods twice."""
-    t = np.arange(int(7.3 * per_period)) * (2.0 * np.pi / 10.0 / per_period)
-    tips = np.array([0.7 * np.cos(10.0 * t + 0.2), 0.3 + np.sin(10.0 * t)])
-    wanted = [0.7 * np.exp(0.2j), -1.0j]
-    assert np.max(np.abs(drive_amplitude(t, tips, 10.0) - wanted)) < (1e-13 if per_period % 1 == 0 else 1e-4)
 
 
 @pytest.mark.parametrize("given", [True, False])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import shlex
 from io import StringIO
 from pathlib import Path
@@ -94,7 +93,6 @@ def compare(
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
-    earlier: list[str] = []
     answered: list[CaseComparison] = []
     shown: list[int] = []  # failures that are printed
     terminal = console(WIDTH, quiet=str(json_file) == "-")
@@ -102,7 +100,7 @@ def compare(
     def keep(run: Trajectory) -> None:
         # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
         if not written:
-            earlier.extend(_clear(folder))
+            make_folder(folder)
             title = "" if chosen.title == chosen.name else f"  {chosen.title}"
             terminal.print(Text.assemble((chosen.name, "bold"), title))
         written.append(run.save(folder / f"{file_name(run.label)}.nc"))
@@ -134,7 +132,8 @@ def compare(
         _write(result, folder, written)
     records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json_file):
-        _print_files(written, earlier)
+        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
+        say(f"Written: {len(written)} files in {folder}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
 
@@ -192,33 +191,6 @@ def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
     return reference if reference is not None and reference.provenance["t_end"] == t_end else None
 
 
-def _clear(folder: Path) -> list[str]:
-    """Remove the files of an earlier comparison in this folder, so that old and new ones do not mix; return their
-    names.
-
-    Only files that a comparison writes: its list may have been made by anyone. One that is cut or no list is
-    passed over, and written anew.
-    """
-    earlier = make_folder(folder) / "comparison.json"
-    removed = []
-    try:
-        if earlier.is_file():
-            try:
-                names = list(json_module.loads(earlier.read_text(encoding="utf-8"))["files"])
-            except (ValueError, KeyError, TypeError):
-                names = []
-            for name in names:
-                inside = isinstance(name, str) and Path(name).name == name
-                if inside and (name.startswith("comparison") or name.endswith(".nc")) and (folder / name).is_file():
-                    (folder / name).unlink()
-                    removed.append(name)
-            earlier.unlink()
-    except OSError as error:
-        remedy = f"{error.strerror}: name another"
-        raise InputError("--out", str(folder), "be a folder that can be written to", remedy) from None
-    return removed
-
-
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     """The picture of each form."""
     from ..figures.chart import save_figure
@@ -266,11 +238,3 @@ def _print_line(terminal: Console, result: CaseComparison, solution: Trajectory)
     found = [c for c in result.comparisons if c.label == solution.label]
     line = f"{verdict(found)} {seconds}" if found else f"not compared {seconds}"
     terminal.print(f"{name}: {line}", soft_wrap=True)
-
-
-def _print_files(written: list[Path], earlier: list[str]) -> None:
-    """Print the names of the pictures, and how many files were written and removed."""
-    replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
-    files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
-    say(f"Written: {files}{replaced}")

@@ -19,6 +19,7 @@ from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
 from ..measures.report import short
+from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
 from ..trajectory.trajectory import Diverged, SolverFailure, Trajectory
 from .measure import errors_of, known_impacts
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DEFAULT = (*SCHEMES, *RIGID, "exact", "cvode-adams", "dop853")  # a solver of each kind; others by name
+DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
 TOLERANCES = (1e-4, 1e-6, 1e-8)
 SMOOTH = "free-oscillator"
 CONVERGES, STAYS, LOW_ORDER, MISSED = "converges", "error does not fall", "order too low", "impact missing"
