@@ -26,8 +26,7 @@ class Tables(HTMLParser):
         self.rows: list[list[str]] = []
 
     def handle_starttag(self, tag, attrs):
-        if tag != "br":
-            self.open.append(tag)
+        self.open.append(tag)
         if tag == "tr":
             self.rows.append([])
         if tag in ("td", "th"):
@@ -164,7 +163,7 @@ def test_the_tables_hold_the_numbers(things):
     assert [row[column] for row in compared if row[0].strip() == several.contacts[1].place][1] == str(
         several.contacts[1].run.impacts
     )
-    assert any(row[0].startswith("advised: ") for row in cells(things["advice"]))
+    assert "scheme" in cells(things["advice"])[0]
 
 
 @pytest.mark.slow
