@@ -434,7 +434,7 @@ def _advise(
                 "schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy
             )
     if search.ended:
-        remarks.append(f"The search ended after {seconds:g} s at {search.ended}: a longer one may find more.")
+        remarks.append(f"The search ended after {seconds:g} s at {search.ended}: more seconds may find more.")
     # Give up what no run reaches, and advise for the rest.
     while chosen is None and open_wants:
         worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))
