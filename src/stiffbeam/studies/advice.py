@@ -271,7 +271,7 @@ class Advice:
         return DRAW["advice"](self, ax, **kwargs)
 
     def _repr_html_(self) -> str:
-        return f"<p>{'<br>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"
+        return f"<p>{'</p><p>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each trial run."""
