@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -221,3 +222,13 @@ def test_the_time_a_run_stays_within_an_error():
         sb.stays_within(run.tip, exact, 1e-2)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="same system"):
         sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
+
+
+def test_a_search_ends_with_its_time_and_says_what_it_knows(table10):
+    """1 s of CPU for a chaotic motion of 100 time units: the exact motion ends earlier, and so does the search."""
+    begun = time.process_time()
+    found = sb.advise(sb.semidiscretise(table10, 8), {"impacts": 0.2}, 100.0, [sb.Trapezoidal()], seconds=1.0)
+    assert time.process_time() - begun < 6.0
+    assert found.t_end < 100.0
+    assert f"to t = {found.t_end:.3g} of 100" in found.remark or "to its horizon" in found.remark
+    assert found.recommendation is None or found.recommendation.errors["impacts"] <= 0.2

@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from multiprocessing import current_process
 from typing import Any
 
@@ -130,7 +131,7 @@ def progress() -> Generator[Show, None, None]:
 
 @cache
 def _blas() -> Any:
-    import scipy.linalg  # noqa: F401 - its BLAS is another one than NumPy's
     from threadpoolctl import ThreadpoolController
 
+    import_module("scipy.linalg")  # its BLAS is another one than NumPy's
     return ThreadpoolController()

@@ -113,7 +113,7 @@ def over_slices(
     from joblib import Parallel, delayed
     from joblib.parallel import get_active_backend
 
-    jobs = get_active_backend()[1] or threads or cores()
+    jobs: Any = get_active_backend()[1] or threads or cores()
     # Four slices for a worker, so that they end together.
     size = most if jobs == 1 else min(most, max(least, 1, len(items) // (4 * abs(jobs))))
     slices = [items[i : i + size] for i in range(0, len(items), size)]

@@ -130,8 +130,8 @@ _SHARED = """
 
 def advise(
     case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
-    t_end: float | None = None, most_steps: int | None = None, members: int = 48, out: Path | None = None,
-    json: Json = None,
+    t_end: float | None = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
+    out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
@@ -157,6 +157,8 @@ def advise(
         Largest number of steps of a run; the search ends there.
     members
         Perturbed runs per mean, past the horizon.
+    seconds
+        CPU seconds after which the search ends with what it knows by then.
     out
         Folder of finished runs; by default stiffbeam-output/CASE.
     json
@@ -180,7 +182,7 @@ def advise(
     with progress() as show:
         advice = find(
             chosen.system(form), wanted, chosen.t_end if t_end is None else t_end, parsed, most_steps=most_steps,
-            members=members, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
+            members=members, seconds=seconds, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json):
         say(str(advice))

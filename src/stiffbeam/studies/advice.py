@@ -271,7 +271,7 @@ class Advice:
         return DRAW["advice"](self, ax, **kwargs)
 
     def _repr_html_(self) -> str:
-        return f"<p>{'<br>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"
+        return f"<p>{'</p><p>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each trial run."""
@@ -434,7 +434,7 @@ def _advise(
                 "schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy
             )
     if search.ended:
-        remarks.append(f"The search ended after {seconds:g} s at {search.ended}: a longer one may find more.")
+        remarks.append(f"The search ended after {seconds:g} s at {search.ended}: more seconds may find more.")
     # Give up what no run reaches, and advise for the rest.
     while chosen is None and open_wants:
         worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))

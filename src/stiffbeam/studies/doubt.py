@@ -121,7 +121,7 @@ class Doubt:
         return "\n".join([*self._lines(), self._table().to_string(index=False)])
 
     def _repr_html_(self) -> str:
-        return f"<p>{'<br>'.join(map(escape, self._lines()))}</p>{self._table().to_html(index=False)}"
+        return f"<p>{'</p><p>'.join(map(escape, self._lines()))}</p>{self._table().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each quantity, the index: ``mean``, ``largest``, and ``data``, ``data_low``,

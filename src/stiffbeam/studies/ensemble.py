@@ -131,7 +131,7 @@ class Ensemble(Study):
             peaks = contact.impacts.peaks[np.isfinite(contact.impacts.peaks)]
             peak: Row = {"kind": "peak", "contact_number": number}
             rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
-            rows += _durations(number, contact.impacts, len(many))
+            rows += _durations(number, contact.impacts)
         return rows + _spectrum(t, many.tip[whole], drive)
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -258,8 +258,8 @@ def _sampled(run: Trajectory, t: Array) -> Trajectory:
     return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
-def _durations(number: int, impacts: Any, members: int) -> list[Row]:
-    """The distribution of durations over all contacts of all members, stop by stop; open ones are counted."""
+def _durations(number: int, impacts: Any) -> list[Row]:
+    """The distribution of durations over all contacts of all members, stop by stop."""
     rows: list[Row] = []
     for side, name in SIDES.items():
         durations = impacts.durations[impacts.stops == side]
@@ -268,9 +268,7 @@ def _durations(number: int, impacts: Any, members: int) -> list[Row]:
             continue
         where: Row = {"contact_number": number, "stop": name}
         rows.append(where | {
-            "kind": "summary", "contacts": len(closed) / members, "open": (len(durations) - len(closed)) / members,
-            "mean": float(np.mean(closed)), "median": float(np.median(closed)), "half_time": half_time(closed),
-            "longest": float(closed[-1]),
+            "kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed),
         })  # fmt: skip
         levels = zip(LEVELS, np.quantile(closed, LEVELS), strict=True)
         rows += [where | {"kind": "quantile", "level": float(q), "duration": float(d)} for q, d in levels]

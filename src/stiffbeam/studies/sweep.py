@@ -271,14 +271,14 @@ def plan(study: Sweep, case: Case) -> list[Row]:
         if along is None or not len(along):
             raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
     grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
+    transient = 0 if once else study.transient
     shared = {
         "parameter": parameter, "second": second, "method": method, "form": study.form or case.forms[0],
         "contact": study.contact, "dt": None if method == EXACT else case.dt,
-        "periods": 1 if once else study.periods, "transient": 0 if once else study.transient,
+        "periods": 1 if once else study.periods, "transient": transient,
     } | ({"t_end": case.t_end} if once else {})  # fmt: skip
     # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
     ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    transient = shared["transient"]
     if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
         try:
             refuse(ends[0].system, transient * ends[0].period)
