@@ -19,11 +19,11 @@ import stiffbeam
 PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
 ROOMS = (
-    "basics", "kernels", "model", "schemes", "trajectory", "march", "references", "files", "measures",
-    "figures", "testset", "studies", "cli",
+    "basics", "kernels", "model", "schemes", "trajectory", "march", "references",
+    "integrators", "files", "measures", "figures", "testset", "studies", "cli",
 )  # fmt: skip
 STRANGERS = {("march", "references"), ("references", "march")}
-ENTRANCES = {"", "__main__", "pytest_plugin"}  # what users import; nothing in a room does
+ENTRANCES = {"", "__main__", "pytest_plugin", "testing"}  # what users import; nothing in a room does
 
 
 def _name(path: Path) -> str:

@@ -18,7 +18,7 @@ L, EI, M, KAPPA, ETA = 0.4, 4.2, 0.16, 1e5, 2e-3
 # counts lengths in L, times in t0 and forces in m L^2/t0^2, so that L = m = 1.
 T0 = 0.05
 SCALES = {"metres": (1.0, 1.0, 1.0), "millimetres": (1e-3, 1.0, 1.0), "none": (L, T0, M * L**2 / T0**2)}
-NAMES = {"metres": sb.Units(), "millimetres": sb.Units("mm", "s", "N")}
+NAMES = {"metres": ("m", "s", "N"), "millimetres": ("mm", "s", "N")}
 CELLS, STEPS, DT = 12, 2000, 1e-5  # s
 END = STEPS * DT
 FORMS = ("displacement", "velocity-curvature")

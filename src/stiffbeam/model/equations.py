@@ -89,6 +89,11 @@ class Matrices(Equation):
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
         self._factors: dict[tuple[Any, ...], Any] = {}
 
+    @property
+    def solved(self) -> list[tuple[Any, ...]]:
+        """The pairs (a, b) of all solves, and ("flow", t) of flows."""
+        return list(self._factors)
+
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""
         return x @ self._mass

@@ -1,150 +1,34 @@
-"""The figures of Dumont (2002) for any case: displacement, phase portrait, contact, shear, delayed portrait, spectrum.
-
-In the paper's symbols: u(1, t) is the tip, u_t its velocity, sigma the shear stress at the stop, which is the contact
-force, T the period of the drive and a its angular frequency; k^2, kappa, d and h = 1/cells are ``stiffness``,
-``stops.stiffness``, ``viscosity`` and the mesh size of the case.
-"""
+"""The panels of the paper's figures: displacement, phase portrait, contact, shear, delayed portrait, spectrum."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from string import ascii_letters
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.arrays import Array
-from ..basics.validation import InputError, instance, numbers, one_of, sequence
-from ..files.cases import Case
-from ..march.integrate import integrate
-from ..measures.frequencies import amplitude_spectrum, drive_frequency
-from ..references import best_reference
-from ..trajectory.trajectory import Reference, Trajectory
-from .chart import heading, in_lines, log_scale, new_figure, shared_legend, short, tip_name, tip_symbol
-from .runs import (
-    TICKS,
+from stiffbeam.basics.arrays import Array
+from stiffbeam.basics.units import with_unit
+from stiffbeam.basics.validation import InputError
+from stiffbeam.figures.chart import log_scale, tip_name, tip_symbol
+from stiffbeam.figures.runs import (
     draw_stops,
     drive_axis,
     first_contact,
-    line_of,
     position_label,
-    shown_contacts,
     tip_label,
     zoom_on_stop,
 )  # fmt: skip
+from stiffbeam.measures.frequencies import amplitude_spectrum
+from stiffbeam.trajectory.trajectory import Reference, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-    from ..model.system import System
+    from stiffbeam.model.system import System
 
-PANELS = ("displacement", "portrait", "contact", "shear", "delayed", "spectrum")
-AT_CONTACT = ("contact", "shear")
-FINE, DELAYED, MULTIPLES, MOST = 8000, 6000, 15, 12
-
-
-def paper_figure(
-    runs: Case | Trajectory | Sequence[Trajectory],
-    panels: Sequence[str] | None = None,
-    span: tuple[float, float] | None = None,
-) -> Figure:
-    """The panels of the paper's figures for runs and references of one system, or for a case.
-
-    Parameters
-    ----------
-    runs : Case, Trajectory or sequence of Trajectory
-        Of a case its reference and its runs in the first form; past the horizon the reference is one realisation.
-    panels : sequence of {"displacement", "portrait", "contact", "shear", "delayed", "spectrum"}, optional
-        By default all that the system has: "contact", the first impacts in close-up, and "shear", the contact force,
-        for each of the first six contacts that a run touches; "delayed", u(t + T) over u(t), for a driven system. Named
-        panels show the first twelve contacts.
-    span : (float, float), optional
-        Times that displacement, portraits and shear show; by default the whole run.
-
-    Returns
-    -------
-    Figure
-        With one panel (or one for each contact) for each name.
-
-    Raises
-    ------
-    InputError
-        For runs without their system, unknown panels, and panels that the system does not have.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> import stiffbeam as sb
-    >>> figure = sb.paper_figure(replace(sb.paper_case(10), t_end=0.7), ["displacement", "spectrum"])
-    >>> len(figure.axes)
-    2
-    """
-    case: Case | None = None
-    if isinstance(runs, Case):
-        system, case = runs.system(), runs
-        marched = [integrate(system, x, case.dt, case.t_end) for x, form in case.runs if form == system.form]
-        runs = [best_reference(system, case.t_end), *marched]
-    rule = "be a case, a run, or a list of runs"
-    solutions = [runs] if isinstance(runs, Trajectory) else sequence("runs", runs, rule, "for example [reference, run]")
-    for each in solutions:
-        instance("runs", each, Trajectory, "make runs with integrate and reference")
-    system = solutions[0].system if solutions else None
-    if system is None:
-        raise InputError("runs", "no system", "come with their system", "read them with sb.load(file, system)")
-    drive, end = drive_frequency(system), min(float(x.t[-1]) for x in solutions)
-    rule, remedy = "be two increasing times of the runs", f"for example (0.0, {end:g})"
-    times = [0.0, end] if span is None else numbers("span", span, rule, remedy).ravel().tolist()
-    if len(times) != 2 or not 0.0 <= times[0] < times[1] <= float(solutions[0].t[-1]):
-        raise InputError("span", span, rule, remedy)
-    start, end = times
-    delay = 2.0 * np.pi / drive if drive else np.inf
-    missing = {"contact": not system.contacts, "shear": not system.contacts, "delayed": delay >= end - start}
-    names = [x for x in PANELS if not missing.get(x)] if panels is None else sequence("panels", panels, "be names")
-    if not names:
-        raise InputError("panels", panels, "be one or more names", f"known: {', '.join(PANELS)}")
-    for name in names:
-        one_of("panels", name, PANELS, "name a panel")
-        if missing.get(name):
-            remedy = "leave it out"
-            raise InputError("panels", name, "be one that the system has: a stop, or a drive's period", remedy)
-    draw = {
-        "displacement": partial(displacement, start=start, end=end),
-        "portrait": partial(portrait, start=start, end=end),
-        "contact": partial(first_contacts, end=end),
-        "shear": partial(shear, start=start, end=end),
-        "delayed": partial(delayed, start=start, end=end - delay, delay=delay),
-        "spectrum": partial(spectrum, drive=drive),
-    }
-    contacts = (shown_contacts(solutions) or [0]) if panels is None else range(len(system.contacts))[:MOST]
-    plan = [(name, i) for name in names for i in (contacts if name in AT_CONTACT else [0])]
-    lines = (len(plan) + 1) // 2
-    width = 10.5 if len(plan) > 1 else 5.6
-    methods = dict.fromkeys(short(x.provenance["method"]) for x in solutions)
-    title = f"{', '.join(methods)}, t = {system.units.measure(f'{start:g} to {end:g}', 'time')}"
-    note = f" ({system.units.note})" if system.units.note else ""
-    title = f"{title}{note}" if case is None else heading(case, title)
-    figure = new_figure(3.7 * lines + 0.6, in_lines(title, round(9 * width)), width)
-    axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
-    # An odd number of panels leaves one place empty.
-    for axis in axes[len(plan) :]:
-        axis.remove()
-    for axis, letter, (name, i) in zip(axes, ascii_letters, plan, strict=False):
-        draw[name](axis, traces_of(solutions), system, **{"contact": i} if name in AT_CONTACT else {})
-        place = f" at contact {i + 1}" if len(system.contacts) > 1 and name in AT_CONTACT else ""
-        axis.set_title(f"({letter}) {TITLES[name]}{place}", loc="left")
-        if name != "spectrum":
-            axis.locator_params(axis="x", nbins=TICKS)
-    shared_legend(figure, 3)
-    return figure
-
-
-TITLES = {
-    "displacement": "displacement", "portrait": "phase portrait", "contact": "the first contacts",
-    "shear": r"contact force $\sigma$", "delayed": "delayed portrait", "spectrum": "spectrum",
-}  # fmt: skip
+FINE, DELAYED, MULTIPLES = 8000, 6000, 15
 
 
 @dataclass(frozen=True)
@@ -215,19 +99,6 @@ class Trace:
 REALISATION: dict[str, Any] = {"color": "0.55", "linestyle": (0, (1, 1.5)), "alpha": 0.8, "lw": 1.0}
 
 
-def traces_of(runs: Sequence[Trajectory]) -> list[Trace]:
-    """The traces of runs and references in the looks that they have in every picture."""
-    traces = []
-    for run in runs:
-        label, style = short(run.provenance["method"]), line_of(run)
-        if isinstance(run, Reference):
-            past = f"{label}, one realisation"
-            traces.append(Trace(run, label, style | {"alpha": 0.4}, run.horizon, past))
-        else:
-            traces.append(Trace(run, label, style))
-    return traces
-
-
 def mark_horizon(axis: Axes, traces: Sequence[Trace], end: float) -> None:
     """Shade the times past the earliest horizon: there float64 has lost the exact motion."""
     horizon = min((trace.horizon for trace in traces), default=np.inf)
@@ -255,7 +126,7 @@ def displacement(axis: Axes, traces: Sequence[Trace], system: System, start: flo
         trace.draw(axis, t, t, u)
     _tip_stops(axis, system, horizontal=True)
     mark_horizon(axis, traces, end)
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(start, end))
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=tip_label(system), xlim=(start, end))
 
 
 def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
@@ -265,7 +136,7 @@ def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, 
         trace.draw(axis, t, u, v, 0.4, **{"linestyle": "-", "alpha": 0.3} if trace.exact else {})
     _tip_stops(axis, system, horizontal=False)
     velocity = f"{tip_name(system.problem)} velocity {tip_symbol(system.problem).replace('u(', 'u_t(')}"
-    axis.set(xlabel=tip_label(system), ylabel=system.units.label(velocity, "velocity"))
+    axis.set(xlabel=tip_label(system), ylabel=with_unit(system.units, velocity, "velocity"))
 
 
 def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact: int, end: float) -> None:
@@ -278,7 +149,7 @@ def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact:
     draw_stops(axis, system.contacts[contact].stops, horizontal=True)
     zoom_on_stop(axis, main, begin, until, contact)
     label = position_label(system, contact)
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=label, xlim=(begin, until))
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=label, xlim=(begin, until))
     mark_horizon(axis, traces, until)
 
 
@@ -295,8 +166,8 @@ def shear(axis: Axes, traces: Sequence[Trace], system: System, contact: int, sta
             force = stops.force(u, v)
         trace.draw(axis, t, t, force)
     mark_horizon(axis, traces, end)
-    sigma = system.units.label(r"contact force $\sigma$", "force")
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=sigma, xlim=(start, end))
+    sigma = with_unit(system.units, r"contact force $\sigma$", "force")
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=sigma, xlim=(start, end))
 
 
 def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float, delay: float) -> None:
@@ -313,7 +184,7 @@ def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, e
         )
     for horizontal in (False, True):
         _tip_stops(axis, system, horizontal)
-    later_label = system.units.label(tip_symbol(system.problem).replace("t)", "t + T)"), "length")
+    later_label = with_unit(system.units, tip_symbol(system.problem).replace("t)", "t + T)"), "length")
     axis.set(xlabel=tip_label(system), ylabel=later_label)
 
 
@@ -331,7 +202,7 @@ def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) 
         shown = (omega > 0.0) & ((omega <= (MULTIPLES + 0.5) * drive) | (not drive))
         look = {} if trace.whole == trace.label else REALISATION
         style: dict[str, Any] = trace.style | trace.line(0.9) | look
-        axis.plot(system.units.cycles(omega[shown])[0], amplitude[shown], label=trace.whole, **style)
+        axis.plot(omega[shown], amplitude[shown], label=trace.whole, **style)
         top = max(top, float(np.max(amplitude[shown], initial=0.0)))
     axis.set_xlabel(drive_axis(axis, system.units, drive))
     log_scale(axis, x=False)
