@@ -27,7 +27,7 @@ STUDIES = {
     "sweep": ({"values": [140.0, 160.0], "periods": 2, "transient": 1}, ["(N)"],
               ["(rad/s)", "(N)", "(m)"]),
     "energy": (SCHEMES, ["to t = 0.1"], ["(s)", "(J)"]),
-    "chaos": (SCHEMES | {"starts": 8}, ["(1/s)", "digits per s"], ["(s)", "(1/s)", "(m)", "(m/s)"]),
+    "chaos": (SCHEMES | {"starts": 8}, ["(1/s)", "digits per s"], ["(s)", "(1/s)"]),
     "ensemble": (SCHEMES | {"members": 3}, ["per s", "(N)", "(J)"],
                  ["(N)", "(J)", "(rad/s)", "(m)"]),
     "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
