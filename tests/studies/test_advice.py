@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from random_systems import _damped, _long, _moving, _plain, _several
-from systems import bouncing_chain, one_mass, system_of
+from systems import bouncing_chain, system_of
 from vibro_march import solve
 
 import stiffbeam as sb
