@@ -6,8 +6,6 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "agg")
@@ -21,16 +19,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import hypothesis
-import numpy as np
 import pytest
+import systems
 
 import stiffbeam as sb
-from stiffbeam.basics import storage
+from stiffbeam.basics import progress, storage
 
 # The same examples in every run, so that a failure comes again; ``--hypothesis-profile=default`` makes fresh ones. On a
 # busy machine one takes longer than the 200 ms that Hypothesis allows.
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
+
+progress.WAIT = 600.0  # however busy the machine, no test prints a line about its work
 
 
 @pytest.hookimpl(wrapper=True)
@@ -76,33 +76,9 @@ def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of references in ``tmp_path``; compiled kernels are those of every other test."""
-    (tmp_path / "numba").symlink_to(storage.directory() / "numba")
+    """An empty cache of references in ``tmp_path``."""
     monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     return tmp_path
-
-
-@pytest.fixture
-def in_numpy(monkeypatch: pytest.MonkeyPatch) -> Callable[[], AbstractContextManager[None]]:
-    """``with in_numpy():`` runs blocks by their oracle in place of the compiled kernel."""
-    import blocks_numpy
-
-    from stiffbeam.march import block_march
-
-    @contextmanager
-    def oracle() -> Iterator[None]:
-        with monkeypatch.context() as patch:
-            patch.setattr(block_march.kernel, "run", blocks_numpy.run)
-            yield
-
-    return oracle
-
-
-@pytest.fixture(params=["compiled", "numpy"])
-def kernel(request: pytest.FixtureRequest, in_numpy: Callable[[], AbstractContextManager[None]]) -> Iterator[str]:
-    """The compiled kernel, then its oracle, for a whole test."""
-    with in_numpy() if request.param == "numpy" else nullcontext():
-        yield request.param
 
 
 @pytest.fixture(scope="session")
@@ -119,17 +95,7 @@ def table10_system(request, table10) -> sb.System:
 
 @pytest.fixture(scope="session")
 def three_masses() -> sb.System:
-    """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
-    mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])
-    stiffness = np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]])
-    return sb.System.from_matrices(
-        mass,
-        stiffness,
-        loads=[(np.array([1.0, 0.0, -1.0]), sb.Harmonic(1.0, 1.3, 0.4)), (np.array([0.0, 0.5, 0.5]), sb.Constant(0.7))],
-        observe=[0.0, 0.0, 1.0],
-        initial_displacement=[0.3, -0.2, 0.1],
-        initial_velocity=[0.0, 0.4, -0.5],
-    )
+    return systems.three_masses()
 
 
 @pytest.fixture

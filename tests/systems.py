@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from vibro_impact import Case, wave_value
 
 import stiffbeam as sb
 
@@ -78,3 +79,86 @@ initial_velocity = [0.0, 0.0, 0.5]
 [case.uncertain]
 stiffness = [{3.0 - 3.0 * tolerance}, {3.0 + 3.0 * tolerance}]
 """
+
+
+def three_masses(damping: Any = None) -> sb.System:
+    """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
+    mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])
+    stiffness = np.array([[8.0, -3.0, 0.0], [-3.0, 7.0, -3.0], [0.0, -3.0, 5.0]])
+    return sb.System.from_matrices(
+        mass,
+        stiffness,
+        damping,
+        loads=[(np.array([1.0, 0.0, -1.0]), sb.Harmonic(1.0, 1.3, 0.4)), (np.array([0.0, 0.5, 0.5]), sb.Constant(0.7))],
+        observe=[0.0, 0.0, 1.0],
+        initial_displacement=[0.3, -0.2, 0.1],
+        initial_velocity=[0.0, 0.4, -0.5],
+    )
+
+
+class Pulse:
+    """A pulse as a user writes it: a function of time that states where it is not smooth."""
+
+    def __init__(self, wave: Any) -> None:
+        self.wave, (begin, end) = wave, wave[2:]
+        self.breakpoints = (begin, 0.5 * (begin + end), end)
+
+    def __call__(self, t: Any) -> np.ndarray:
+        return wave_value(self.wave, t)
+
+
+def function_of(wave: Any) -> Any:
+    """A witness's function of time as the package takes it."""
+    if wave is None:
+        return None
+    if wave[0] == "constant":
+        return sb.Constant(wave[1])
+    return sb.Harmonic(*wave[1:]) if wave[0] == "harmonic" else Pulse(wave)
+
+
+def system_of(case: Case) -> sb.System:
+    """The system of a witness's case."""
+    stops = [
+        sb.Stops(*(float(x) if np.isfinite(x) else None for x in (c.lower, c.upper)), stiffness=c.kappa)
+        for c in case.contacts
+    ]
+    contacts = [sb.Contact(c.row, s, function_of(c.offset)) for c, s in zip(case.contacts, stops, strict=True)]
+    return sb.System.from_matrices(
+        case.mass, case.stiffness, case.damping, [(p, function_of(wave)) for p, wave in case.loads], contacts,
+        case.observe, case.q0, case.v0,
+    )  # fmt: skip
+
+
+LAWS = [{}, {}, {"damping": 3.0}, {"dissipation": 0.3}, {"exponent": 1.5}]
+
+
+def random_chain(seed: int, laws: list[dict[str, float]] = LAWS, stiff: float = 1.0) -> tuple[sb.System, float]:
+    """A chain with up to four contacts of any of the laws, stops that move or not, loads of any kind, in its modes or
+    coupled by a dashpot; and its slowest angular frequency."""
+    rng = np.random.default_rng([seed, 11])
+    n, m = int(rng.integers(1, 6)), int(rng.integers(0, 5))
+    mass, springs = np.diag(rng.uniform(0.5, 2.0, n)), 10.0 ** rng.uniform(0.5, 3.0, n)
+    stiffness = np.diag(springs + np.append(springs[1:], 0.0)) - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
+    slow = float(np.sqrt(np.min(np.linalg.eigvals(stiffness / np.diag(mass)[:, None]).real)))
+    size, kind = float(np.mean(springs)), int(rng.integers(4))
+    damping = (kind > 1) * (rng.uniform(0.0, 0.1) * mass + rng.uniform(0.0, 1e-3) * stiffness)
+    damping[-1, -1] += (kind == 3) * slow * rng.uniform(0.0, 1.0)
+
+    def function() -> Any:
+        wave = sb.Harmonic(rng.normal(), rng.uniform(0.3, 3.0) * slow, phase=rng.uniform(0.0, 6.0))
+        samples = sb.Sampled(np.linspace(0.0, 200.0 / slow, 401), rng.normal(size=401), kind="linear")
+        both = sb.Superposition(wave, sb.Constant(rng.normal()))
+        return [sb.Constant(rng.normal()), wave, both, samples][rng.integers(4)]
+
+    contacts = []
+    for _ in range(m):
+        kappa, law = stiff * 10.0 ** rng.uniform(1.0, 4.0) * size / 30.0, laws[rng.integers(len(laws))]
+        stops = sb.Stops(-rng.uniform(0.1, 1.0), rng.uniform(0.1, 1.0), stiffness=kappa, **law)
+        offset = sb.Harmonic(0.1, rng.uniform(0.3, 3.0) * slow) if rng.random() < 0.3 else None
+        contacts.append(sb.Contact(rng.normal(size=n), stops, offset))
+    loads = [(size * rng.normal(size=n), function()) for _ in range(rng.integers(0, 4))]
+    system = sb.System.from_matrices(
+        mass, stiffness, damping, loads, contacts, None if m else np.eye(n)[0], 0.5 * rng.normal(size=n),
+        rng.normal(size=n),
+    )  # fmt: skip
+    return system, slow

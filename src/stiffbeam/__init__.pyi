@@ -1,8 +1,6 @@
 """Public names of the package, loaded on first use."""
 
-from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
-from .figures.paper import paper_figure as paper_figure
 from .figures.runs import mode_shapes as mode_shapes
 from .files.cases import Case as Case
 from .files.cases import load_cases as load_cases
@@ -72,8 +70,8 @@ from .studies.doubt import doubt as doubt
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems
+from .testset.score import Scorecard as Scorecard
 from .testset.score import score as score
-from .testset.scorecard import Scorecard as Scorecard
 from .trajectory.ensemble import Ensemble as Ensemble
 from .trajectory.records import Impacts as Impacts
 from .trajectory.trajectory import Diverged as Diverged

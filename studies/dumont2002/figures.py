@@ -13,10 +13,10 @@ import numpy as np
 from stiffbeam.basics.storage import write_whole
 from stiffbeam.figures.animation import animate
 from stiffbeam.figures.chart import COLOURS, DASHES, look_of_name, new_figure
-from stiffbeam.figures.paper import Trace, delayed, displacement, first_contacts, portrait, shear, spectrum
 from stiffbeam.figures.runs import draw_stops
 from stiffbeam.references import reference
 
+from .panels import Trace, delayed, displacement, first_contacts, portrait, shear, spectrum
 from .sample import of_members
 from .table import Made
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-TOLERANCES = (1e-4, 1e-6, 1e-8)
 Solve = Callable[["Problem", float], tuple[Any, Any, Any]]
 
 
@@ -113,7 +112,7 @@ def _matrix(given: Any) -> np.ndarray:
     return full
 
 
-def main(engine: str, version: str, options: str, solve: Solve, adaptive: bool = False, limit: float = np.inf) -> None:
+def main(engine: str, version: str, options: str, solve: Solve, limit: float = np.inf) -> None:
     """Solve every problem of a folder and write the runs into another: FOLDER OUT [NAME ...].
 
     OUT/NAME-LEVEL.npz holds t, q, v, seconds, and OUT/engine.json what was refused or failed. limit: no more than
@@ -130,7 +129,7 @@ def main(engine: str, version: str, options: str, solve: Solve, adaptive: bool =
         levels = [x for x in problem.steps if x * problem.n <= limit]
         if not levels:
             refused[problem.name] = "left out here: it takes long"
-        for level in TOLERANCES if adaptive else levels:
+        for level in levels:
             begun = time.perf_counter()
             try:
                 t, q, v = (np.array(x, float) for x in solve(problem, level))
@@ -143,5 +142,5 @@ def main(engine: str, version: str, options: str, solve: Solve, adaptive: bool =
             seconds = time.perf_counter() - begun
             np.savez(out / f"{problem.name}-{level:g}.npz", t=t, q=q, v=v, seconds=seconds)
             print(f"{engine}: {problem.name}, {level:g}: {seconds:.2f} s", flush=True)
-    record = {"engine": engine, "version": version, "options": options, "adaptive": adaptive}
+    record = {"engine": engine, "version": version, "options": options}
     (out / "engine.json").write_text(json.dumps(record | {"refused": refused, "failed": failed}, indent=1), "utf-8")

@@ -8,54 +8,40 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.testset.integrators import Made, ProblemSolver
-from stiffbeam.testset.measure import motion_of
-from stiffbeam.testset.problem import Problem, folder
+from stiffbeam.integrators import FUNCTION, Integrator, run_of
+from stiffbeam.testset.problem import folder
+from stiffbeam.trajectory.trajectory import Work
 
 HERE = Path(__file__).resolve().parent
 
 
-class Unsupported(sb.InputError):
-    """A problem that an engine does not support, and the reason, which is the whole message."""
-
-    def __init__(self, reason: str) -> None:
-        super().__init__("problem", reason, "be supported by the engine", "score another engine on it")
-        self.args = (reason,)
-
-
-@dataclass(frozen=True)
-class Recorded(ProblemSolver):
-    """The runs in ``out``; its levels are those that were made."""
-
-    out: Path = field(default_factory=Path)
-
-    def levels(self, problem: Problem) -> Sequence[float]:
-        made = [float(f.stem.removeprefix(f"{problem.name}-")) for f in self.out.glob(f"{problem.name}-*.npz")]
-        found = sorted(x for x in made if (self.out / f"{problem.name}-{x:g}.npz").exists())
-        return (found[::-1] if self.adaptive else found) or [0.0]
-
-
-def recorded(out: Path) -> Recorded:
+def recorded(out: Path) -> Integrator:
     """The runs that an adapter wrote into ``out``."""
     record = json.loads((out / "engine.json").read_text("utf-8"))
+    names = {problem.system.fingerprint: name for name, problem in sb.problems().items()}
 
-    def solve(problem: Problem, level: float, t_end: float) -> Made:
-        if problem.name in record["refused"]:
-            raise Unsupported(record["refused"][problem.name])
-        if problem.name in record["failed"] and not level:
-            raise RuntimeError(next(iter(record["failed"][problem.name].values())))
-        with np.load(out / f"{problem.name}-{level:g}.npz") as run:
-            motion = motion_of(problem, run["t"], run["q"], run["v"])
-            return Made(level, level, float(run["seconds"]), motion)
+    def solve(system: sb.System, dt: float, t_end: float) -> sb.Trajectory:
+        name, steps = names[system.fingerprint], f"{round(t_end / dt)}"
+        if name in record["refused"]:
+            engine = f"{record['engine']} ({record['refused'][name]})"
+            raise sb.InputError(engine, name, "support the problem", "score another engine on it")
+        if steps in record["failed"].get(name, {}):
+            raise RuntimeError(record["failed"][name][steps])
+        if not (file := out / f"{name}-{steps}.npz").is_file():
+            raise sb.Diverged(record["engine"], 0.0, "the adapter has written no run of these steps")
+        with np.load(file) as run:
+            made = run_of((run["t"], run["q"], run["v"]), system, record["engine"])
+            seconds = float(run["seconds"])
+        return replace(made, work=Work(int(steps), seconds, seconds))
 
-    return Recorded(record["engine"], source=solve, tolerances=record["adaptive"], out=out)
+    return Integrator(record["engine"], FUNCTION, solve)
 
 
 def run(python: str, adapter: str, out: Path, names: Sequence[str] = ()) -> dict[str, Any]:

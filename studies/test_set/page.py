@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from stiffbeam.figures.scores import problem_picture
 from stiffbeam.testset.problem import VERSION, Answer, Problem, read
-from stiffbeam.testset.scorecard import problem_picture
 
 LONG = 6  # values that a page shows of a list
 
@@ -122,11 +122,6 @@ problems = ["free-oscillator", "bilinear-oscillator", "bilinear-gap", "two-mass-
 print(sb.score(central_differences, problems))
 ```
 
-If your integrator has gradients, return them as the fourth value: a dictionary from paths such as `"q0[0]"` or
-`"contacts[0].stops.stiffness"` to the derivative of the tip at the end time. The column "gradient" of the score is the
-largest relative error of those that the problem knows, and an error that does not fall with the step is flagged.
-`sb.problem("bilinear-gap").derivatives["tip"]` lists them.
-
 Any other program writes a CSV file with the columns t, u and, if available, v, with equal steps up to `t_end`. Several
 files with different steps also give an order:
 
@@ -135,31 +130,28 @@ files with different steps also give an order:
     stiffbeam score --trajectory ball.csv --problem bouncing-ball
     stiffbeam score mymodule:solve                           a function as above, in mymodule.py
 
-The score contains these errors:
+The score contains the errors
 
-* of the tip at the sample times, as rms relative to its largest value;
+* of the tip at the sample times, as rms relative to its largest value, and of its velocity;
 * of the impact times;
 * of the peak force, interpolated between the steps by cubics;
-* of the energy at the end;
-* of the derivatives of the tip at the end, if the integrator has gradients.
+* of the energy at the end.
 
-An integrator is flagged in four cases:
+The score flags an integrator on a problem, with the reason in one sentence, in these cases:
 
-* its error does not fall with the step;
-* its error falls more slowly than its order on `free-oscillator` and the kink or jump of the law allow;
-* its velocity is not the rate of its tip at that time;
-* its motion as a whole is a step early or late. Half a step is reported only, because methods of order 1 have it.
+* an error does not fall with the step;
+* the order of the tip, or of the velocity of one or two masses, is lower by more than a half than its order on
+  `free-oscillator` and the kink or jump of the law allow;
+* the finest run lacks one of the first eight impacts;
+* the integrator raises an error.
 
-If the coarse steps of an integrator overflow, shorter steps are added and it is judged by those that do not overflow.
-
-If a file has too few digits to decide, the score card states this.
+If coarse steps overflow or the finest run lacks an impact, shorter steps are added.
 
 | command or fixture | result |
 |---|---|
 | `stiffbeam score` | scores of this package's schemes and solvers, in less than a minute |
-| `--out DIR` | a page with pictures |
+| `--out DIR` | table, records and pictures |
 | `--json FILE` | records |
-| `--latex --problem NAME` | a table for a paper |
 | a [test](../../studies/guide/references.md#in-a-test-suite) with `known_problem` | runs once for every problem |
 
 """
@@ -176,12 +168,8 @@ TAIL = """
 The derivatives come from differences of order 8 of these answers. When they were frozen, Taylor series with variational
 equations in MPFR (heyoka) gave the same 22 digits.
 
-Two tests check the answers with methods that share no code with the first solution:
-
-* `tests/testset/test_known_answers.py` uses matrix exponentials between events, in mpmath if the system is small, and
-  Runge-Kutta of order 8 with events;
-* `tests/testset/test_known_answers_by_series.py` compares every digit of the piecewise-linear answers with Taylor
-  series in whole numbers.
+`tests/testset/test_known_answers.py` checks the answers with methods that share no code with the first solution: matrix
+exponentials between events, in mpmath if the system is small, and Runge-Kutta of order 8 with events.
 
 Continuum values are marked as such. Cite the test set by its version, see [`CITATION.cff`](../../CITATION.cff).
 

@@ -12,154 +12,61 @@ Prints the outcomes by family and by subject, and every violation with the numbe
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
-import resource
 import signal
 import sys
 import time
-import traceback
 from collections import Counter
-from functools import lru_cache
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
+
+from judge import Verdict, every_reference, judged, methods_for
+from random_systems import case as random_case
+from supervised import supervised
 
 OUTCOMES = ("right", "refused", "short", "open", "wrong", "hang", "exception", "not finite")
 VIOLATIONS = ("wrong", "hang", "exception", "not finite")
-MEMORY = 12 << 30
-START = (-1, "start")  # what a worker does until it says that it is ready
-
-
+MEMORY = 12.0  # GiB
 REFERENCES = ("every reference",)  # in place of the methods that are asked
 
 
-def work(pipe, seed: int, only: tuple[str, ...], limit: float) -> None:
-    """A worker: system numbers in, verdicts out. The kernel ends it with SIGPROF after ``limit`` seconds of its
-    own processor time on one task, compiled loops included."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+def work(task: tuple[int, int, tuple[str, ...]]) -> list[Verdict]:
+    """The verdicts on a system by its methods."""
     import warnings
 
-    for stream in (1, 2):  # SUNDIALS writes its warnings there
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
-    from judge import ADAPTIVE, every_reference, judge, methods_for, warm_up
-    from judge_scheme import Verdict
-    from random_systems import case
-
-    random_case = lru_cache(maxsize=1)(case)  # what is known of a system is kept from method to method
     warnings.simplefilter("ignore")
-    warm_up(tuple(method for method in only if method in ("exact", *ADAPTIVE)))
-    pipe.send("ready")
-    while True:
-        index, method = pipe.recv()
-        signal.setitimer(signal.ITIMER_PROF, limit)
-        try:
-            case = random_case(seed, index)
-            if method is None:
-                methods = every_reference(case) if only == REFERENCES else only or methods_for(case, index)
-                pipe.send((case.notes, tuple(methods)))
-            else:
-                pipe.send(list(judge(case, method, seed=1000 * seed + index)))
-        except Exception:
-            pipe.send([Verdict("exception", method or "the campaign itself", traceback.format_exc()[-600:])])
-
-
-class Worker:
-    """A process that is killed and made again where a task takes too long."""
-
-    def __init__(self, seed: int, only: tuple[str, ...], limit: float) -> None:
-        self.arguments = (seed, only, limit)
-        self.start()
-
-    def start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=work, args=(theirs, *self.arguments), daemon=True)
-        self.process.start()
-        theirs.close()
-        self.task, self.own = START, getattr(self, "own", [])
-
-    def give(self, task: tuple) -> None:
-        self.pipe.send(task)
-        self.task = task
-
-    def answer(self):
-        """The answer if it is there, else None."""
-        from judge_scheme import Verdict
-
-        try:
-            if not self.pipe.poll(0):
-                return None
-            answer = self.pipe.recv()
-            self.task = None
-            return None if answer == "ready" else answer
-        except EOFError:
-            task, self.task = self.task, None
-            self.process.join()
-            died = self.process.exitcode
-            if task == START:
-                raise RuntimeError("a worker dies before its first system: call judge.warm_up() to see why") from None
-            self.start()
-            if died == -signal.SIGPROF:
-                return [Verdict("hang", str(task[1]), f"over {self.arguments[2]:g} s of processor time")]
-            return [Verdict("exception", str(task[1]), f"the process died with {died}")]
-        return None
+    return judged(*task)
 
 
 def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple[str, ...] = (), quiet: bool = False,
              seconds: float = float("inf")):  # fmt: skip
     """(outcomes by family, outcomes by subject, violations, figures by subject) of systems ``indices``.
 
-    Figures are the (difference, horizon) of every verdict that has them.
+    Figures are the (difference, horizon) of every verdict that has them. limit: of a system and a method.
     """
-    by_family: Counter = Counter()
-    by_subject: Counter = Counter()
-    violations: list[tuple[int, str, str, str, str]] = []
-    families: dict[int, str] = {}
-    figures: dict[str, list[tuple[float, float]]] = {}
-    todo = [(i, None) for i in reversed(indices)]
-    end = time.monotonic() + seconds
-    workers = [Worker(seed, only, limit) for _ in range(min(jobs, max(1, len(indices))))]
-    finished = 0
-    from multiprocessing.connection import wait
-
-    while todo or any(w.task or w.own for w in workers):
-        if time.monotonic() > end and todo:
-            print(f"# {len(todo)} systems are left, the next is {todo[-1][0]}", file=sys.stderr, flush=True)
-            todo.clear()
-        for worker in workers:
-            if worker.task is None and (worker.own or todo):
-                worker.give((worker.own or todo).pop())
-        wait([w.pipe for w in workers if w.task], timeout=1.0)
-        for worker in workers:
-            if worker.task is None:
-                continue
-            index, method = worker.task
-            answer = worker.answer()
-            if answer is None:
-                continue
-            if method is None and isinstance(answer, tuple):
-                families[index] = answer[0]
-                worker.own = [(index, m) for m in reversed(answer[1])]
-                finished += 1
-                if not quiet and finished % 10 == 0:
-                    print(f"# {finished} systems, {len(violations)} violations", file=sys.stderr, flush=True)
-                continue
-            for verdict in answer:
-                outcome, subject, reason = verdict.outcome, verdict.subject, verdict.reason
-                if verdict.difference == verdict.difference:
-                    figures.setdefault(subject, []).append((verdict.difference, verdict.horizon))
-                by_family[families.get(index, ""), outcome] += 1
-                by_subject[subject.split()[0], outcome] += 1
-                if outcome in VIOLATIONS:
-                    violations.append((index, families.get(index, ""), outcome, subject, reason))
-                    if not quiet:
-                        where = f"--seed {seed} --only {index} --methods {method}  [{families.get(index)}]"
-                        print(f"{outcome}: {where} {subject}: {reason}", flush=True)
-                elif not quiet and only and len(indices) < 50:
-                    print(f"{outcome}: {index} [{families.get(index)}] {subject}: {reason}", flush=True)
-    for worker in workers:
-        worker.process.kill()
+    by_family, by_subject, violations, figures = Counter(), Counter(), [], {}
+    cases = {index: random_case(seed, index) for index in indices}
+    asked = {i: every_reference(x) if only == REFERENCES else only or methods_for(x, i) for i, x in cases.items()}
+    together = not (only and only != REFERENCES)  # what is known of a system is kept from method to method
+    most = limit * max(map(len, asked.values()))
+    tasks = [(seed, i, part) for i in indices for part in ([asked[i]] if together else [(m,) for m in asked[i]])]
+    for (_, index, methods), answer in supervised(work, tasks, jobs, most, MEMORY, seconds):
+        family = cases[index].notes
+        if not isinstance(answer, list):
+            hang = answer == signal.SIGPROF
+            answer = [Verdict("hang" if hang else "exception", " ".join(methods), f"the process ended with {answer!r}")]
+        for verdict in answer:
+            if verdict.difference == verdict.difference:
+                figures.setdefault(verdict.subject, []).append((verdict.difference, verdict.horizon))
+            by_family[family, verdict.outcome] += 1
+            by_subject[verdict.subject.split()[0], verdict.outcome] += 1
+            if verdict.outcome in VIOLATIONS:
+                violations.append((index, family, verdict.outcome, verdict.subject, verdict.reason))
+                if not quiet:
+                    where = f"--seed {seed} --only {index} --methods {verdict.subject}  [{family}]"
+                    print(f"{verdict.outcome}: {where}: {verdict.reason}", flush=True)
     return by_family, by_subject, violations, figures
 
 
@@ -179,9 +86,8 @@ def differences(figures: dict[str, list[tuple[float, float]]]) -> str:
     for name, pairs in figures.items():
         offs, horizons = sorted(x for x, _ in pairs), sorted(x for _, x in pairs)
         middle, high = len(pairs) // 2, min(len(pairs) - 1, int(0.99 * len(pairs)))
-        lines.append(
-            f"{name:17}{len(pairs):9}{offs[middle]:13.1e}{offs[high]:10.1e}{offs[-1]:10.1e}{horizons[middle]:23.3g}"
-        )
+        numbers = f"{offs[middle]:13.1e}{offs[high]:10.1e}{offs[-1]:10.1e}{horizons[middle]:23.3g}"
+        lines.append(f"{name:17}{len(pairs):9}{numbers}")
     return "\n".join(lines)
 
 
@@ -197,7 +103,6 @@ def main() -> int:
     parser.add_argument("--methods", nargs="*", default=[])
     parser.add_argument("--references", action="store_true", help="every reference method, and their agreement")
     options = parser.parse_args()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     indices = options.only or list(range(options.first, options.first + options.systems))
     methods = REFERENCES if options.references else tuple(options.methods)
     begun = time.monotonic()
@@ -205,11 +110,8 @@ def main() -> int:
         indices, options.seed, options.jobs, options.limit, methods, seconds=options.seconds
     )
     print(f"\nSystems of seed {options.seed}, {len(indices)} asked, in {time.monotonic() - begun:.0f} s\n")
-    print(table(families), "\n")
-    print(table(subjects), "\n")
-    if figures:
-        print(differences(figures), "\n")
-    print(f"{len(violations)} violations")
+    print("\n\n".join([table(families), table(subjects), *([differences(figures)] if figures else [])]))
+    print(f"\n{len(violations)} violations")
     return 1 if violations else 0
 
 

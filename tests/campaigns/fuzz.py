@@ -16,10 +16,7 @@ import collections
 import json
 import os
 import re
-import resource
 import signal
-import sys
-import tempfile
 import time
 import traceback
 import warnings
@@ -27,8 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz_surfaces import CONSTRUCTORS, FUNCTIONS, Surface, exact, numbers_in, run
+from fuzz_surfaces import CONSTRUCTORS, FUNCTIONS, Surface, numbers_in
 from fuzz_texts import case_file, command
+from supervised import supervised
 
 import stiffbeam as sb
 from stiffbeam.basics.text import shown
@@ -71,70 +69,24 @@ def _message(outcome: str, error: Exception) -> str:
     return outcome if outcome != "refused" or WHOLE.fullmatch(text) else "no remedy"
 
 
+def work(task: tuple[int, int]) -> dict[str, Any]:
+    """The outcome of an input and the processor time that it used."""
+    os.environ["STIFFBEAM_THREADS"] = "1"
+    used = time.process_time()
+    where, outcome, said = one(*task)
+    seconds = round(time.process_time() - used, 2)
+    return {"index": task[1], "where": where, "outcome": outcome, "said": said[-1500:], "seconds": seconds}
+
+
 def campaign(seed: int, inputs: range, jobs: int, limit: float, memory: float) -> list[dict[str, Any]]:
     """The outcome of every input, each tried in a process that others are not harmed by."""
-    sb.integrate_ensemble(run().system, sb.HHT(), 1e-3, 0.01, [run().system])  # compiled before the processes part
-    exact()
-    with tempfile.TemporaryDirectory() as folder:
-        notes = Path(folder) / "notes"
-        os.environ["STIFFBEAM_THREADS"] = "1"
-        supervisors = []
-        for job in range(jobs):
-            if not (pid := os.fork()):
-                try:
-                    _supervise(seed, list(inputs[job::jobs]), notes, limit, memory)
-                finally:
-                    os._exit(0)
-            supervisors.append(pid)
-        for pid in supervisors:
-            os.waitpid(pid, 0)
-        return sorted((json.loads(line) for line in notes.read_text().splitlines()), key=lambda x: x["index"])
-
-
-def _supervise(seed: int, indices: list[int], notes: Path, limit: float, memory: float) -> None:
-    """A child takes input after input; where one kills it, the next child goes on behind that."""
-    while indices:
-        reader, writer = os.pipe()
-        if not (pid := os.fork()):
-            os.close(reader)
-            try:
-                _try_all(seed, indices, notes, writer, limit, memory)
-            finally:
-                os._exit(sys.exc_info()[0] is not None)
-        os.close(writer)
-        begun = b""
-        while part := os.read(reader, 65536):
-            begun += part
-        os.close(reader)
-        _, status = os.waitpid(pid, 0)
-        tried = begun.count(b"\n")
-        if status:
-            by = os.WTERMSIG(status)
-            kind = "hang" if by in (signal.SIGXCPU, signal.SIGALRM) else "crash"
-            said = f"ended by {signal.Signals(by).name if by else status}"
-            _note(notes, {"index": indices[tried - 1], "where": "?", "outcome": kind, "said": said})
-        indices = indices[tried:]
-
-
-def _try_all(seed: int, indices: list[int], notes: Path, writer: int, limit: float, memory: float) -> None:
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
-    os.dup2(null, 2)
-    resource.setrlimit(resource.RLIMIT_AS, (int(memory * 2**30),) * 2)
-    os.chdir(tempfile.mkdtemp(dir=notes.parent))
-    for index in indices:
-        os.write(writer, b"\n")
-        used = time.process_time()
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used + limit) + 1, resource.RLIM_INFINITY))
-        signal.alarm(int(10 * limit))
-        where, outcome, said = one(seed, index)
-        seconds = round(time.process_time() - used, 2)
-        _note(notes, {"index": index, "where": where, "outcome": outcome, "said": said[-1500:], "seconds": seconds})
-
-
-def _note(notes: Path, found: dict[str, Any]) -> None:
-    with notes.open("ab", buffering=0) as stream:
-        stream.write(json.dumps(found).encode() + b"\n")
+    found = []
+    for (_, index), answer in supervised(work, [(seed, i) for i in inputs], jobs, limit, memory):
+        if not isinstance(answer, dict):
+            kind = "hang" if answer == signal.SIGPROF else "crash"
+            answer = {"index": index, "where": "?", "outcome": kind, "said": f"ended by {answer!r}"}
+        found.append(answer)
+    return sorted(found, key=lambda x: x["index"])
 
 
 def table(found: list[dict[str, Any]]) -> str:

@@ -7,11 +7,12 @@ does not know itself). "agreement" after other methods holds their references ag
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from judge_scheme import Verdict, judge_scheme, system_of
 from random_systems import case as random_case
+from systems import system_of
 from vibro_impact import PULSES, Case, Undecided, wave_value
 from vibro_march import Episode, solve
 from vibro_precise import precise
@@ -31,6 +32,21 @@ DISPLACEMENT = 1e-3  # of max |u|: what a horizon promises
 TOUCH = {"exact": 1e-7, "multiprecision": 1e-7}  # of max |u|: contacts not deeper are neither asked for nor denied
 TOUCH_ADAPTIVE = 1e-5
 MOST_SECONDS = 5.0  # of work in mpmath, for each of two precisions
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``outcome`` of ``subject``, a method; ``reason``: what is wrong, or why it was refused.
+
+    difference: largest |du| inside the horizon over max |u|, from the true motion or between references; horizon:
+    as a share of the span. NaN where neither was measured.
+    """
+
+    outcome: str
+    subject: str
+    reason: str = ""
+    difference: float = float("nan")
+    horizon: float = float("nan")
 
 
 class Truth:
@@ -80,20 +96,17 @@ def references_of(case: Case) -> dict[str, sb.Reference]:
     return {}
 
 
-def judge(case: Case, method: str, seed: int = 0) -> list[Verdict]:
-    """What ``method`` of the package makes of the case: a reference method, "ensemble" or "schemes"."""
+def judge(case: Case, method: str) -> list[Verdict]:
+    """What ``method`` of the package makes of the case: a reference method or "ensemble"."""
     try:
         system = system_of(case)
     except sb.InputError as error:
         return [Verdict("refused", method, f"system: {error}"[:200])]
     try:
-        truth = truth_of(case) if method != "schemes" else None
+        truth = truth_of(case)
     except Undecided as error:
         return [Verdict("open", method, str(error))]
     try:
-        if method == "schemes":
-            return judge_scheme(case, system, np.random.default_rng([seed, 7]))
-        assert truth is not None
         if method == "ensemble":
             return [judge_ensemble(system, truth)]
         if method == AGREEMENT:
@@ -290,38 +303,16 @@ def judge_ensemble(system: sb.System, truth: Truth) -> Verdict:
     return Verdict("right", "ensemble")
 
 
-def warm_up(only: tuple[str, ...] = ()) -> None:
-    """Import and compile what a time limit should not count, of the methods ``only`` (all by default)."""
-    one = np.ones((1, 1))
-    stop = [sb.Contact([1.0], sb.Stops(None, 0.1, stiffness=10.0))]
-    for damping in (None, 0.1 * one, np.array([[0.1, 0.0], [0.0, 0.0]])):
-        n = 1 if damping is None else len(damping)
-        eye = np.eye(n)
-        stops = [sb.Contact(eye[0], stop[0].stops)]
-        system = sb.System.from_matrices(
-            eye, 2.0 * eye - 0.5 * (1 - eye), damping, contacts=stops, initial_velocity=eye[0]
-        )
-        for method in only or ("exact", *ADAPTIVE):
-            sb.reference(system, 0.5, method, t_eval=[0.0, 0.25, 0.5])
-        for contact in ("implicit", "extrapolated"):
-            sb.integrate(system, sb.HHT(), 0.01, 0.5, contact).energy  # noqa: B018
-    two = sb.System.from_matrices(
-        np.eye(2), np.eye(2), contacts=[sb.Contact(r, stop[0].stops) for r in np.eye(2)], initial_velocity=[1.0, 0.5]
-    )
-    sb.reference(two, 0.5, t_eval=[0.0, 0.5])
-    sb.integrate(two, sb.HHT(), 0.01, 0.5)
-
-
 def methods_for(case: Case, index: int) -> list[str]:
     """What is asked of a case: the exact solution always, the others in turn, of a pulse the adaptive solvers
     too, where they do not have too many periods of the fastest motion to follow."""
     able = [method for method in ADAPTIVE if _affordable(case, method)]
     turn = index // 12
     if any(wave[0] in PULSES for wave in case.waves):
-        return ["exact", *(able[(turn + k) % len(able)] for k in range(min(3, len(able)))), "schemes"]
-    third = ("ensemble", "schemes", "multiprecision")[turn % 3]
+        return ["exact", *(able[(turn + k) % len(able)] for k in range(min(3, len(able))))]
+    third = ("ensemble", "multiprecision")[turn % 2]
     cheap = case.size <= 2 and case.notes not in ("long time", "several contacts")
-    third = third if cheap or third != "multiprecision" else "schemes"
+    third = third if cheap else "ensemble"
     return ["exact", *able[turn % max(1, len(able)) :][:1], third]
 
 
@@ -341,4 +332,4 @@ def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:
     """All verdicts on one system of a campaign."""
     case = random_case(seed, index)
     methods = only or methods_for(case, index)
-    return [v for m in methods for v in judge(case, m, seed=1000 * seed + index)]
+    return [v for m in methods for v in judge(case, m)]

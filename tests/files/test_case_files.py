@@ -108,7 +108,7 @@ loads = [{ position = 1.5, constant = 5.0 }]
         loads=(sb.PointLoad(1.5, sb.Constant(5.0)),),
     )
     assert find_case(str(write(text))).problem == expected
-    assert expected.units == sb.Units("m", "s", "N")
+    assert expected.units == ("m", "s", "N")
 
 
 PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nbending_stiffness = 875.0\nmass_per_length = 3.925\n"
@@ -116,7 +116,7 @@ PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nbending_stiffness = 875.0\nmass
 
 def test_a_physical_file_may_name_other_units(write):
     case = find_case(str(write(PHYSICAL + 'units = { length = "mm", time = "s", force = "N" }\n')))
-    assert case.problem.units == sb.Units("mm", "s", "N")
+    assert case.problem.units == ("mm", "s", "N")
 
 
 def test_a_case_among_several_is_named_after_a_colon(write):

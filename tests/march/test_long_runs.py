@@ -1,8 +1,13 @@
-"""Long runs: what rounding leaves of energy, phase and impact times."""
+"""Long runs: what rounding leaves of energy, phase and impact times; work in proportion to the span; clocks."""
 
 from __future__ import annotations
 
 import math
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -10,21 +15,21 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
+from stiffbeam.references import solve
 
 EPS = np.finfo(float).eps
 
-pytestmark = pytest.mark.slow
 
-
+@pytest.mark.slow
 def test_the_trapezoidal_rule_keeps_its_energy_without_contact_over_1e7_steps():
     """Each step rounds the energy by less than a bit, and all of them may go one way."""
     start = sb.PolynomialProfile((0.0, 0.0, 1.0))
     beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, initial_velocity=start), 8)
-    run = sb.integrate(beam, sb.Trapezoidal(), 1e-3, 1e4, every=10**5)
-    energy = run.energy.energy
+    energy = sb.integrate(beam, sb.Trapezoidal(), 1e-3, 1e4, every=10**5).energy.energy
     assert np.max(np.abs(energy / energy[0] - 1.0)) < EPS * 1e7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["trapezoidal", "exact"])
 def test_the_phase_of_the_drive_is_right_at_a_million(method):
     """q'' + 0.4 q' + 25 q = 3 sin(4 t + 0.3) has settled to Im 3 e^(i (4 t + 0.3))/(25 - W^2 + 0.4 i W), W = 4, and for
@@ -42,22 +47,95 @@ def test_the_phase_of_the_drive_is_right_at_a_million(method):
     assert np.max(np.abs(tip[1:] - steady)) < float(abs(gain)) * EPS * 0.5 * 4.0 * end
 
 
-def test_1e5_events_of_the_exact_solution_close_their_ledger_and_say_what_is_lost():
+def swinging() -> sb.System:
     """u = 2 sin t to the stop at 1/2, there 0.495 + A cos(10 s - phi): impacts every 2 (asin(1/4) + phi/10)."""
-    system = one_mass(1.0, sb.Stops(-0.5, 0.5, stiffness=99.0), v=2.0)
+    return one_mass(1.0, sb.Stops(-0.5, 0.5, stiffness=99.0), v=2.0)
+
+
+@pytest.mark.slow
+def test_1e5_events_of_the_exact_solution_close_their_ledger_and_say_what_is_lost():
     end = 41000.0
-    found = sb.reference(system, end)
+    found = sb.reference(swinging(), end)
     assert len(found.solution.times) > 100_000
     with mpmath.workdps(40):
         flight = mpmath.asin(mpmath.mpf(1) / 4)
         half = 2 * (flight + mpmath.atan2(mpmath.sqrt(mpmath.mpf(15) / 4) / 10, mpmath.mpf("0.005")) / 10)
         wanted = np.array([float(flight + i * half) for i in range(found.impacts.count)])
-    error = np.abs(found.impacts.times - wanted)
-    lost = 10.0 ** sb.lyapunov(system, end).digits
+    lost = 10.0 ** sb.lyapunov(swinging(), end).digits
     assert 1e4 < lost < 1e7  # what a neighbour is magnified by: the frequency depends on the energy
-    assert np.max(error) < EPS * lost * len(found.solution.times)  # a rounding at each switch, all of them one way
+    assert np.max(np.abs(found.impacts.times - wanted)) < EPS * lost * len(found.solution.times)
     assert found.horizon == end
     assert len(found.impacts.times) == math.floor((end - float(flight)) / float(half)) + 1
-    ledger = found.energy
-    assert np.max(np.abs(ledger.energy - 2.0)) < 100 * EPS * 2.0
-    assert np.max(np.abs(ledger.loss)) < 100 * EPS * 2.0
+    assert np.max(np.abs(found.energy.energy - 2.0)) < 100 * EPS * 2.0
+    assert np.max(np.abs(found.energy.loss)) < 100 * EPS * 2.0
+
+
+COUNTER = {"exact": "evaluations", "multiprecision": "evaluations", "kvaerno3": "steps", "kvaerno5": "steps"}
+
+
+@pytest.mark.parametrize(
+    ("method", "t_end"),
+    [("exact", 200.0), ("multiprecision", 50.0), ("radau", 25.0), ("kvaerno5", 25.0), ("kvaerno3", 25.0),
+     *((name, 50.0) for name in ("cvode", "cvode-adams", "ida", "dop853", "lsoda"))],
+)  # fmt: skip
+@pytest.mark.slow
+def test_twice_the_span_is_twice_the_work(method, t_end):
+    """Counted in evaluations, not in seconds; events of one run do not stay for the next."""
+    counts = []
+    for span in (t_end, 2 * t_end):
+        run = solve(swinging(), span, method, np.linspace(0.0, span, 1 + 8 * round(span)), 1e-7, None, 30)
+        counts.append((run.work.counters[COUNTER.get(method, "rhs")], run.impacts.count))
+    (work, impacts), (twice, impacts_twice) = counts
+    assert impacts > 10
+    assert abs(impacts_twice - 2 * impacts) <= 2
+    assert 1.8 < twice / work < 2.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida"])
+def test_sundials_is_never_asked_to_store_every_step(method, monkeypatch):
+    """Given two times, scikit-sundae keeps every internal step in an array that it copies at each of them."""
+    from sksundae.cvode import CVODE
+    from sksundae.ida import IDA
+
+    for solver in (CVODE, IDA):
+        monkeypatch.setattr(solver, "solve", lambda *_: pytest.fail("solve was called: it may keep every step"))
+    run = solve(swinging(), 100.0, method, np.array([0.0, 100.0]), 1e-8, None)
+    assert len(run.t) == 2
+    assert run.impacts.count > 30
+
+
+def test_the_tangent_flow_takes_one_step_a_segment_or_sample():
+    steps = []
+    for t_end in (50.0, 100.0):
+        steps.append(sb.reference(swinging(), t_end).work.counters["switches"])
+        assert len(sb.lyapunov(swinging(), t_end).t) == 201 + steps[-1]
+    assert abs(steps[1] - 2 * steps[0]) <= 2
+
+
+@pytest.mark.parametrize("springs", [1e6, 1e10])
+def test_a_free_bar_falls_from_a_uniform_displacement(springs):
+    """q^T K q of a motion without strain is rounding, which may be negative: no energy is lost by it."""
+    n = 10
+    M, K = np.diag([0.5, *np.ones(n - 1), 0.5]) / n, np.zeros((n + 1, n + 1))
+    for i in range(n):
+        K[i : i + 2, i : i + 2] += springs * n * (1.0 + 0.1 * np.sin(i)) * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    contact = sb.Contact(np.eye(n + 1)[-1], sb.Stops(upper=0.1, stiffness=1e5))
+    system = sb.System.from_matrices(
+        M, K, loads=[(np.diag(M).copy(), sb.Constant(1.0))], contacts=[contact],
+        initial_displacement=np.full(n + 1, -0.3),
+    )  # fmt: skip
+    run = sb.reference(system, 1.2)
+    assert run.horizon > 0.7
+    assert run.impacts.times[0] == pytest.approx(np.sqrt(0.8), rel=1e-9)  # a fall by 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+def test_the_benchmark_prints_every_ratio():
+    """Differences of times, which on a busy machine may have any sign."""
+    script = Path(__file__).parents[2] / "studies" / "benchmarks" / "run.py"
+    text = subprocess.run([sys.executable, script, "--quick"], check=True, capture_output=True, text=True).stdout
+    ratios = [float(x) for x in re.findall(r"^ *(\S+)  \(", text, re.MULTILINE)]
+    assert len(ratios) == 6
+    assert np.all(np.isfinite(ratios))

@@ -11,11 +11,11 @@ from oracles import beam_mode, beam_roots
 from rich.console import Console
 
 import stiffbeam as sb
-from stiffbeam.figures.runs import four_panels
+from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.errors import after_rest, match, matched_until
-from stiffbeam.measures.frequencies import amplitude_spectrum, drive_amplitude
-from stiffbeam.measures.report import comparison_tables
+from stiffbeam.measures.frequencies import amplitude_spectrum
+from stiffbeam.measures.report import report
 from stiffbeam.trajectory.records import Impacts
 
 
@@ -156,15 +156,6 @@ def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():
         assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.01)
 
 
-@pytest.mark.parametrize("per_period", [8, 40, 45.86])
-def test_the_amplitude_at_the_drive_is_that_of_a_sinusoid(per_period):
-    """Times that divide the period or not: a sum over the times counted the first of the last periods twice."""
-    t = np.arange(int(7.3 * per_period)) * (2.0 * np.pi / 10.0 / per_period)
-    tips = np.array([0.7 * np.cos(10.0 * t + 0.2), 0.3 + np.sin(10.0 * t)])
-    wanted = [0.7 * np.exp(0.2j), -1.0j]
-    assert np.max(np.abs(drive_amplitude(t, tips, 10.0) - wanted)) < (1e-13 if per_period % 1 == 0 else 1e-4)
-
-
 @pytest.mark.parametrize("given", [True, False])
 def test_the_spectrum_of_uneven_times_is_that_of_the_motion(given):
     """Steps of 1 to 9 ms: 1 ms at the end, which alone would scale every frequency by five."""
@@ -239,25 +230,26 @@ def test_the_comparison_prints_and_goes_to_json(compared):
     assert "SDIRK(gamma=0.4359)" in text
     assert "one realisation" in text
     assert "<table" in c._repr_html_()
+    assert c.to_latex().count("\\toprule") == c.to_latex().count("\\begin{table}") == 2
     plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
     assert plain["contacts"][0]["run"]["impacts"] == c.contacts[0].run.impacts
 
 
 @pytest.mark.parametrize("width", [80, 120, 200])
 def test_the_tables_use_the_width_of_the_terminal(compared, width):
-    """Heads of one line from 80 columns on; short notes, in lines of at most 100 columns; details if asked for."""
+    """Heads of two lines, one number a cell; notes shorter than the tables; details if asked for."""
     c, text, whole = compared[3], io.StringIO(), io.StringIO()
-    Console(file=text, width=width).print(comparison_tables([c]))
-    Console(file=whole, width=width).print(comparison_tables([c], [compared[1]], verbose=True))
+    Console(file=text, width=width).print(report([c]).rich())
+    Console(file=whole, width=width).print(report([c], [compared[1]], verbose=True).rich())
     lines = [line.rstrip() for line in text.getvalue().splitlines()]
-    (head,) = [line for line in lines if "match to" in line]
-    assert head.split() == ["run", "match", "to", "tip", "error", "lag", "loss", "impacts", "contact"]
-    (below,) = [line for line in lines if "ns/step" in line]
-    assert below.split() == ["run", "ns/step", "impacts", "contact", "peak", "force", "impulse", "loss"]
+    heads = [line for line in lines if line.startswith("run ")]
+    assert heads[0].split() == ["run", "error", "lag", "delay", "lost", "right", "to", "impacts", "time"]
+    assert heads[1].split() == ["run", "per", "step", "impacts", "time", "force", "impulse", "lost"]
     assert any(line.startswith("SDIRK(gamma=0.4359) ") for line in lines)
-    start, end = lines.index(next(line for line in lines if line.startswith("Match to:"))), lines.index("")
-    notes = lines[start:end]
-    assert len(notes) <= (9 if width == 80 else 7)
+    assert not any("[" in line or " (" in line.replace(" (reference)", "") for line in lines[:12])  # one number a cell
+    start = next(i for i, line in enumerate(lines) if line.startswith("Tip error:"))
+    notes = lines[start:]
+    assert len(notes) < start  # shorter than the tables
     assert max(map(len, notes)) <= min(width, 100)
     assert "exact for this mesh; `stiffbeam study space`" in " ".join(notes)
     assert "s of computing" not in text.getvalue()
@@ -291,17 +283,17 @@ def test_a_contact_away_from_the_tip_is_compared_at_the_contact():
     assert c.tip_error_max < 1e-2
 
 
-def test_the_figure_has_four_labelled_panels_with_the_reference_in_each(compared):
+def test_the_figure_has_labelled_panels_with_the_reference_in_each(compared):
     _, ref, run, _ = compared
-    figure = four_panels("title", [run], [ref])
+    figure = comparison_panels("title", [run], [ref])
     axes = figure.get_axes()
-    assert len(axes) == 4
+    assert len(axes) == 5
     for axis in axes:
         assert axis.get_xlabel()
         assert axis.get_ylabel()
         assert axis.get_title(loc="left").startswith("(")
     curves = [len([line for line in axis.get_lines() if len(line.get_xdata()) > 2]) for axis in axes]
-    assert curves == [2, 1, 2, 2]  # the reference has no error
+    assert curves == [2, 1, 2, 2, 2]  # the reference has no error
 
 
 def test_a_system_without_contact_compares_and_draws():
@@ -311,7 +303,7 @@ def test_a_system_without_contact_compares_and_draws():
     c = sb.compare(run, ref)
     assert c.contacts == ()
     assert c.tip_error_rms < 0.2
-    four_panels("no contact", [run], [ref]).canvas.draw()
+    comparison_panels("no contact", [run], [ref]).canvas.draw()
 
 
 def test_a_share_above_all_of_the_loss_is_explained():
@@ -326,3 +318,17 @@ def test_a_share_above_all_of_the_loss_is_explained():
     first = np.flatnonzero((force[:-1] != 0.0) & (force[1:] == 0.0)) + 1
     assert sum(without) < 0.0
     assert abs(sum(without[first]) / sum(without) - 1.0) < 1e-3
+
+
+def test_several_runs_are_one_table(compared):
+    system, ref, run, c = compared
+    runs = [run, sb.integrate(system, sb.BDF2(), 5e-6, 0.6)]
+    both = sb.compare(runs, ref)
+    assert len(both) == 2
+    assert both[0].to_dict() == c.to_dict()
+    assert both.to_dataframe().label.to_list() == [x.label for x in runs]
+    assert both.to_dataframe().attrs["units"] == []
+    lines = str(both).splitlines()
+    assert sum(line.startswith("SDIRK(gamma=0.4359) ") for line in lines) == 2
+    assert sum(line.startswith("BDF2 ") for line in lines) == 2
+    assert len(both.figure().axes[0].get_lines()) >= 3

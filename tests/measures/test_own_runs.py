@@ -186,13 +186,6 @@ def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
     assert [c.run.impacts for c in whole.contacts] == [1, 2]
 
 
-def test_impacts_that_thinned_times_cannot_show_are_counted_by_the_exact_motion_at_them():
-    _, ref, _ = bouncing()
-    t = np.linspace(0.0, 1.3, 8)
-    missing = sb.compare((t, *ref.at(t)), ref).missing
-    assert any(re.search(r"shows [0-4] of its 5 impacts", note) for note in missing)
-
-
 def test_what_is_said_of_times_of_ones_own(measured):
     system, run, ref = measured
     rows = thinned(run)

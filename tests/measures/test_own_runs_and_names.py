@@ -23,8 +23,7 @@ def test_impacts_of_positions_elsewhere_do_not_match_to_the_horizon(tube):
     reference = sb.reference(tube, 0.05, t_eval=np.linspace(0.0, 0.05, 501))
     own = sb.compare([reference.t, reference.tip], reference)
     assert np.isnan(own.matched_until)
-    row = next(line for line in str(own).splitlines() if line.startswith("own"))
-    assert row.split()[1] == "–"
+    assert "right to" not in str(own)  # a column of dashes is left out
     whole = sb.compare(sb.Trajectory.from_arrays(reference.t, system=tube, states=reference.states), reference)
     assert whole.matched_until == reference.horizon
 

@@ -18,8 +18,10 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import find_case
 from stiffbeam.kernels.contact import contact_forces
+from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact_law
 from stiffbeam.model.contact import dissipation_for, restitution_of
+from stiffbeam.model.right_hand_side_jax import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
 KV = {0.01: (3.1217484115644179, 0.96926475046449247), 0.1: (2.9560753247495496, 0.74407939772177969)}
@@ -117,7 +119,7 @@ def test_random_systems_against_another_solver(seed):
     want, _ = Witness(system).solve(times)
     scale = np.max(np.abs(want))
     method = ("dop853", "cvode-adams", "radau")[seed % 3]
-    run = sb.reference(system, 3.0, method=method, t_eval=times, rtol=1e-11, switches="restart")
+    run = sb.reference(system, 3.0, method=method, t_eval=times, rtol=1e-11)
     assert np.max(np.abs(run.contacts[0].position - offset_of(system, times) - want)) < 2e-7 * scale
     assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)
     assert np.all(np.diff(run.energy.stop_dissipation) > -1e-7 * np.max(run.energy.energy))
@@ -139,21 +141,12 @@ def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
-def test_kernel_and_oracle_agree(law, scheme, in_numpy):
+def test_kernel_and_oracle_agree(law, scheme):
     rng = np.random.default_rng(3)
     beam = sb.BeamProblem(stiffness=300.0, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
     system = sb.semidiscretise(beam, 6)
     run = sb.integrate(system, scheme, 1e-3, 0.5)
     assert run.impacts.count > 0
-    with in_numpy():
-        other = sb.integrate(system, scheme, 1e-3, 0.5)
-    assert np.max(np.abs(other.tip - run.tip)) < 1e-9
-    for name in ("times", "peaks", "impulses"):
-        a, b = getattr(run.impacts, name), getattr(other.impacts, name)
-        assert np.allclose(a, b, rtol=1e-6, equal_nan=True)
-    for name in ("kinetic", "stops", "stop_dissipation", "loss", "loss_in_contact"):
-        a, b = getattr(run.energy, name), getattr(other.energy, name)
-        assert np.max(np.abs(a - b)) < 1e-7 * np.max(run.energy.energy)
     assert np.max(np.abs(plain_march.march(system, scheme, 1e-3, 0.5).tip - run.tip)) < 1e-9
 
 
@@ -213,45 +206,32 @@ def test_the_ledger_adds_up(law):
     assert losses[1] < 0.5 * losses[0] or losses[1] < 1e-6
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_the_law_in_c_is_the_law_of_the_stops(law):
-    rng = np.random.default_rng(11)
-    stops = stops_of(rng, law)
-    states, kappa = rng.normal(size=(200, 2)), stops.stiffness
-    energies = np.empty(len(states))
-    forces = contact_forces(*states.T, stops.law, energies)
-    for (u, v), force, energy in zip(states, forces, energies, strict=True):
-        assert math.isclose(force, float(stops.force(u, v)), rel_tol=1e-12)
-        assert math.isclose(energy, float(stops.energy(u)), rel_tol=1e-13)
-        assert contact_law.law_state(u, v, contact_law.Law(*stops.law)) == stops.state(u, v)
-        beyond = force - float(stops.force(u, v) - stops.dissipated(u, v))
-        assert beyond * v <= 1e-12 * kappa  # never gives energy
-        slope, to_rate = stops.tangent(u, v)
-        if stops.state(u, v):
-            h = 1e-6
-            assert math.isclose(slope, float(stops.force(u - h, v) - stops.force(u + h, v)) / (2 * h), rel_tol=1e-4)
-            assert math.isclose(
-                to_rate, float(stops.force(u, v - h) - stops.force(u, v + h)) / (2 * h), rel_tol=1e-4, abs_tol=1e-6
-            )
-
-
+@pytest.mark.parametrize("sides", [{"lower": -0.2}, {"upper": 0.1}, {"lower": -0.2, "upper": 0.1}])
 @pytest.mark.parametrize("exponent", [1.0, 1.5, 2.5, 3.0, 1.7])
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 @pytest.mark.parametrize("dissipation", [0.0, 0.4])
-def test_the_law_in_c_is_that_of_numpy_and_jax(exponent, damping, dissipation):
+@pytest.mark.fast(12)
+def test_c_numpy_and_jax_have_one_law(sides, exponent, damping, dissipation):
     from jax import numpy as jnp
 
-    stops = sb.Stops(-0.2, 0.1, stiffness=3.0, exponent=exponent, damping=damping, dissipation=dissipation)
-    u, v = np.random.default_rng(4).normal(size=(2, 500))
-    energies = np.empty(len(u))
+    stops = sb.Stops(**sides, stiffness=3.0, exponent=exponent, damping=damping, dissipation=dissipation)
+    u, v = np.random.default_rng(4).normal(size=(2, 200))
+    energies, close = np.empty(len(u)), {"rtol": 1e-14, "atol": 1e-15}
     forces = contact_forces(u, v, stops.law, energies)
-    side = np.where(u > 0.1, 1.0, np.where(u < -0.2, -1.0, 0.0))
-    with float64_on_the_processor():
-        for of in (np, jnp):
-            depth = of.abs(of.asarray(u) - of.clip(of.asarray(u), -0.2, 0.1))
-            pressed = np.asarray(contact_law.pressure(depth, of.asarray(side * v), stops.coefficients))
-            assert np.allclose(forces, -side * np.maximum(0.0, pressed), rtol=1e-14, atol=1e-15)
-            assert np.allclose(energies, contact_law.stored(depth, stops.coefficients), rtol=1e-14, atol=1e-15)
+    assert np.allclose(forces, stops.force(u, v), **close)
+    assert np.allclose(energies, stops.energy(u), **close)
+    assert np.array_equal(-np.sign(forces), stops.state(u, v))
+    assert np.all(stops.dissipated(u, v) * v <= 1e-15)  # a stop never gives energy
+    # The right-hand side of a free unit mass is the force; between events it goes on smoothly across the stop.
+    ode = ball(stops).ode()
+    for regime in (THROUGH, 0, *(side for side, _ in stops.sides)):
+        segment = ode if regime == THROUGH else ode.segment([regime])
+        in_c = np.array([segment.rhs(0.0, y)[1] for y in zip(u, v, strict=True)])
+        with float64_on_the_processor():
+            twin = contact_force(jnp.asarray(u), jnp.asarray(v), regime, stops.coefficients)
+            assert np.allclose(in_c, np.broadcast_to(twin, u.shape), **close)
+    slopes = np.array([ode.jac(0.0, np.array(y))[1] for y in zip(u, v, strict=True)])
+    assert np.allclose(slopes, -np.transpose(stops.tangent(u, v)), rtol=1e-13, atol=1e-15)
 
 
 @pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact_law.LINEAR))))
@@ -309,11 +289,6 @@ class TestRefusals:
             sb.integrate(ball(self.kelvin_voigt), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated")
         hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
         assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do
-
-    def test_through_a_jump(self):
-        for method in ("cvode", "kvaerno5"):
-            with pytest.raises(InputError, match="jumps"):
-                sb.reference(ball(self.kelvin_voigt), 1.0, method=method, switches="through")
 
     def test_a_force_asked_for_without_the_velocity(self):
         with pytest.raises(InputError, match="velocity"):

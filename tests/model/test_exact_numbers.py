@@ -7,11 +7,9 @@ import dataclasses
 import pickle
 from decimal import Decimal
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import ExactFloat, as_doubles, exact_float, exact_value
@@ -53,41 +51,6 @@ def test_a_number_is_the_nearest_double_and_knows_its_exact_value(given, ratio, 
 def test_what_a_double_holds_is_a_plain_float(given):
     assert type(exact_float(given)) is float
     assert float(given if not isinstance(given, str) else Fraction(given)) == exact_float(given)
-
-
-def test_halves_of_pi_are_the_doubles_that_numpy_has():
-    for k in (1, 2, 4, 8):
-        assert float(exact_float(f"pi/{k}")) == np.pi / k
-
-
-@pytest.mark.parametrize(
-    "text", ["", "fast", "1/0", "1/pi", "pi*pi", "1+1", "2**3", "1e999/3", "pi pi", "1 0", "--1", "1e-999/3"]
-)
-def test_other_texts_are_refused(text):
-    for make in (
-        lambda: sb.Stops(upper=text, stiffness=1.0),
-        lambda: sb.Harmonic(1.0, 2.0, text),
-        lambda: sb.Constant(text),
-        lambda: sb.BeamProblem(stiffness=text),
-        lambda: sb.PointLoad(text, sb.Constant(1.0)),
-    ):
-        with pytest.raises(sb.InputError, match="be a number"):
-            make()
-
-
-def test_a_text_as_large_as_no_number_costs_no_memory():
-    for text in ("1e999999999", "inf", "nan"):
-        with pytest.raises(sb.InputError, match="be finite"):
-            sb.Constant(text)
-    with pytest.raises(sb.InputError, match="be > 0"):
-        sb.BeamProblem(stiffness="1e-999999999")
-    with pytest.raises(sb.InputError, match="range of float64"):
-        sb.Constant(Fraction(10) ** 400)
-
-
-def test_options_of_a_run_are_no_parameters():
-    with pytest.raises(sb.InputError, match="t_end must be a number"):
-        sb.reference(system_of(sb.paper_case(10)), "0.1", "multiprecision")
 
 
 def test_case_files_keep_decimals_and_python_keeps_doubles():
@@ -223,41 +186,6 @@ def test_equal_numbers_make_equal_systems_however_they_are_written():
         assert len({system.fingerprint for system in made}) == 4
 
 
-def _fingerprint(file):
-    with xr.open_dataset(file) as data:
-        return data.attrs["fingerprint"]
-
-
-@pytest.mark.slow
-def test_the_caches_hold_both_and_never_serve_one_for_the_other(own_cache):
-    from stiffbeam.studies import common
-
-    pytest.importorskip("flint")
-    case = dataclasses.replace(sb.paper_case(12), cells=8)
-    systems = [system_of(case), system_of(case, doubles=True)]
-    for turn in (1, 2):
-        a, b = (sb.cached_reference(system, 0.3, "multiprecision") for system in systems)
-        assert len(list((own_cache / "references").iterdir())) == 2
-        apart = np.abs(a.tip - b.tip) / np.max(np.abs(a.tip))
-        horizon = sb.reference(systems[0], 0.3, t_eval=a.t).horizon
-        assert np.max(apart[a.t <= 0.5 * horizon]) < 1e-9
-        assert np.max(apart) > 0.1, turn
-        assert "upper = 0.001" in a.provenance["parameters"]
-        assert b.provenance["parameters"] == "doubles; exact: none"
-    assert common.solve_once(systems[0], 0.01) is common.solve_once(systems[0], 0.01)
-    assert common.solve_once(systems[0], 0.01) is not common.solve_once(systems[1], 0.01)
-    opened = []
-    for file in (
-        own_cache / "references"
-    ).iterdir():  # each opens with its own system, whichever the folder lists first
-        own = sb.load(file, next(s for s in systems if s.fingerprint == _fingerprint(file)))
-        other = next(s for s in systems if s.fingerprint != own.fingerprint)
-        opened.append(own.fingerprint)
-        with pytest.raises(sb.InputError, match="system"):
-            sb.load(file, other)
-    assert set(opened) == {s.fingerprint for s in systems}
-
-
 @pytest.mark.slow
 def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
     case = sb.paper_case(10)
@@ -265,33 +193,6 @@ def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
     with pytest.raises(sb.InputError, match="decimals"):
         freeze(doubles, case_text("table10"), tmp_path / "table10.nc")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_command_solves_either_and_says_which(command):
-    found = {}
-    for options in ((), ("--doubles",)):
-        code, out, error = command("reference", "table12", "--method", "multiprecision", "--t-end", "0.002", *options)
-        assert (code, error) == (0, "")
-        found[options] = out
-    assert "stops.upper = 0.001" in found[()]
-    assert "exact: none" in found["--doubles",]
-    code, _, error = command("reference", "table12", "--doubles", "--out", "x.nc")
-    assert code == 2
-    assert "--doubles" in error
-    assert not Path("x.nc").exists()
-
-
-@pytest.mark.slow
-def test_stops_and_drive_scaled_alike_have_the_same_switches():
-    """The beam is linear but for its stops: the doubles 0.1 and 0.2 are both 1 + e times the decimals,
-    the motion of Table 10 is 1 + e times theirs, and both counts are one."""
-    assert Fraction(0.1) / Fraction("0.1") == Fraction(0.2) / Fraction("0.2")
-    case = sb.paper_case(10)
-    a, b = (sb.reference(system_of(case, doubles), 1.0, "multiprecision") for doubles in (False, True))
-    assert a.impacts.count == b.impacts.count > 150
-    assert np.max(np.abs(a.impacts.times - b.impacts.times)) < 1e-15
-    assert sb.reference(system_of(case), 1.0).horizon < 0.6
 
 
 @pytest.mark.parametrize(

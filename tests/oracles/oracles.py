@@ -63,37 +63,6 @@ def exact_linear(
     return y[:, :n], y[:, n : 2 * n]
 
 
-def newmark_hht_loop(mass, stiffness, row, lower, upper, kappa, load, alpha, dt, steps, q, v):
-    """HHT-alpha with a prefactored LU and implicit contact, written straight from its three equations.
-
-    ``load``: (steps + 1, n), the load vectors at t_0..t_steps. Stops of stiffness kappa at ``lower`` and
-    ``upper``. Returns the contact position at t_0..t_steps.
-    """
-    beta, gamma = (1 - alpha) ** 2 / 4, 0.5 - alpha
-    lu = scipy.linalg.lu_factor(mass + (1 + alpha) * beta * dt**2 * stiffness)
-    compliance = (1 + alpha) * beta * dt**2 * row @ scipy.linalg.lu_solve(lu, row)
-
-    def stop_force(u, compliance=0.0):
-        """F with F = F(u + compliance F): on the upper stop kappa (upper - u - compliance F) and so below."""
-        stop = upper if u > upper else lower if u < lower else u
-        return kappa * (stop - u) / (1 + kappa * compliance)
-
-    force = load[0] + row * stop_force(row @ q) - stiffness @ q
-    a = np.linalg.solve(mass, force)
-    positions = [row @ q]
-    for n in range(steps):
-        q_ahead = q + dt * v + dt**2 * (0.5 - beta) * a
-        v_ahead = v + dt * (1 - gamma) * a
-        known = (1 + alpha) * (load[n + 1] - stiffness @ q_ahead) - alpha * force
-        free = scipy.linalg.lu_solve(lu, known)
-        F = stop_force(row @ q_ahead + beta * dt**2 * (row @ free), compliance)
-        a = free + (1 + alpha) * F * scipy.linalg.lu_solve(lu, row)
-        q, v = q_ahead + beta * dt**2 * a, v_ahead + gamma * dt * a
-        force = load[n + 1] + row * F - stiffness @ q
-        positions.append(row @ q)
-    return np.array(positions)
-
-
 def damped_bounces(w2, c, kappa, stops, load, frequency, x, v, t_end, digits=60):
     """Switches (t, side) of x'' + c x' + w2 x = load sin(frequency t) between two stops, with mpmath.
 

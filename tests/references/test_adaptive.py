@@ -1,4 +1,4 @@
-"""Adaptive references: short loads, restarts at the switches, integrals, other units."""
+"""Adaptive references: short loads, restarts at events, integrals, other units."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pulses import pulse, random_system, witness
-from systems import bouncing_chain, one_mass, two_contacts
+from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
@@ -21,9 +21,9 @@ from stiffbeam.references.adaptive import diffrax, pieces
 from stiffbeam.references.adaptive.pieces import smooth_pieces
 from stiffbeam.references.registry import Steps
 
+SLOW = ("radau", "kvaerno3", "kvaerno5")
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
-PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.seconds < 1.0]
-WAYS = [(m, w) for m in PHASED for w in ("restart", "through")]
+PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.name not in SLOW]
 
 
 def struck(width: float, start: float = 0.5, load=None) -> sb.System:
@@ -100,7 +100,6 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
     for options, name in (
         ({"max_step": -1.0}, "max_step"),
         ({"breakpoints": [np.inf]}, "breakpoints"),
-        ({"switches": "restarts"}, "switches"),
     ):
         with pytest.raises(sb.InputError, match=name):
             sb.reference(system, 0.1, "cvode-adams", **options)
@@ -108,82 +107,27 @@ def test_max_step_is_held_and_what_makes_no_sense_is_refused():
         sb.reference(bouncing_chain(), 0.1, "exact", max_step=0.1)
 
 
-@pytest.mark.parametrize(("method", "switches"), WAYS)
-@pytest.mark.parametrize("make", [bouncing_chain, two_contacts])
-@pytest.mark.fast(5)
-def test_peaks_impulses_and_contact_time_are_those_of_the_exact_solution(make, method, switches):
-    system, t = make(), np.linspace(0.0, 4.0, 33)
-    exact = solve(system, 4.0, "exact", t, 0.0, None)
-    other = solve(system, 4.0, method, t, 1e-10, None, steps=Steps(switches=switches))
-    assert other.provenance["switches"] == switches
-    assert (other.work.counters["restarts"] > 0) == (switches == "restart")
-    for a, b in zip(exact.contacts, other.contacts, strict=True):
-        assert a.impacts.count == b.impacts.count > 3
-        assert np.array_equal(np.isnan(a.impacts.peaks), np.isnan(b.impacts.peaks))
-        assert np.array_equal(a.impacts.stops, b.impacts.stops)
-        # rtol 1e-10 is amplified by a thousand in four time units, twenty times as much through switches.
-        assert np.nanmax(np.abs(a.impacts.peaks - b.impacts.peaks)) < 5e-6 * a.peak_force
-        assert np.nanmax(np.abs(a.impacts.impulses - b.impacts.impulses)) < 5e-6 * a.impulse
-        assert np.allclose([a.fraction, a.peak_force, a.impulse], [b.fraction, b.peak_force, b.impulse], rtol=5e-6)
-
-
-@pytest.mark.parametrize("method", ["cvode-adams", "dop853"])
-@pytest.mark.slow
-def test_a_restart_makes_the_same_tolerance_more_accurate(method):
-    """Without one the kink of the force costs a method of high order its order; four tolerances together."""
-    system, t = bouncing_chain(), np.linspace(0.0, 6.0, 121)
-    exact = solve(system, 6.0, "exact", t, 0.0, None)
-    errors, work = {}, {}
-    for switches in ("restart", "through"):
-        runs = [
-            solve(system, 6.0, method, t, rtol, None, steps=Steps(switches=switches))
-            for rtol in 10.0 ** -np.arange(6, 10)
-        ]
-        errors[switches] = np.mean([np.log(np.sqrt(np.mean((run.tip - exact.tip) ** 2))) for run in runs])
-        work[switches] = sum(run.work.counters["rhs"] for run in runs)
-    assert errors["restart"] < errors["through"] - np.log(3.0)
-    assert work["restart"] < 1.2 * work["through"]
-
-
 @pytest.mark.parametrize(("method", "rtol"), [("dop853", 1e-5), ("cvode-adams", 1e-5), ("cvode", 1e-6), ("ida", 1e-6)])
-def test_both_crossings_inside_one_step_are_seen_by_a_restarting_solver(method, rtol):
+def test_both_crossings_inside_one_step_are_seen(method, rtol):
     """A mass on a slow sine grazes a soft stop: DOP853 takes steps of about one, the contact lasts 0.15."""
     stop = 1.0 - 3e-3
     system = one_mass(1.0, sb.Stops(upper=stop, stiffness=1.0), v=1.0)
     exact = solve(system, 15.0, "exact", None, 0.0, None)
-    ref = solve(system, 15.0, method, None, rtol, None, steps=Steps(switches="restart"))
+    ref = solve(system, 15.0, method, None, rtol, None)
     assert ref.impacts.count == exact.impacts.count == 3
     assert np.allclose(ref.impacts.times, exact.impacts.times, atol=5e-2)
     assert np.allclose(ref.impacts.peaks, exact.impacts.peaks, rtol=0.5)
 
 
-def test_a_mass_at_rest_on_its_stop_stays_there():
+@pytest.mark.parametrize("method", PHASED)
+def test_a_mass_at_rest_on_its_stop_stays_there(method):
     """Its gap and its rate are roots all the time."""
-    for method, switches in WAYS:
-        system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-10.0), q=-1e-3)
-        ref = solve(system, 1.0, method, None, 1e-8, None, steps=Steps(switches=switches))
-        assert ref.impacts.count == 0
-        assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
-        assert ref.contacts[0].fraction == 1.0
-        assert ref.contacts[0].impulse == pytest.approx(9.9, rel=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [*PHASED, "kvaerno5"])
-def test_the_energy_lost_is_the_solvers_own_and_not_the_outputs(method, table10):
-    """Input and dissipation are integrated with the motion: five outputs give the same ledger as thousands."""
-    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.5), 6)
-    t = np.linspace(0.0, 0.2, 6)
-    exact = solve(system, 0.2, "exact", t, 0.0, None)
-    other = solve(system, 0.2, method, t, 1e-8, None)
-    had = exact.energy.energy[0] + exact.energy.input[-1]
-    assert exact.energy.viscous[-1] > 0.1 * had
-    for name in ("input", "viscous", "energy"):
-        assert np.max(np.abs(getattr(other.energy, name) - getattr(exact.energy, name))) < 2e-6 * had
-    assert abs(other.energy.lost_fraction()) < 2e-6
-    assert np.allclose(
-        other.energy.loss_in_contact + other.energy.loss_without_contact, other.energy.loss, rtol=0, atol=1e-12
-    )
+    system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-10.0), q=-1e-3)
+    ref = solve(system, 1.0, method, None, 1e-8, None)
+    assert ref.impacts.count == 0
+    assert np.max(np.abs(ref.tip + 1e-3)) < 1e-12
+    assert ref.contacts[0].fraction == 1.0
+    assert ref.contacts[0].impulse == pytest.approx(9.9, rel=1e-9)
 
 
 @pytest.mark.parametrize("method", ["cvode-adams", "dop853", "ida"])
@@ -232,17 +176,16 @@ def test_other_units_give_the_same_solution(method):
     "seed", [pytest.param(s, marks=pytest.mark.slow if s % 2 else pytest.mark.campaign) for s in range(40)]
 )
 def test_nothing_certified_is_wrong_on_random_systems_with_pulses(seed):
-    """Held against a Runge-Kutta method of its own with 2^18 fixed steps, which begins and ends pulses on a step."""
+    """Held against RK45 at 1e-9 from kink to kink."""
     system, description = random_system(seed)
     method = ["cvode-adams", "dop853", "cvode", "ida", "radau"][seed % 5]
     t_end, count = 1.0, 512
     ref = sb.reference(system, t_end, method, np.linspace(0.0, t_end, count + 1), rtol=1e-7)
-    tip, entries = witness(description, t_end, 2**18, count)
+    tip, entries = witness(description, t_end, count)
     scale = np.max(np.abs(tip))
     inside = ref.t <= ref.horizon
     assert scale > 0.0
     assert ref.horizon > 0.2
-    # 1e-3 is what the horizon promises; the witness has 1e-4 of its own, from the kinks of the force.
     assert np.max(np.abs(ref.tip - tip)[inside]) < 1.1e-3 * scale
     tolerance = 2.0 * float(ref.provenance["horizon_tolerance"].rpartition(" ")[2])
     mine, other = (x[(x > tolerance) & (x < ref.horizon - tolerance)] for x in (ref.impacts.times, entries))
@@ -264,18 +207,6 @@ def test_the_work_of_a_load_is_as_good_as_the_motion_where_that_asks_for_no_shor
     work = 0.5 * (1.0 + np.trapezoid(f, t)) ** 2 - 0.5
     assert ledger.input[-1] == pytest.approx(work, abs=1e-4 * np.max(ledger.energy))
     assert np.max(np.abs(ledger.loss)) < 1e-4 * np.max(ledger.energy)
-
-
-@pytest.mark.parametrize("method", ["lsoda", pytest.param("kvaerno5", marks=pytest.mark.slow)])
-def test_a_solver_of_a_library_finds_every_impact(method):
-    system, t_end = bouncing_chain(), 1.0
-    exact, run = sb.reference(system, t_end), sb.reference(system, t_end, method, rtol=1e-9)
-    assert exact.impacts.count > 0
-    assert run.horizon == t_end
-    assert run.impacts.kind == "event"
-    assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
-    assert run.impacts.peaks == pytest.approx(exact.impacts.peaks, rel=1e-5, nan_ok=True)  # one is open at the end
-    assert run.contacts[0].impulse == pytest.approx(exact.contacts[0].impulse, rel=1e-5)
 
 
 ON_THE_SECOND_DEVICE = """
@@ -301,13 +232,6 @@ def test_diffrax_stays_on_the_processor():
 
 
 @pytest.mark.slow
-def test_kvaerno_goes_through_the_impacts_of_table_10():
-    """Without events its horizon ended at the first impact that lies between two outputs, at 0.053."""
-    system = sb.paper_case(10).system()
-    assert sb.reference(system, 0.075, "kvaerno5", np.linspace(0.0, 0.075, 76), rtol=1e-7).horizon == 0.075
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("viscosity", [0.0, 0.05])
 def test_kvaerno_solves_its_stages_by_eigenvectors_as_by_newtons_method(viscosity, monkeypatch):
     """The viscous power is not linear in the states: Newton's method takes twice the steps with it."""
@@ -322,31 +246,6 @@ def test_kvaerno_solves_its_stages_by_eigenvectors_as_by_newtons_method(viscosit
         assert np.max(np.abs(run.tip - exact.tip)) < 1e-5 * np.max(np.abs(exact.tip))
         assert np.max(np.abs(run.energy.viscous - exact.energy.viscous)) <= 1e-5 * np.max(exact.energy.viscous)
     assert steps[0] < 1.1 * steps[1]
-
-
-@pytest.mark.slow
-def test_kvaerno_gives_the_exact_impacts_of_random_chains():
-    """One program for all: the numbers of a system are arguments. The exact solution shares no code with it."""
-    rng, impacts, compiled = np.random.default_rng(36), 0, []
-    for _ in range(6):
-        springs = rng.uniform(50.0, 400.0, 2)
-        stiffness = np.array([[springs.sum(), -springs[1]], [-springs[1], springs[1]]])
-        stops = sb.Stops(lower=-rng.uniform(0.05, 0.2), upper=rng.uniform(0.05, 0.2), stiffness=rng.uniform(1e3, 1e5))
-        system = sb.System.from_matrices(
-            np.diag(rng.uniform(0.5, 2.0, 2)), stiffness, 1e-3 * stiffness,
-            loads=[([0.0, 1.0], sb.Harmonic(rng.uniform(5.0, 60.0), rng.uniform(3.0, 20.0)))],
-            contacts=[sb.Contact([0.0, 1.0], stops)], initial_velocity=rng.normal(size=2),
-        )  # fmt: skip
-        exact = solve(system, 0.6, "exact", None, 0.0, None)
-        run = solve(system, 0.6, "kvaerno5", exact.t, 1e-8, None)
-        compiled.append("compile_seconds" in run.provenance)
-        assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
-        assert run.impacts.peaks == pytest.approx(exact.impacts.peaks, rel=1e-5, nan_ok=True)
-        assert run.impacts.impulses == pytest.approx(exact.impacts.impulses, rel=1e-5, nan_ok=True)
-        assert np.max(np.abs(run.tip - exact.tip)) < 1e-5 * np.max(np.abs(exact.tip))
-        impacts += exact.impacts.count
-    assert impacts > 15
-    assert sum(compiled) <= 1
 
 
 class Jump:
@@ -387,11 +286,11 @@ def test_a_damped_stop_lets_go_where_it_starts_to_recede(method, law):
     assert run.contacts[0].fraction == pytest.approx(1.0 / 3.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("method", "way"), WAYS)
+@pytest.mark.parametrize("method", PHASED)
 @pytest.mark.parametrize("law", [{}, {"dissipation": 1.0}])
-def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, way, law):
+def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, law):
     t = np.linspace(0.0, 3.0, 61)
-    run = sb.reference(held(Jump(), **law), 3.0, method, t_eval=t, switches=way)
+    run = sb.reference(held(Jump(), **law), 3.0, method, t_eval=t)
     motion = np.where(t < 1.0, 0.2, 0.6 - 0.4 * np.cos(t - 1.0))
     assert np.max(np.abs(run.tip - Jump().value(t) - motion)) < 1e-7
     assert run.impacts.count == 0

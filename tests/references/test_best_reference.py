@@ -32,7 +32,7 @@ def test_a_power_law_has_an_adaptive_reference_and_hertz_closed_form():
     """A free mass at speed v goes to depth (5 m v^2/(4 kappa))^(2/5) and is back after 2.94 depth/v; exactly
     sqrt(pi) Gamma(2/5)/Gamma(9/10) 4/5."""
     found = best_reference(hertz(), 0.3)
-    assert (found.provenance["method"], found.provenance["switches"]) == ("cvode-adams", "restart")
+    assert found.provenance["method"] == "cvode-adams"
     assert found.horizon == 0.3
     depth = (1.25 / 1e4) ** 0.4
     duration = 0.8 * np.sqrt(np.pi) * gamma(0.4) / gamma(0.9) * depth

@@ -82,7 +82,7 @@ def test_a_start_pressed_on_a_rigid_stop_is_no_impact():
 
 
 @pytest.mark.parametrize(("start", "end", "count"), STARTS)
-def test_schemes(start, end, count, kernel):
+def test_schemes(start, end, count):
     system = mass(*start)
     assert sb.integrate(system, sb.BDF2(), 1e-3, end).impacts.count == count
     many = sb.integrate_ensemble(system, sb.BDF2(), 1e-3, end, [system, system])
@@ -130,7 +130,7 @@ def test_a_comparison_sees_no_impact_in_the_rounding_of_the_start(q, m):
 
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated", "conserving"])
 @pytest.mark.parametrize("end", [0.1, 0.3])
-def test_peak_and_impulse_know_the_force_at_the_start_and_not_twice_that_at_the_end(kernel, contact, end):
+def test_peak_and_impulse_know_the_force_at_the_start_and_not_twice_that_at_the_end(contact, end):
     """d = 0.2 cos 10t - 0.1 sin 10t on the stop, until tan 10t = 2: the peak is at t = 0, the impulse of second order.
 
     A sum of all forces but the first misses 0.5 dt F(0), 2 % of it at these steps.

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from stiffbeam.piecewise.tracer import tracer_of
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references import horizon as tangent
 from stiffbeam.references import solve
 

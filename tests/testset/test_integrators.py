@@ -7,9 +7,9 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.files.cases import case_of
+from stiffbeam.integrators import integrator, integrators
 from stiffbeam.schemes.labels import user_source
 from stiffbeam.studies.comparison import compare_case
-from stiffbeam.testset.integrators import integrator, integrators
 
 S6 = np.sqrt(6.0)
 NODES = np.array([(4.0 - S6) / 10.0, (4.0 + S6) / 10.0, 1.0])
@@ -160,6 +160,28 @@ def test_an_ensemble_takes_functions_solvers_and_recorded_members():
     assert np.array_equal(function[:, 0], exact[:, 0])
     assert np.array_equal(function, mine)
     assert solver == pytest.approx(exact, rel=1e-6)
+
+
+def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
+    def broken(system, dt, t_end):
+        raise ZeroDivisionError("no pivot")
+
+    system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
+    options = {"halvings": 4, "kinds": ["smooth"], "dt": 0.05, "t_end": 2.0}
+    answer = sb.study("converge", system, integrators=["trapezoidal", broken], **options).answer
+    assert "Every run of broken failed" in str(answer)
+    assert "no pivot" in str(answer)
+
+
+def test_mass_solves_of_an_explicit_scheme_are_evaluations():
+    class Explicit(sb.Scheme):
+        order, nodes = 1, (0.0,)
+
+        def step(self, equation, dt, z, loads, reactions):
+            return z + dt * equation.rate(z, loads[0] + reactions[0]), [z]
+
+    assert not integrator(Explicit()).implicit
+    assert all(integrator(name).implicit for name in ("bdf2", "HHT(alpha=-0.1)", "exponential-flow", "moreau-jean"))
 
 
 @pytest.mark.slow

@@ -1,18 +1,15 @@
-"""Derivatives of the test set: by ways of their own, and in the score."""
+"""Derivatives of the test set, by ways of their own."""
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.testset.measure import CONVERGES, FAILED, NOT_FALLING
 
 mp = pytest.importorskip("mpmath")
 ROOT = Path(__file__).parents[2]
@@ -87,53 +84,3 @@ def test_the_differences_made_again_give_the_files_section():
         "        assert there.endswith(make.derivatives_text(d)), d.name\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=300)
-
-
-def verlet(system, dt, t_end, q0=None, kappa=None):
-    """Central differences for one mass under a stop."""
-    c, steps = system.contacts[0].stops, round(t_end / dt)
-    kappa = c.stiffness if kappa is None else kappa
-    u, v = np.empty(steps + 1), np.empty(steps + 1)
-    u[0], v[0] = system.q0[0] if q0 is None else q0, system.v0[0]
-    acceleration = lambda x: -(system.stiffness[0, 0] * x + kappa * max(x - c.upper_bound, 0.0)) / system.mass[0, 0]  # noqa: E731
-    for n in range(steps):
-        half = v[n] + 0.5 * dt * acceleration(u[n])
-        u[n + 1] = u[n] + dt * half
-        v[n + 1] = half + 0.5 * dt * acceleration(u[n + 1])
-    return np.arange(steps + 1) * dt, u, v
-
-
-def with_differences(factor):
-    def solve(system, dt, t_end):
-        h = 1e-6
-        ends = [verlet(system, dt, t_end, q0=system.q0[0] + s * h)[1][-1] for s in (1.0, -1.0)]
-        return *verlet(system, dt, t_end), {"q0[0]": factor * (ends[0] - ends[1]) / (2.0 * h)}
-
-    return solve
-
-
-def test_a_score_shows_the_error_of_the_gradients_and_flags_a_wrong_one():
-    for factor, outcome in ((1.0, CONVERGES), (3.0, NOT_FALLING)):
-        entry = sb.score(with_differences(factor), "bilinear-gap").entries[0]
-        assert entry.outcome == outcome
-        assert entry.best.gradient == pytest.approx(abs(factor - 1.0), abs=0.1)
-        assert "gradient" in str(sb.score(with_differences(factor), "bilinear-gap"))
-        assert ("gradient" in entry.missed) == (factor != 1.0)
-    assert np.isnan(sb.score(verlet, "bilinear-gap").entries[0].best.gradient)
-
-
-def test_the_exact_solution_scores_its_own_derivatives():
-    card = sb.score("exact", ["bilinear-gap", "two-mass-chain", "impact-transient"])
-    assert all(0.0 <= entry.best.gradient < 1e-11 for entry in card.entries)
-
-
-def test_gradients_of_another_shape_or_name_are_told():
-    for gradients, words in (
-        ([1.0], "gradients must map paths"),
-        ({"q0": 1.0}, r"gradients must name a derivative that bilinear-gap has.*q0\[0\]"),
-        ({"q0[0]": "much"}, "gradients must be"),
-    ):
-        solve = lambda system, dt, t_end, x=gradients: (*verlet(system, dt, t_end), x)  # noqa: E731
-        entry = sb.score(solve, "bilinear-gap").entries[0]
-        assert entry.outcome == FAILED
-        assert re.search(words, entry.reason), entry.reason

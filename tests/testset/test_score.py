@@ -1,13 +1,13 @@
-"""The score: what is right passes, a planted error is found, what is not taken is said, and strangers can use it."""
+"""The score: right integrators pass, planted errors are flagged with a reason, and strangers can use it."""
 
 from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,20 @@ import pytest
 from processes import passed
 
 import stiffbeam as sb
-from stiffbeam.testset.measure import CONVERGES, FAILED, LOW_ORDER, NOT_FALLING, NOT_TAKEN, ONE_RUN
+from stiffbeam.schemes import RIGID, registered
+from stiffbeam.testing import check_scheme, check_solver
+from stiffbeam.testset.measure import read_trajectory
 from stiffbeam.testset.problem import folder, read
-from stiffbeam.testset.score import score_trajectories
+from stiffbeam.testset.score import (
+    CONVERGES,
+    FAILED,
+    LOW_ORDER,
+    MISSED,
+    NOT_JUDGED,
+    NOT_TAKEN,
+    STAYS,
+    score_trajectories,
+)
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "reference" / "problems" / "README.md").read_text(encoding="utf-8")
@@ -57,13 +68,62 @@ def newmark(system, dt, t_end, kappa=1.0, late=False, pull=False):
     return np.arange(steps + 1) * dt, u, v
 
 
+@pytest.mark.parametrize("scheme", [*registered(), *(kind() for kind in RIGID.values())], ids=str)
+def test_every_scheme_obeys_the_laws(scheme):
+    assert set(check_scheme(scheme)["law"]) >= {"order", "energy", "zero data", "units", "stiff contact"}
+
+
+@pytest.mark.parametrize("solver", ["exact", "dop853", "cvode-adams", newmark])
+@pytest.mark.fast(1)
+def test_solvers_obey_the_laws(solver):
+    if solver is newmark:
+        with pytest.raises(AssertionError, match=r"known answers: two-mass-chain: "):
+            check_solver(solver)
+    else:
+        assert len(check_solver(solver)) == 4
+
+
+class Wrong(sb.Scheme):
+    """Backward Euler, which states order 2 and an amplification that it does not have."""
+
+    order = 2
+
+    def step(self, equation, dt, z, loads, reactions):
+        y = z + dt * equation.implicit_rate(dt, z, loads[0] + reactions[0])
+        return y, [y]
+
+
+class Other(Wrong):
+    order = 1
+
+    def characteristic(self, x, xi):
+        return sb.Trapezoidal().characteristic(x, xi)
+
+
+class Leaking(Wrong):
+    """Explicit Euler: unstable on a stiff stop."""
+
+    order, nodes = 1, (0.0,)
+
+    def step(self, equation, dt, z, loads, reactions):
+        return z + dt * equation.rate(z, loads[0] + reactions[0]), [z]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "law"), [(Wrong(), "order: 1"), (Other(), "amplification"), (Leaking(), "stiff contact")], ids=str
+)
+def test_a_law_that_does_not_hold_is_named(scheme, law):
+    with pytest.raises(AssertionError, match=rf"{type(scheme).__name__}.*: {law}.* exceeds the allowed"):
+        check_scheme(scheme)
+
+
 @pytest.mark.parametrize("label", ["trapezoidal", "hht", "sdirk", "bdf2", "GeneralisedAlpha(rho=0.8)"])
 @pytest.mark.fast(2)
 def test_a_good_scheme_is_not_flagged(label):
     card = sb.score(label, [*SOME, "kelvin-voigt", "hertz", "hunt-crossley"])
     assert set(outcomes(card).values()) == {CONVERGES}
     for entry in card.entries:
-        assert entry.best.impacts == len(entry.problem.answers["impacts"].digits)
+        assert entry.best["impacts"] == len(entry.problem.answers["impacts"].digits)
         assert abs(entry.order.slope - entry.expected) < 0.6 or entry.order.slope > entry.expected
 
 
@@ -71,10 +131,10 @@ def test_a_written_out_trapezoidal_rule_scores_as_ours():
     """The same scheme through the other door: the same errors to rounding."""
     ours, theirs = (sb.score(x, SOME) for x in (sb.Trapezoidal(), newmark))
     for a, b in zip(ours.entries, theirs.entries, strict=True):
-        errors = np.array([[run.errors.tip_rms for run in e.runs] for e in (a, b)])
+        errors = np.array([[run["tip_error"] for run in e.runs] for e in (a, b)])
         assert np.allclose(errors[0], errors[1], rtol=1e-6, atol=1e-11)
-        assert a.best.impacts == b.best.impacts
-        assert a.best.peak_force == pytest.approx(b.best.peak_force, abs=1e-9, nan_ok=True)
+        assert a.best["impacts"] == b.best["impacts"]
+        assert a.best["peak_force_error"] == pytest.approx(b.best["peak_force_error"], abs=1e-9, nan_ok=True)
 
 
 def test_a_misprinted_scheme_is_found():
@@ -90,34 +150,7 @@ def test_a_contact_one_step_late_is_found():
 
 def test_a_wrong_stiffness_is_found():
     card = sb.score(lambda system, dt, t_end: newmark(system, dt, t_end, kappa=1.01), SOME[:3])
-    assert outcomes(card) == {SOME[0]: CONVERGES, SOME[1]: NOT_FALLING, SOME[2]: NOT_FALLING}
-
-
-@pytest.mark.parametrize(("factor", "word"), [(1000.0, "units"), (-1.0, "signs")])
-def test_wrong_units_are_told_by_their_factor(factor, word):
-    """Millimetres for metres: the error stands where it is, and the ratio says why."""
-
-    def wrong(system, dt, t_end):
-        t, u, v = newmark(system, dt, t_end)
-        return t, factor * u, factor * v
-
-    card = sb.score(wrong, SOME[1])
-    assert outcomes(card) == {SOME[1]: NOT_FALLING}
-    assert card.entries[0].best.factor == pytest.approx(factor, rel=1e-3)
-    assert re.search(rf"times a constant factor of {factor:g}\d*: {word}\?", " ".join(str(card).split()))
-    assert not np.isfinite(sb.score(newmark, SOME[1]).entries[0].best.factor)
-
-
-def test_a_function_is_scored_by_its_modules_name(tmp_path, monkeypatch, command):
-    lines = ["import numpy as np", "def rest(system, dt, t_end):",
-             "    t = np.arange(round(t_end / dt) + 1) * dt", "    return t, 0.0 * t"]  # fmt: skip
-    (tmp_path / "of_a_stranger.py").write_text("\n".join(lines), encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    code, out, _ = command("score", "of_a_stranger:rest", "--problem", "bilinear-gap", "--json", "-")
-    assert (code, json.loads(out)["entries"][0]["integrator"]) == (1, "of_a_stranger:rest")
-    code, _, error = command("study", "energy", "table10", "--schemes", "of_a_stranger:rest")
-    assert code == 2
-    assert "schemes must be schemes" in error
+    assert outcomes(card) == {SOME[0]: CONVERGES, SOME[1]: STAYS, SOME[2]: STAYS}
 
 
 def test_a_damper_that_pulls_is_found():
@@ -126,7 +159,7 @@ def test_a_damper_that_pulls_is_found():
         sb.score(lambda system, dt, t_end, pull=pull: newmark(system, dt, t_end, pull=pull), name).entries[0]
         for pull in (False, True)
     )
-    assert (right.outcome, wrong.outcome) == (CONVERGES, NOT_FALLING)
+    assert (right.outcome, wrong.outcome) == (CONVERGES, STAYS)
 
 
 def moreau_jean(data, steps, t_end, e=None):
@@ -148,21 +181,179 @@ def moreau_jean(data, steps, t_end, e=None):
     return t, u, v
 
 
-RIGID = ["bouncing-ball", "preloaded-chatter", "impact-oscillator"]
-
-
-@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize("name", ["bouncing-ball", "preloaded-chatter", "impact-oscillator"])
 def test_rigid_stops_by_a_strangers_moreau_jean(name):
     """Right with the restitution of the file, found out with another."""
     data = tomllib.loads((folder() / f"{name}.toml").read_text(encoding="utf-8"))
-    steps = sb.problem(name).steps
-    runs = [[moreau_jean(data["system"], n, data["t_end"], e) for n in steps] for e in (None, 0.6)]
+    steps, e = sb.problem(name).steps, data["system"]["contacts"][0]["restitution"]
+    runs = [[moreau_jean(data["system"], n, data["t_end"], e) for n in steps] for e in (None, 0.98 * e)]
     right, wrong = (score_trajectories(name, r).entries[0] for r in runs)
-    assert (right.outcome, wrong.outcome) == (CONVERGES, NOT_FALLING)
+    assert (right.outcome, wrong.outcome) == (CONVERGES, STAYS)
     assert right.order.slope == pytest.approx(1.0, abs=0.4)
     if name == "impact-oscillator":
-        assert right.best.impacts == 3
-        assert right.best.impact_time < 2.0 * data["t_end"] / steps[-1]
+        assert right.best["impacts"] == 3
+        assert right.best["impact_time_error"] < 2.0 * data["t_end"] / steps[-1]
+
+
+def test_an_impact_at_one_time_in_nested_steps_is_no_fault():
+    """Symplectic Euler's first impact is at 0.4515625 in 960, 1920, 2880 and 3840 steps, and its error is the same."""
+
+    def euler(restitution):
+        def solve(system, dt, t_end):
+            u, v = [system.q0[0]], [system.v0[0]]
+            for _ in range(round(t_end / dt)):
+                v.append(v[-1] + dt * system.load(0.0)[0])
+                u.append(u[-1] + dt * v[-1])
+                if u[-1] < 0.0 > v[-1]:
+                    u[-1], v[-1] = 0.0, -restitution * v[-1]
+            return np.arange(len(u)) * dt, np.array(u), np.array(v)
+
+        return solve
+
+    right, wrong = sb.score([euler(0.5), euler(0.49)], "bouncing-ball").entries
+    assert (right.outcome, wrong.outcome) == (CONVERGES, STAYS)
+
+
+def spoilt(kind):
+    """The trapezoidal rule with an error that stays, small beside those of its coarse steps, or that breaks it."""
+
+    def solve(system, dt, t_end):
+        run = sb.integrate(system, sb.Trapezoidal(), dt, t_end)
+        t, u, v = run.t, run.tip.copy(), run.tip_velocity.copy()
+        if kind == "late by a thousandth":
+            u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
+        if kind == "velocity 5 % too large":
+            v *= 1.05
+        for x in {"velocity": [v], "motion": [u, v]}[kind.split()[0]] if kind.endswith("before") else []:
+            x[1:] = x[:-1] if "half" not in kind else 0.5 * (x[1:] + x[:-1])
+        if kind == "ends in NaN where steps are short" and len(t) > 1000:
+            u[-1] = np.nan
+        return (t, u, v) if kind != "in reverse" else (t[::-1], u[::-1], v[::-1])
+
+    return solve
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome", "reason"),
+    [("", CONVERGES, ""), ("late by a thousandth", STAYS, "tip from"),
+     ("velocity 5 % too large", STAYS, "velocity from"),
+     ("velocity of the step before", LOW_ORDER, "velocity: 1."),
+     ("velocity of half a step before", LOW_ORDER, "velocity: 1."),
+     ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
+     ("in reverse", NOT_TAKEN, "sort the rows by time")],
+)  # fmt: skip
+def test_an_error_that_stays_is_found_however_small_beside_those_of_coarse_steps(kind, outcome, reason):
+    """Outcome and reason name the same quantity."""
+    (entry,) = sb.score(spoilt(kind), "two-mass-chain").entries
+    assert entry.outcome == outcome
+    assert reason in entry.reason
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome"),
+    [("", CONVERGES), ("damping left out", STAYS),
+     ("dashpots apart", STAYS), ("load of the step before", LOW_ORDER)],
+)  # fmt: skip
+def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
+    """By the one problem with a damping matrix and a smooth drive."""
+
+    def solve(system, dt, t_end):
+        C, loads = system.damping, system.loads
+        wrong = {"damping left out": 0.0 * C, "dashpots apart": np.diag(np.diag(C))}
+        if kind.startswith("load"):
+            loads = tuple((vector, replace(f, phase=f.phase - f.frequency * dt)) for vector, f in loads)
+        return sb.integrate(replace(system, damping=wrong.get(kind, C), loads=loads), sb.Trapezoidal(), dt, t_end)
+
+    assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
+
+
+def test_a_missing_impact_is_flagged_and_never_converges():
+    """Between the second and the third impact of Table 14 are 1.6e-5, eight of the shortest steps."""
+    known = sb.problem("table14")
+    runs = [sb.integrate(known.system, sb.HHT(alpha=-0.1), known.t_end / n, known.t_end) for n in known.steps]
+    (entry,) = score_trajectories(known, [(run.t, run.tip, run.tip_velocity) for run in runs]).entries
+    assert (entry.outcome, entry.flagged) == (MISSED, True)
+    assert entry.reason == "the finest run has 2 of the first 3 impacts"
+    (entry,) = sb.score("HHT(alpha=-0.1)", "table14", statistics=False).entries  # which adds shorter steps
+    assert (entry.outcome, entry.best["impacts"]) == (CONVERGES, 3)
+
+
+def test_impacts_where_there_are_none():
+    def spurious(system, dt, t_end):
+        steps = round(t_end / dt)
+        t, w = np.arange(steps + 1) * dt, np.sqrt(10.0)
+        u, v = system.q0[0] * np.cos(w * t), -system.q0[0] * w * np.sin(w * t)
+        asked = np.arange(steps + 1) % (steps // 60) == 0
+        u[~asked & (np.abs(t - 2.03) < 0.04)] = 0.02  # the stop is at 0.01; right wherever the answers are known
+        return t, u, v
+
+    entry = sb.score(spurious, "free-oscillator").entries[0]
+    assert entry.outcome == STAYS
+    assert "impacts where there are none" in entry.reason
+
+
+def test_a_method_whose_coarse_steps_overflow_is_judged_by_shorter_ones():
+    """Of its ten steps only the shortest holds."""
+
+    def solve(system, dt, t_end):
+        t, u, v = newmark(system, dt, t_end)
+        return t, u * (np.inf if len(t) < 1500 else 1.0), v
+
+    card = sb.score(solve, "bilinear-gap")
+    assert card.entries[0].outcome == CONVERGES
+    assert [run["level"] for run in card.entries[0].runs] == [1920, 3840, 7680]
+
+
+def test_runs_with_like_steps_are_not_judged():
+    known = sb.problem("bilinear-gap")
+    runs = [(t, np.full(n, 0.3)) for n in (481, 961, 1441) for t in [np.linspace(0.0, known.t_end, n)]]
+    assert score_trajectories(known, runs).entries[0].outcome == NOT_JUDGED
+    runs.append((np.linspace(0.0, known.t_end, 1921), np.full(1921, 0.3)))
+    assert score_trajectories(known, runs).entries[0].outcome == STAYS
+
+
+def sampled(name, steps, everything=False):
+    """The exact motion of a problem at ``steps`` equal steps."""
+    known = sb.problem(name)
+    t = np.arange(steps + 1) * known.t_end / steps
+    run = sb.reference(known.system, known.t_end, t_eval=t)
+    return (t, *run.states) if everything else (t, run.tip, run.tip_velocity)
+
+
+@pytest.mark.parametrize("name", ["mass-on-a-stop", "elastic-bar", "hammer-pulse", "bilinear-gap"])
+@pytest.mark.parametrize("steps", [60, 100, 240])
+@pytest.mark.fast(4)
+def test_exact_motions_at_halved_steps(name, steps):
+    """Halved steps share the one next to the peak of the force: its error there does not fall."""
+    (entry,) = score_trajectories(name, [sampled(name, k * steps) for k in (1, 2, 4)]).entries
+    assert (entry.outcome, entry.reason) == (CONVERGES, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "outcome"),
+    [("table10", 1.0, CONVERGES), ("table10", 1.2, STAYS), ("aster-beam", 1.2, STAYS), ("bilinear-gap", 1.05, STAYS)],
+)
+def test_a_velocity_that_is_off_by_a_factor(name, factor, outcome):
+    def integrator(system, dt, t_end):
+        run = sb.integrate(system, sb.Trapezoidal(), dt, t_end)
+        return run.t, run.tip, factor * run.tip_velocity
+
+    entry = sb.score(integrator, name, statistics=False).entries[0]
+    assert entry.outcome == outcome
+    assert ("velocity" in entry.reason) == (factor != 1.0)
+
+
+def test_a_stop_that_moves():
+    """With all unknowns its impacts are counted and its peak is known, with the tip alone neither is."""
+    name = "stop-along-the-beam"
+    whole = score_trajectories(name, [sampled(name, steps, everything=True) for steps in (3840, 7680, 15360)])
+    entry = whole.entries[0]
+    assert entry.outcome == CONVERGES
+    assert entry.best["impacts"] == len(sb.problem(name).answers["impacts"].value)
+    assert entry.best["impact_time_error"] < 1e-4
+    assert abs(entry.best["peak_force_error"]) < 1e-3
+    tip = score_trajectories(name, [sampled(name, steps) for steps in (3840, 7680, 15360)]).entries[0]
+    assert tip.best["impacts"] == -1
 
 
 def test_what_is_not_taken_and_what_fails_is_said():
@@ -177,25 +368,8 @@ def test_what_is_not_taken_and_what_fails_is_said():
     assert [e.outcome for e in refused.entries] == [CONVERGES, NOT_TAKEN]
     text = f"{card} {refused}"
     assert "ZeroDivisionError: no second mass" in text
-    assert re.search(r"not taken by exact: hertz: stops.exponent must be 1", text)
+    assert re.search(r"exact on hertz: not taken, stops.exponent must be 1", text)
     assert [e.outcome for e in card.flagged] == [FAILED]
-
-
-def test_steps_at_which_a_run_overflows_are_left_out():
-    def forward(system, dt, t_end):
-        t = np.arange(round(t_end / dt) + 1) * dt
-        u, v = system.q0[0], system.v0[0]
-        path = []
-        for _ in t:
-            path.append((u, v))
-            u, v = u + dt * v, v - dt * 1e9 * dt**4 * u**3 - dt * 10.0 * u  # blows up at long steps
-        return t, *np.array(path).T
-
-    (entry,) = sb.score(forward, "free-oscillator").entries
-    assert 0 < len(entry.runs) < len(entry.problem.steps)
-    assert re.search(r"in \d+ steps it overflowed at t = ", entry.reason)
-    never = sb.score(lambda system, dt, t_end: (np.arange(9) * t_end / 8, np.full(9, np.nan)), "free-oscillator")
-    assert never.entries[0].outcome == FAILED
 
 
 def test_a_file_with_an_unknown_field_is_refused():
@@ -205,12 +379,12 @@ def test_a_file_with_an_unknown_field_is_refused():
 
 
 def test_adaptive_solvers_stay_within_their_tolerance_and_a_loose_one_is_found(monkeypatch):
-    from stiffbeam.testset import integrators
+    from stiffbeam import integrators
 
     assert outcomes(sb.score("dop853", SOME)) == dict.fromkeys(SOME, CONVERGES)
     honest = integrators.solve
-    monkeypatch.setattr(integrators, "solve", lambda s, T, m, t, rtol, atol: honest(s, T, m, t, 3e-2, None))
-    assert outcomes(sb.score("dop853", "bilinear-gap")) == {"bilinear-gap": NOT_FALLING}
+    monkeypatch.setattr(integrators, "solve", lambda s, T, m, t, rtol, atol, steps: honest(s, T, m, t, 3e-2, None))
+    assert outcomes(sb.score("dop853", "bilinear-gap")) == {"bilinear-gap": STAYS}
 
 
 @pytest.mark.slow
@@ -223,15 +397,11 @@ def test_past_the_horizon_the_trapezoidal_rule_is_among_the_exact_motions_and_bd
 @pytest.mark.slow
 def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     card = sb.score(["trapezoidal", newmark], ["bilinear-gap", "bouncing-ball"])
-    files = card.save(tmp_path)
-    assert {file.name for file in files} >= {"index.html", "score.json", "bilinear-gap.png"}
-    page = (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "bilinear-gap.png" in page
-    assert card.problems[0].catches.split(":")[0] in page
+    names = {file.name for file in card.save(tmp_path)}
+    assert names == {"score.txt", "score.csv", "score.json", "bilinear-gap.png", "bouncing-ball.png"}
     again = json.loads((tmp_path / "score.json").read_text(encoding="utf-8"))
     assert again == json.loads(json.dumps(card.to_dict()))
-    rows = card.to_dataframe()
-    assert len(rows) == sum(len(e.runs) for e in card.entries)
+    assert len(card.to_dataframe()) == sum(len(e.runs) for e in card.entries)
     axes = card.figure("bilinear-gap").axes
     assert len(axes) == 3
     assert all(axis.get_xlabel() and axis.get_ylabel() for axis in axes)
@@ -261,49 +431,50 @@ def test_a_trajectory_file_is_scored(tmp_path, command):
     code, out, _ = command("score", "--trajectory", "run.csv", "--problem", "bilinear-gap", "--json", "-")
     assert code == 0
     (entry,) = json.loads(out)["entries"]
-    assert entry["outcome"] == ONE_RUN
+    assert entry["outcome"] == NOT_JUDGED
     run = entry["runs"][0]
     assert run["impacts"] == 3
-    assert 1e-6 < run["tip_rms"] < 1e-3
-    assert abs(run["energy"]) < 1e-3
+    assert 1e-6 < run["tip_error"] < 1e-3
+    assert abs(run["energy_error"]) < 1e-3
     code, out, error = command("score", "--trajectory", "run.csv")
     assert code == 2
     assert "--problem must name one problem" in error
 
 
-def test_the_tables_of_one_integrator_fit_a_terminal():
-    """Two tables without empty columns; their rows are those of the entries."""
-    card = sb.score(sb.Trapezoidal(), ["bilinear-gap", "hertz", "stop-along-the-beam", "bouncing-ball"])
-    lines = str(card).splitlines()
-    tables = [line for line in lines if line.startswith(tuple(p.name for p in card.problems))]
-    assert len(tables) == 4 + 3
-    assert max(map(len, tables)) <= 80
-    assert not any("gradient" in line for line in lines)
-    (first,) = (line for line in tables if line.startswith("bilinear-gap") and line.rstrip().endswith("converges"))
-    assert f"{card.entries[0].best.tip_rms:.1e}" in first
-    (second,) = (line for line in tables if line.startswith("bilinear-gap") and "3 of 3" in line)
-    assert f"{abs(card.entries[0].best.peak_force):.1e}" in second
+def test_columns_are_known_by_their_names(tmp_path):
+    file = tmp_path / "run.csv"
+    names = [
+        ("v,time,u", [1, 2, 0]),
+        ("t;tip", [0, 1]),
+        ("", [0, 1, 2]),
+        ("# t v u", [0, 2, 1]),
+        ("# my run", [0, 1, 2]),
+    ]
+    for header, found in names:
+        width = len(found)
+        rows = [",".join(f"{10 * k + column}" for column in range(width)) for k in range(5)]
+        file.write_text("\n".join([header, *rows]), encoding="utf-8")
+        assert [int(column[0]) for column in read_trajectory(file)] == found
+    for header in ("u,v", "t,x,v", "t,u,u"):
+        file.write_text("\n".join([header, *["1,2,3"] * 5]), encoding="utf-8")
+        with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
+            read_trajectory(file)
+    for separator in ";\t ":  # not t = 1, u = 0, v = 5
+        file.write_text("\n".join(f"{k}{separator}0,5" for k in range(5)), encoding="utf-8")
+        with pytest.raises(sb.InputError, match="decimals have a point"):
+            read_trajectory(file)
+    file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
+    with pytest.raises(sb.InputError, match="name every column"):
+        read_trajectory(file)
 
 
-def test_the_problems_are_listed_shown_and_set_in_latex(command):
+def test_the_problems_are_listed_and_shown(command):
     code, out, _ = command("score", "--list")
     assert code == 0
     assert all(name in out for name in sb.problems())
     code, out, _ = command("score", "--list", "--problem", "hertz")
     assert read(out).name == "hertz"
-    code, out, _ = command("score", "--latex", "--problem", "bilinear-oscillator")
-    assert "4.49107970743817688" in out
-    assert out.count("\\begin{tabular}") == out.count("\\end{tabular}") == 1
     assert command("score", "--problem", "hertzz")[0] == 2
-
-
-def test_every_problem_can_be_set_in_latex():
-    from stiffbeam.testset.scorecard import latex_table
-
-    for problem in sb.problems().values():
-        text = latex_table(problem)
-        assert text.count("{") == text.count("}")
-        assert not re.search(r"\d[eE]-?\d|inf(?!ty)", text.partition("\n  \\toprule")[2])
 
 
 @pytest.mark.slow
@@ -317,35 +488,6 @@ def test_the_page_runs_as_written(tmp_path):
         assert (ROOT / "reference" / "problems" / f"{name}.png").is_file()
 
 
-C_PROGRAM = r"""
-#include <stdio.h>
-int main(void) { /* a bouncing ball, h = 1, g = 9.81, e = 0.5, Moreau's time stepping, as the page describes it */
-    double u = 1.0, v = 0.0, t_end = 1.5; int n = 6000;
-    printf("t,u,v\n");
-    for (int k = 0; k <= n; k++) {
-        printf("%.17g,%.17g,%.17g\n", k * t_end / n, u, v);
-        double h = t_end / n, new = v - h * 9.81;
-        if (u + 0.5 * h * v <= 0.0 && new < -0.5 * v) new = -0.5 * v;
-        u += 0.5 * h * (v + new); v = new;
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
-def test_a_c_program_is_scored(tmp_path, command):
-    (tmp_path / "ball.c").write_text(C_PROGRAM, encoding="utf-8")
-    subprocess.run(["gcc", "-O1", "-o", "ball", "ball.c"], cwd=tmp_path, check=True)
-    done = subprocess.run([str(tmp_path / "ball")], capture_output=True, text=True, check=True)
-    (tmp_path / "ball.csv").write_text(done.stdout, encoding="utf-8")
-    code, out, _ = command("score", "--trajectory", "ball.csv", "--problem", "bouncing-ball", "--json", "-")
-    assert code == 0
-    (run,) = json.loads(out)["entries"][0]["runs"]
-    assert run["tip_max"] < 2e-3
-    assert run["energy"] == pytest.approx(0.0, abs=1e-3)
-
-
 @pytest.mark.slow
 def test_the_plugin_asks_every_problem(tmp_path):
     text = (
@@ -355,19 +497,3 @@ def test_the_plugin_asks_every_problem(tmp_path):
         "    assert tip.shape == known_problem.times.shape\n"
     )
     assert f"{len(sb.problems())} passed" in passed(tmp_path, text)
-
-
-def test_integrators_of_one_name_stay_apart(tmp_path, monkeypatch):
-    """A user's ``radau`` beside SciPy's, and two functions of one name."""
-    (tmp_path / "ext.py").write_text(
-        "import numpy as np\n\ndef radau(system, dt, t_end):\n"
-        "    t = np.linspace(0.0, t_end, round(t_end / dt) + 1)\n    return t, 0.0 * t\n"
-    )
-    monkeypatch.chdir(tmp_path)
-
-    def radau(system, dt, t_end):
-        t = np.linspace(0.0, t_end, round(t_end / dt) + 1)
-        return t, 0.0 * t
-
-    card = sb.score(["ext:radau", "radau", radau, radau], "free-oscillator", statistics=False)
-    assert [entry.integrator for entry in card.entries] == ["ext:radau", "radau", "radau (2)", "radau (3)"]

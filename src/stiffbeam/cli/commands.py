@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.resources import TALK, cores, progress
+from ..basics.progress import TALK, progress
+from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
 
 if TYPE_CHECKING:
-    from ..basics.resources import Show
+    from ..basics.progress import Show
     from ..studies.base import Study
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
@@ -129,8 +130,8 @@ _SHARED = """
 
 def advise(
     case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
-    t_end: float | None = None, most_steps: int | None = None, members: int = 48, out: Path | None = None,
-    json: Json = None,
+    t_end: float | None = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
+    out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
@@ -144,7 +145,7 @@ def advise(
     case
         table1 .. table17, a case file, or file.toml:name.
     want
-        Admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; by default
+        Admissible relative errors: tip (rms), impacts, peak_force, impulse; by default
         tip=1e-3,impacts=0.05,peak_force=0.05.
     schemes
         Comma-separated; by default all.
@@ -156,6 +157,8 @@ def advise(
         Largest number of steps of a run; the search ends there.
     members
         Perturbed runs per mean, past the horizon.
+    seconds
+        CPU seconds after which the search ends with what it knows by then.
     out
         Folder of finished runs; by default stiffbeam-output/CASE.
     json
@@ -179,7 +182,7 @@ def advise(
     with progress() as show:
         advice = find(
             chosen.system(form), wanted, chosen.t_end if t_end is None else t_end, parsed, most_steps=most_steps,
-            members=members, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
+            members=members, seconds=seconds, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json):
         say(str(advice))
@@ -346,7 +349,7 @@ def _reference(
     solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
         "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
-        "units": str(solution.units), "against": solution.provenance["horizon_against"],
+        "units": list(solution.units), "against": solution.provenance["horizon_against"],
         "impacts": len(impact_times(solution)), "seconds": round(solution.work.seconds, 3),
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
@@ -360,12 +363,12 @@ def _reference(
 
 def score(
     integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
-    show: Annotated[bool, Parameter(name="--list")] = False, latex: bool = False, out: Path | None = None,
-    json: Json = None,
+    show: Annotated[bool, Parameter(name="--list")] = False, out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
-    """Errors of integrators on problems with known answers.
+    """Errors and orders of integrators on problems with known answers.
 
-    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, or a run failed.
+    Exit status 0: no result is flagged; 1: an error does not fall with the step, or too slowly, an impact is missing,
+    or a run failed.
 
     Example: stiffbeam score BDF2,cvode --problem bilinear-gap
 
@@ -379,10 +382,8 @@ def score(
         Score this file instead: columns t, u and, if known, v; repeat for other time steps.
     show
         List the problems, or print the file of one --problem.
-    latex
-        One --problem as a LaTeX table.
     out
-        Folder for the page index.html, pictures and records.
+        Folder for table, records and pictures.
     json
         Write the records to this file, - for stdout.
     """
@@ -393,14 +394,8 @@ def score(
     from ..testset.score import score as score_all
     from ..testset.score import score_trajectories
 
-    # What writes one thing takes no option that would be passed over.
-    alone = "--list" if show else "--latex" if latex else "--trajectory" if trajectory else None
-    others = {
-        "INTEGRATORS": integrators, "--trajectory": trajectory and alone != "--trajectory",
-        "--latex": latex and alone != "--latex",
-        "--out": out if alone in ("--list", "--latex") else None,
-        "--json": json if alone in ("--list", "--latex") else None,
-    }  # fmt: skip
+    alone = "--list" if show else "--trajectory" if trajectory else None
+    others = {"INTEGRATORS": integrators} | ({"--trajectory": trajectory, "--out": out, "--json": json} if show else {})
     for name, value in others.items():
         if alone is not None and value:
             raise InputError(name, str(value), f"be left out with {alone}", "give one command for each")
@@ -408,14 +403,6 @@ def score(
     if out is not None:
         make_folder(out)  # before the work begins
     names = None if problem is None else [name.strip() for name in problem.split(",")]
-    if (trajectory or latex) and (names is None or len(names) != 1):
-        flag = "--latex" if latex else "--trajectory"
-        raise InputError("--problem", problem, f"name one problem for {flag}", ", ".join(problems()))
-    if latex:
-        from ..testset.scorecard import latex_table
-
-        say(latex_table(find(names[0])))  # type: ignore[index]
-        return 0
     if show:
         for name in names or []:
             say(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8").rstrip("\n"))
@@ -425,15 +412,16 @@ def score(
                 say(f"  {each.name:<22}{each.title}")
         return 0
     if trajectory:
+        if names is None or len(names) != 1:
+            raise InputError("--problem", problem, "name one problem for --trajectory", ", ".join(problems()))
         label = trajectory[0].name if len(trajectory) == 1 else f"{len(trajectory)} files"
-        assert names is not None
         card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], label)
     else:
         with progress() as bar:
             card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
     written = [] if out is None else card.save(out)
     if not write_json("score", card.to_dict(), json):
-        console(card.width).print(card.tables())
+        say(str(card))
         if written:
             say(f"Written: {written[0]} and {len(written) - 1} files beside it")
     return int(bool(card.flagged))
@@ -476,7 +464,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     for row in rows:
         table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
     console().print(table)
-    say("All are non-dimensional.")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 

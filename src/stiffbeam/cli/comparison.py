@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json as json_module
 import shlex
-import sys
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..basics.resources import TALK, progress
+from rich.console import Console
+from rich.text import Text
+
+from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
@@ -18,13 +19,12 @@ from .output import Json, check_json, console, default_folder, file_name, json_t
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.console import RenderableType
-
     from ..files.cases import Case as CaseFile
+    from ..integrators import Integrator
     from ..measures.rates import ContactRates
+    from ..measures.report import Report
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
-    from ..testset.integrators import Integrator
     from ..trajectory.trajectory import Reference, Trajectory
 
 
@@ -73,9 +73,10 @@ def compare(
     """
     json_file = json
     from ..files.cases import compared_runs, find_case
+    from ..integrators import parse_integrator
+    from ..measures.report import WIDTH, largest, short
     from ..schemes.labels import split_runs
     from ..studies.comparison import compare_case
-    from ..testset.integrators import parse_integrator
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
@@ -92,32 +93,60 @@ def compare(
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     written: list[Path] = []
-    earlier: list[str] = []
+    answered: list[CaseComparison] = []
+    shown: list[int] = []  # failures that are printed
+    terminal = console(WIDTH, quiet=str(json_file) == "-")
 
     def keep(run: Trajectory) -> None:
+        # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
         if not written:
-            earlier.extend(_clear(folder))
+            make_folder(folder)
+            title = "" if chosen.title == chosen.name else f"  {chosen.title}"
+            terminal.print(Text.assemble((chosen.name, "bold"), title))
         written.append(run.save(folder / f"{file_name(run.label)}.nc"))
+        if not answered and run.work.steps:  # of no reference
+            name = short(run.label.partition("@")[0])
+            terminal.print(f"{name}: {largest(run)} ({run.work.seconds:.2g} s)", soft_wrap=True)
+
+    def measured(result: CaseComparison, solution: Trajectory | None) -> None:
+        answered.append(result)
+        shown.append(len(result.failures))  # the table has those of the first call
+        _print_result(terminal, result, case) if solution is None else _print_line(terminal, result, solution)
 
     with progress() as show:
-        # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
-        result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth)
-        measured = _rates(result) if rates else []
-    # The answer comes first: to load matplotlib and to draw takes as long again.
-    if str(json_file) != "-":
-        _print_result(result, measured, case)
-    with progress() as show:
+        try:
+            result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth, measured)
+        except KeyboardInterrupt:
+            if answered:  # what is printed is written too
+                _write(answered[-1], folder, written)
+            raise
+        for line in _report(result, False).failed()[shown[0] :]:
+            terminal.print(line)
+        rated = _rates(result) if rates else []
+        for label, each in rated:
+            terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
+        # The answer comes first: to load matplotlib and to draw takes as long again.
         show("drawing", 0, 0)
         written += _draw(result, folder)
-        written += _rate_tables(measured, folder)
-        records = result.to_dict() | {"files": [path.name for path in written]}
-        written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
+        written += _rate_tables(rated, folder)
+        _write(result, folder, written)
+    records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json_file):
-        _print_files(written, earlier)
+        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
+        say(f"Written: {len(written)} files in {folder}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
-    if failed_runs or not result.references:
-        return 1
-    return 0
+    return int(bool(failed_runs) or not result.references)
+
+
+def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
+    """Tables and records as files, after those that are ``written``."""
+    from ..measures.report import WIDTH
+
+    text = StringIO()
+    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_report(result, verbose=True).rich())
+    written.append(write_whole(folder / "comparison.txt", text.getvalue()))
+    records = result.to_dict() | {"files": [path.name for path in written]}
+    written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
 
 
 def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
@@ -162,91 +191,50 @@ def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
     return reference if reference is not None and reference.provenance["t_end"] == t_end else None
 
 
-def _clear(folder: Path) -> list[str]:
-    """Remove the files of an earlier comparison in this folder, so that old and new ones do not mix; return their
-    names.
-
-    Only files that a comparison writes: its list may have been made by anyone. One that is cut or no list is
-    passed over, and written anew.
-    """
-    earlier = make_folder(folder) / "comparison.json"
-    removed = []
-    try:
-        if earlier.is_file():
-            try:
-                names = list(json_module.loads(earlier.read_text(encoding="utf-8"))["files"])
-            except (ValueError, KeyError, TypeError):
-                names = []
-            for name in names:
-                inside = isinstance(name, str) and Path(name).name == name
-                if inside and (name.startswith("comparison") or name.endswith(".nc")) and (folder / name).is_file():
-                    (folder / name).unlink()
-                    removed.append(name)
-            earlier.unlink()
-    except OSError as error:
-        remedy = f"{error.strerror}: name another"
-        raise InputError("--out", str(folder), "be a folder that can be written to", remedy) from None
-    return removed
-
-
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:
-    """The picture and the table as files."""
-    from rich.console import Console
-
-    from ..measures.report import WIDTH
+    """The picture of each form."""
+    from ..figures.chart import save_figure
+    from ..figures.runs import comparison_panels
+    from ..measures.report import verdict
 
     written = []
-    units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
-        from ..figures.chart import save_figure
-        from ..figures.runs import four_panels, verdict
-
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]
-        dt = units.measure(f"{result.case.dt:g}", "time")
-        details = ", ".join(filter(None, [form, f"dt = {dt}", result.case.grid, units.note]))
+        details = ", ".join(filter(None, [form, f"dt = {result.case.dt:g}", result.case.grid]))
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
-        comparisons = [c for c in result.comparisons if c.reference == references[0].label] if references else []
+        comparisons = [c for c in result.comparisons if c.reference == references[0].label]
         own = [c for c in comparisons if c.label in {run.label for run in runs}]
         named = list(dict.fromkeys([result.case.name, result.case.title]))
         heads = [named[0], *([verdict(own)] if own else [])]
         title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
         title = title.replace("$", r"\$")  # no formula of matplotlib's
-        written.append(save_figure(four_panels(title, runs, references, comparisons), folder / name))
-    text = StringIO()
-    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_tables(result, verbose=True))
-    written.append(write_whole(folder / "comparison.txt", text.getvalue()))
+        written.append(save_figure(comparison_panels(title, runs, references, comparisons), folder / name))
     return written
 
 
-def _tables(result: CaseComparison, verbose: bool) -> RenderableType:
-    from ..measures.report import comparison_tables
+def _report(result: CaseComparison, verbose: bool) -> Report:
+    from ..measures.report import report
 
     parts = (result.comparisons, result.references, result.failures, result.truths, result.refused)
-    return comparison_tables(*parts, verbose=verbose)
+    return report(*parts, verbose=verbose)
 
 
-def _print_result(result: CaseComparison, measured: Sequence[tuple[str, ContactRates]], case: str) -> None:
-    """Print the tables, and rates that were asked for."""
-    from rich.text import Text
-
-    from ..measures.report import WIDTH
-
-    terminal = console(WIDTH)
-    title = "" if result.case.title == result.case.name else f"  {result.case.title}"
-    terminal.print(Text.assemble((result.case.name, "bold"), title))
-    terminal.print(_tables(result, TALK.verbose))
+def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:
+    """Print the tables of the schemes and the main reference."""
+    terminal.print()
+    terminal.print(_report(result, TALK.verbose).rich())
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-        say(f"\nStatistics past the horizon, over many runs: stiffbeam ensemble {shlex.quote(case)}")
-    for label, each in measured:
-        say(f"\n{label}, rates with 95 % intervals\n{each}")
-    sys.stdout.flush()
+        command = f"stiffbeam ensemble {shlex.quote(case)}"
+        terminal.print(f"\nStatistics past the horizon, over many runs: {command}", soft_wrap=True)
 
 
-def _print_files(written: list[Path], earlier: list[str]) -> None:
-    """Print the names of the pictures, and how many files were written and removed."""
-    replaced = f", in place of {len(earlier)} of an earlier comparison" if earlier else ""
-    files = f"{len(written)} files in {written[-1].parent}" if written else "nothing"
-    say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
-    say(f"Written: {files}{replaced}")
+def _print_line(terminal: Console, result: CaseComparison, solution: Trajectory) -> None:
+    """Print how far a further reference agrees with the main one."""
+    from ..measures.report import short, verdict
+
+    name, seconds = short(solution.provenance["method"]), f"({solution.work.seconds:.2g} s)"
+    found = [c for c in result.comparisons if c.label == solution.label]
+    line = f"{verdict(found)} {seconds}" if found else f"not compared {seconds}"
+    terminal.print(f"{name}: {line}", soft_wrap=True)

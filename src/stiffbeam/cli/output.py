@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from ..basics.resources import TALK
+from ..basics.progress import TALK
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path
 
@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 Json = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # a file, or - for stdout
 
 
-def console(width: int | None = None) -> Console:
-    """The terminal, silent with --quiet; ``width``: for piped output. Names and messages may contain [/]."""
+def console(width: int | None = None, quiet: bool = False) -> Console:
+    """The terminal, silent with --quiet; ``width``: for piped output, which a bar on stderr does not catch. Names and
+    messages may contain [/]."""
     from rich.console import Console
 
-    wide = None if sys.stdout.isatty() else width
-    return Console(width=wide, quiet=TALK.quiet, highlight=False, markup=False, emoji=False)
+    piped = not sys.stdout.isatty()
+    return Console(
+        file=sys.stdout if piped else None, width=width if piped else None, quiet=TALK.quiet or quiet, highlight=False,
+        markup=False, emoji=False,
+    )  # fmt: skip
 
 
 def say(text: str) -> None:

@@ -40,6 +40,14 @@ DASHES = (
     (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
     (4, 4), (10, 2, 3, 2), (3, 1, 1, 1, 1, 1, 1, 1), (8, 5), (3, 3, 1, 3),
 )  # fmt: skip
+SOLVERS = (
+    "0.25",
+    "#999933",
+    "#882255",
+    "#44AA99",
+    "#AA4499",
+    "#332288",
+)  # muted, none of a scheme
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
@@ -53,14 +61,15 @@ def look(label: str) -> dict[str, Any]:
     """Colour, dashes and marker of a method, the same in every picture; arguments of ``Axes.plot``.
 
     The exact motion is black. A scheme has its colour by name; other parameters than its default's change
-    dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Other solvers are
-    grey. A user's scheme has a colour chosen by its label, or the next one that no other label has in this process.
+    dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Adaptive solvers
+    have muted colours. A user's scheme has a colour chosen by its label, or the next one that no other label has in
+    this process.
     """
     if label in EXACT:
         return {"color": "black", "linestyle": "-", "marker": "*"}
     if label in REFERENCES:
         k = REFERENCES[label].look
-        return {"color": ("0.6", "0.3")[k % 2], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
+        return {"color": SOLVERS[k % len(SOLVERS)], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
     scheme = scheme_at_hand(label)
     # A class of one's own may have kept the name of the one it is made from.
     known = None if scheme is None or ":" in label else scheme.name
@@ -107,6 +116,14 @@ def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
     if title:
         figure.suptitle(title)
     return figure
+
+
+def axes_for(ax: Axes | None, title: str) -> tuple[Axes, Axes | Figure]:
+    """The axes to draw into, of a new figure without ``ax``, and the object to return."""
+    if ax is not None:
+        return ax, ax
+    figure = new_figure(3.6, title, width=8.0)
+    return figure.subplots(), figure
 
 
 def png(figure: Figure) -> bytes:
@@ -219,10 +236,9 @@ def shared_legend(
 
 
 def heading(case: Case, text: str) -> str:
-    """A picture's title: the case, the note on units where its axes name none, and ``text``."""
-    note = case.units.note
+    """A picture's title: the case and ``text``."""
     name = case.name.replace("$", r"\$")  # no formula of matplotlib's
-    return f"{name}{f' ({note})' if note else ''}: {text}"
+    return f"{name}: {text}"
 
 
 def in_lines(title: str, width: int) -> str:
@@ -236,13 +252,13 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
     matrices."""
     if problem is None:
         return f"$u({t})$"
-    end = "1" if problem.length == 1.0 and not problem.units.known else "L"
+    end = "1" if problem.length == 1.0 and not problem.units else "L"
     return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
 
 
 def tip_name(problem: BeamProblem | None) -> str:
-    """Name of the observed point: the tip, or the middle of a beam whose end is held."""
-    return "tip" if problem is None or problem.ends[1] == "free" else "mid-span"
+    """Name of the observed point: the tip, or the middle of a beam whose end is held; matrices have none."""
+    return "" if problem is None else "tip" if problem.ends[1] == "free" else "mid-span"
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:

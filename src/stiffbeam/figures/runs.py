@@ -6,7 +6,8 @@ notebook shows. It takes arguments of ``Axes.plot``. The exact motion is black, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,11 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.text import several
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import Units, with_unit
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
-from ..measures.report import largest, percent
+from ..measures.report import largest, verdict
 from ..model.contact import Stops
 from ..model.natural_modes import modes
 from ..model.scales import scales
@@ -26,70 +27,99 @@ from ..model.system import System
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, log_scale, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
+from .chart import COLOURS, axes_for, look, new_figure, panel_legend, say_empty, short, tip_name, tip_symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+OMEGA = r"angular frequency $\omega$"
 TICKS = 6  # of an axis of times: more would run into each other
 CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
 
 
-def four_panels(
+def comparison_panels(
     title: str,
     runs: Sequence[Trajectory],
     references: Sequence[Reference],
     comparisons: Sequence[Comparison] | None = None,
 ) -> Figure:
-    """(a) tip displacement, (b) error against time, (c) zoom on the first impacts, (d) amplitude spectrum.
+    """Displacement, error, close-up of the first impacts, contact force and amplitude spectrum of runs of one system.
 
-    Several contacts have a panel like c each, see ``shown_contacts``. All of one form: another is another system. All
-    but the spectrum show the time inside the horizon of the first reference, where one solution exists to compare
-    with; the spectrum shows the schemes over their whole span. The other references are thin and lie beneath
-    the schemes. Panel b: the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
-    vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the first, made
-    if None. Axes name the units of the system.
+    Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
+    largest one. All but the spectrum show the time inside the horizon of the first reference; the spectrum shows the
+    schemes over their whole span. The other references are thin and lie beneath the schemes. The error is the largest
+    |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a vertical line at a solver's own
+    horizon; ``comparisons`` of the runs and the other references with the first, made if None.
     """
-    main = references[0]
+    main, runs = references[0], [*runs, *references[1:]]
     system = main.system
     assert system is not None
-    units, symbol = system.units, tip_symbol(system.problem)
-    window = min(main.horizon, float(main.t[-1]))
-    contacts = shown_contacts([*references, *runs])
-    zooms = max(1, len(contacts))
-    lines = (4 + zooms) // 2
+    window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([*references, *runs])
+    hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force), default=None)
+    error = f"error{'; lines: horizons' * any(x.horizon < window for x in references[1:])}"
+    panels: list[tuple[str, Callable[[Axes], None]]] = [
+        (f"displacement to the horizon t = {window:.3g}", lambda axis: _motion(axis, main, runs, window)),
+        (error, lambda axis: _draw_errors(axis, main, runs, comparisons, window)),
+    ]
+    for i in contacts or [None]:
+        name = "first oscillations" if i is None else f"first impact at {contact_name(system, i)}"
+        panels.append((name, partial(_zoom, main=main, runs=runs, window=window, contact=i)))
+    if hardest is not None:
+        name = f"force of {contact_name(system, hardest)} to the horizon"
+        panels.append((name, partial(_forces, main=main, runs=runs, window=window, contact=hardest)))
+    whole = min((float(run.t[-1]) for run in runs if not isinstance(run, Reference)), default=np.inf)
+    span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
+    panels.append((f"spectrum{span}", lambda axis: _draw_spectra(axis, runs, references, system)))
+    lines = -(-len(panels) // 2)
     figure = new_figure(4.1 * lines, title)
-    axes = figure.subplots(lines, 2).ravel()
-    displacement, errors, spectrum = axes[0], axes[1], axes[2 + zooms]
-    for axis in axes[3 + zooms :]:
-        axis.remove()
-    runs = [*runs, *references[1:]]
-
-    for index, run, t, (u, _) in _curves(main, runs, window):
-        _draw(displacement, t, u, index, run)
-    for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
-        draw_stops(displacement, contact, horizontal=True)
-    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(0.0, window))
-    to = units.measure(window, "time", ".3g")
-    displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
-    _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
-    errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
-    marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
-    errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
-    *letters, last = ascii_lowercase[2 : 3 + zooms]
-    for axis, contact, letter in zip(axes[2 : 2 + zooms], contacts or [None], letters, strict=True):
-        _zoom(axis, main, runs, window, contact)
-        label = tip_label(system) if contact is None else position_label(system, contact)
-        axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
-        first = "contact" if len(system.contacts) == 1 else f"impact at contact {(contact or 0) + 1}"
-        axis.set_title(f"({letter}) first {'oscillations' if contact is None else first}", loc="left")
-    for axis in axes[: 2 + zooms]:
-        axis.locator_params(axis="x", nbins=TICKS)
-    _draw_spectra(spectrum, runs, references, system, last)
-    handles, labels = displacement.get_legend_handles_labels()
+    grid = figure.add_gridspec(lines, 2)
+    for k, (name, draw) in enumerate(panels):
+        last = k == len(panels) - 1
+        axis = figure.add_subplot(grid[k // 2, :] if last and k % 2 == 0 else grid[k // 2, k % 2])
+        if not last:
+            axis.set_xlabel(with_unit(system.units, "time $t$", "time"))
+            axis.locator_params(axis="x", nbins=TICKS)
+        draw(axis)
+        axis.set_title(f"({ascii_lowercase[k]}) {name}", loc="left")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
+
+
+def contact_name(system: System, i: int) -> str:
+    """A contact with its place along the beam or, if it acts on one unknown, the row of that."""
+    number = f"contact {i + 1}" if len(system.contacts) > 1 else "the contact"
+    if system.problem is not None:
+        return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"
+    rows = np.flatnonzero(system.contacts[i].row)
+    return f"{number}, row {rows[0] + 1}" if len(rows) == 1 and system.size > 1 else number
+
+
+def _motion(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float) -> None:
+    """The observed displacement between its stops."""
+    system = main.system
+    assert system is not None
+    for index, run, t, (u, _) in _curves(main, runs, window):
+        _draw(axis, t, u, index, run)
+    for i, contact in enumerate(system.contacts):
+        if system.reads_tip(i):
+            draw_stops(axis, contact.stops, horizontal=True)
+    axis.set(ylabel=tip_label(system), xlim=(0.0, window))
+
+
+def _forces(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int) -> None:
+    """The force of a contact over time; of a rigid stop the impulse of every impact."""
+    stops = main.contacts[contact].stops
+    for index, run, t, (u, v) in _curves(main, runs, window, contact):
+        if not stops.rigid:
+            _draw(axis, t, stops.force(u, v), index, run)
+        else:
+            impacts = run.contacts[contact].impacts.until(window)
+            _draw(axis, impacts.times, np.abs(impacts.impulses), index, run)
+            axis.lines[-1].set(linestyle="", marker="o", markersize=5.0 if index is None else 3.0)
+    name = ("impulse", "impulse") if stops.rigid else (r"contact force $\sigma$", "force")
+    axis.set(xlim=(0.0, window), ylabel=with_unit(main.units, *name))
 
 
 def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
@@ -100,8 +130,8 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
-    beam, units = system and system.problem, units or (system and system.units) or UNKNOWN
-    return units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length")
+    beam, units = system and system.problem, units or (system and system.units) or ()
+    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}".strip(), "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -109,8 +139,8 @@ def position_label(system: System, contact: int) -> str:
     if system.reads_tip(contact):
         return tip_label(system)
     moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
-    name = "displacement relative to the moving stop" if moving else f"position at contact {contact + 1}"
-    return system.units.label(name, "length")
+    name = f"{'displacement relative to the moving stop' if moving else 'position'} at {contact_name(system, contact)}"
+    return with_unit(system.units, name, "length")
 
 
 def _curves(
@@ -148,9 +178,11 @@ def _draw(axis: Axes, x: Array, y: Array, index: int | None, run: Trajectory) ->
         axis.plot(x, y, lw=1.2, label=name, zorder=3 + index, **line_of(run))
 
 
-def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float) -> None:
+def _draw_errors(
+    axis: Axes, main: Reference, runs: Sequence[Trajectory], comparisons: Sequence[Comparison] | None, window: float
+) -> None:
     """The largest error so far of every run, on a logarithmic axis."""
-    by_label = {c.label: c for c in comparisons}
+    by_label = {c.label: c for c in ([compare(x, main) for x in runs] if comparisons is None else comparisons)}
     for index, run in enumerate(runs):
         if run.label not in by_label:
             continue
@@ -162,6 +194,10 @@ def _draw_errors(axis: Axes, runs: Sequence[Trajectory], comparisons: Sequence[C
     axis.set(yscale="log", xlim=(0.0, window))
     low, high = axis.get_ylim()
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
+    axis.set_ylabel(f"largest error so far / max |{tip_symbol(main.system and main.system.problem)}|")
+    if any(x.matched_until < x.window for x in by_label.values()):
+        (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
+        axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")
 
 
 def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[float], list[float]]]:
@@ -176,7 +212,9 @@ def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[fl
 def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None) -> None:
     """The first impacts at a contact, or the first oscillations of the tip."""
     assert main.system is not None
-    start, end = first_contact(main, main.system, window, contact or 0)
+    system = main.system
+    axis.set_ylabel(tip_label(system) if contact is None else position_label(system, contact))
+    start, end = first_contact(main, system, window, contact or 0)
     for index, run, t, (u, _) in _curves(main, runs, end, contact, start):
         _draw(axis, t, u, index, run)
     axis.set_xlim(start, end)
@@ -186,9 +224,8 @@ def _zoom(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:
-    """Colour and dashes: a scheme's own, black for a solver, which is grey elsewhere, as it lies on the reference."""
-    style = look(run.provenance["method"])
-    return {"color": "black" if isinstance(run, Reference) else style["color"], "linestyle": style["linestyle"]}
+    """Colour and dashes of a method, the same in every picture."""
+    return {name: look(run.provenance["method"])[name] for name in ("color", "linestyle")}
 
 
 def first_contact(reference: Trajectory, system: System, window: float, contact: int = 0) -> tuple[float, float]:
@@ -236,24 +273,21 @@ def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
 
 
-def _draw_spectra(
-    axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System, letter: str
-) -> None:
+def _draw_spectra(axis: Axes, runs: Sequence[Trajectory], references: Sequence[Reference], system: System) -> None:
+    """The amplitudes of the schemes, and of the exact motion where it has their span."""
     drive, units = drive_frequency(system), system.units
-    whole = np.inf
     for i, run in enumerate(runs):
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
-        label, across = short(run.provenance["method"]), units.cycles(omega)[0]
-        axis.plot(across, amplitude, lw=0.9, label=label, zorder=2 + i, **line_of(run))
-        whole = min(whole, float(run.t[-1]))
+        label = short(run.provenance["method"])
+        axis.plot(omega, amplitude, lw=0.9, label=label, zorder=2 + i, **line_of(run))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
             u, v = references[0].at(t)
             omega, amplitude = amplitude_spectrum(t, u, drive, v)
-            axis.plot(units.cycles(omega)[0], amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
+            axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
     axis.set_xlabel(drive_axis(axis, units, drive))
     # The logarithmic axis shows four decades below the largest visible amplitude.
     curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
@@ -262,24 +296,20 @@ def _draw_spectra(
     if top > 0.0:  # a beam that stays at rest has no logarithm
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
-    axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
-    to = units.measure(whole, "time", "g")
-    span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
-    axis.set_title(f"({letter}) spectrum{span}", loc="left")
+    axis.set_ylabel(with_unit(units, f"amplitude of {tip_symbol(system.problem)}", "length"))
 
 
 def drive_axis(axis: Axes, units: Units, drive: float) -> str:
     """Label of an axis of frequencies: with ticks at the odd multiples of a drive, else as long as its curves have
     content."""
-    at, label, quantity = units.cycles(drive)
     if not drive:
         if end := _end_of_content(axis):
             axis.set_xlim(0.0, 1.5 * end)
-        return units.label(label, quantity)
+        return with_unit(units, OMEGA, "frequency")
     odd = range(1, 16, 2)
-    axis.set_xlim(0.0, 15.5 * float(at))
-    axis.set_xticks([k * float(at) for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
-    return f"{label}, in multiples of the drive a = {units.measure(float(at), quantity, 'g')}"
+    axis.set_xlim(0.0, 15.5 * drive)
+    axis.set_xticks([k * drive for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
+    return f"{OMEGA}, in multiples of the drive a = {drive:g}"
 
 
 def _end_of_content(axis: Axes) -> float:
@@ -302,10 +332,9 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     units, beam = run.units, run.system.problem if run.system else None
     method = run.provenance["method"]
     horizon = run.horizon if isinstance(run, Reference) else np.nan
-    note = f" ({units.note})" if units.note else ""
-    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}: {largest(run)}{note}")
+    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}: {largest(run)}")
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    time, velocity = units.label("time $t$", "time"), f"velocity {tip_symbol(beam).replace('u(', 'u_t(')}"
+    time, velocity = with_unit(units, "time $t$", "time"), f"velocity {tip_symbol(beam).replace('u(', 'u_t(')}"
     plot_run(run, tip, **kwargs)
     portrait.plot(run.tip, run.tip_velocity, **{"color": look(method)["color"], "lw": 0.9} | kwargs)
     for record in run.contacts:
@@ -327,9 +356,10 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     label = r"contact force $\sigma$"
     if any(record.stops.rigid for record in run.contacts):
         label += ", without impulses" if isinstance(run, Reference) else ", mean per step"
-    force.set(xlabel=time, ylabel=units.label(label, "force"))
-    portrait.set(xlabel=tip_label(run.system, units), ylabel=units.label(f"{tip_name(beam)} {velocity}", "velocity"))
-    energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
+    force.set(xlabel=time, ylabel=with_unit(units, label, "force"))
+    portrait.set_xlabel(tip_label(run.system, units))
+    portrait.set_ylabel(with_unit(units, f"{tip_name(beam)} {velocity}".strip(), "velocity"))
+    energy.set(xlabel=time, ylabel=with_unit(units, "energy", "energy"))
     if run.has_energy:
         names = ["kinetic", "elastic", "stops", "input", "loss"]
         names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
@@ -348,46 +378,21 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     return figure
 
 
-def verdict(comparisons: Sequence[Comparison]) -> str:
-    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+def plot_comparisons(results: Sequence[Comparison]) -> Figure:
+    """Runs beside one reference, in the panels of ``stiffbeam compare``; the title says how far they agree.
 
-    Of several runs the first and the last to part from the reference are named.
+    Each comparison has its ``pair`` of run and reference.
     """
-    units = comparisons[0].units
-    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
-    ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
-    if not ends:
-        errors = sorted(c.tip_error_rms for c in comparisons)
-        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
-    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
-    if len(ends) == 1:
-        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
-    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
-
-
-def comparison_figure(result: Comparison) -> Figure:
-    """A run beside its reference, in the four panels of ``stiffbeam compare``; the title says how far they agree.
-
-    The comparison has its ``pair`` of run and reference.
-    """
-    assert result.pair is not None
-    names = " against ".join(short(solution.provenance["method"]) for solution in result.pair)
-    title, note = f"{names}: {verdict([result])}", result.units.note
-    run, reference = result.pair
-    return four_panels(f"{title} ({note})" if note else title, [run], [reference], [result])
+    pairs = [c.pair for c in results if c.pair is not None]
+    if len(pairs) < len(results):
+        raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", "compare again")
+    runs, reference = [run for run, _ in pairs], pairs[0][1]
+    names = ", ".join(short(run.provenance["method"]) for run in runs)
+    title = f"{names} against {short(reference.provenance['method'])}: {verdict(results)}"
+    return comparison_panels(title, runs, [reference], results)
 
 
 POINTS = 200  # along a beam
-ONE = 3.6  # height of a picture of one panel, in inches
-
-
-def _axes(ax: Axes | None, title: str) -> tuple[Axes, Axes | Figure]:
-    """The axes to draw into, and the object to return."""
-    if ax is not None:
-        return ax, ax
-    figure = new_figure(ONE, title, width=8.0)
-    return figure.subplots(), figure
 
 
 def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
@@ -402,13 +407,13 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
             draw_stops(ax, record.stops, horizontal=True)
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
         ax.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-    ax.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(run.system, units))
+    ax.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(run.system, units))
     return ax
 
 
 def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The start of the motion between the stops: u(x, 0) of a beam, the unknowns of matrices by their numbers."""
-    axis, returned = _axes(ax, repr(system).strip("<>"))
+    axis, returned = axes_for(ax, repr(system).strip("<>"))
     beam, units = system.problem, system.units
     style: dict[str, Any] = {"color": "black", "lw": 2.0, "label": "start"} | kwargs
     if beam is None:
@@ -421,7 +426,7 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
         x = np.linspace(0.0, beam.length, 201)
         axis.plot(x, system.displacement([0.0], system.q0[None], x)[0], **style)
         places = [float(beam.place(stops)) for stops in beam.all_stops]
-        axis.set_xlabel(units.label("position $x$", "length"))
+        axis.set_xlabel(with_unit(units, "position $x$", "length"))
     for i, (place, contact) in enumerate(zip(places, system.contacts, strict=True)):
         for stop, marker in ((contact.stops.upper, 7), (contact.stops.lower, 6)):  # carets that point at the beam
             if stop is not None and np.isfinite(stop):
@@ -429,7 +434,7 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
         if len(places) > 1:
             axis.annotate(str(i + 1), (place, 0.0), xytext=(4, 4), textcoords="offset points", fontsize=8)
     panel_legend(axis)
-    axis.set_ylabel(units.label("displacement", "length"))
+    axis.set_ylabel(with_unit(units, "displacement", "length"))
     return returned
 
 
@@ -439,7 +444,7 @@ def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axe
     heights, name = (impacts.peaks, "largest force") if known else (impacts.impulses, "impulse")
     seen = heights[np.isfinite(heights)]
     to = f", {name} up to {np.max(seen):.4g}" if len(seen) else ""
-    axis, returned = _axes(ax, f"{several(impacts.count, 'impact')}{to}")
+    axis, returned = axes_for(ax, f"{several(impacts.count, 'impact')}{to}")
     for side, stop, colour in ((1, "upper stop", COLOURS[0]), (-1, "lower stop", COLOURS[1])):
         of_side = impacts.stops == side
         if np.any(of_side):
@@ -454,13 +459,13 @@ def plot_impacts(impacts: Impacts, ax: Axes | None = None, **kwargs: Any) -> Axe
 
 def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The tip of every member where it was kept; else what the first contact bears against the varied parameter."""
-    axis, returned = _axes(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
+    axis, returned = axes_for(ax, f"{short(many.provenance['method'])}, {several(len(many), 'member')}")
     units = many.units
     style: dict[str, Any] = {"color": look(many.provenance["method"])["color"]}
     if len(many.t):
         style |= {"lw": 0.7, "alpha": max(0.1, len(many) ** -0.5)} | kwargs
         axis.plot(many.t, many.tip.T, **style)
-        axis.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(many.members.system, units))
+        axis.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(many.members.system, units))
         return returned
     if not many.contacts:
         remedy = "integrate with every=, so that the tip is kept"
@@ -471,17 +476,14 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
     style |= {"ls": "", "marker": "o", "ms": 4} | kwargs
     axis.plot(values, bearing, **style)
     axis.set_xlabel("member" if many.values is None else many.members.parameter)
-    axis.set_ylabel(units.label("impulse", "impulse") if rigid else units.label("largest force", "force"))
+    axis.set_ylabel(with_unit(units, "impulse", "impulse") if rigid else with_unit(units, "largest force", "force"))
     return returned
 
 
 def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The error of the tip against time, with a dot where the impacts cease to match; without ``ax`` four panels."""
     if ax is None:
-        if comparison.pair is None:
-            remedy = "compare the run and the reference again"
-            raise InputError("plot", "a comparison without its runs", "be asked of what compare returned", remedy)
-        return comparison_figure(comparison)
+        return plot_comparisons([comparison])
     method = comparison.label.partition("@")[0]
     t, error, parted = _largest_so_far(comparison)
     style: dict[str, Any] = {"color": look(method)["color"], "lw": 1.2, "label": short(method)} | kwargs
@@ -489,14 +491,14 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
     ax.plot(*parted, "o", ms=5.0, mfc="white", color=style["color"])
     if len(error):
         ax.set_yscale("log")
-    ax.set_xlabel(comparison.units.label("time $t$", "time"))
+    ax.set_xlabel(with_unit(comparison.units, "time $t$", "time"))
     ax.set_ylabel("largest error so far / max |u|")
     return ax
 
 
 def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
-    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
+    axis, returned = axes_for(ax, f"Runs tried to t = {advice.t_end:g}")
     runs: dict[str, list[Any]] = {}
     for probe in advice.candidates:
         runs.setdefault(probe.label, []).append(probe)
@@ -512,26 +514,6 @@ def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Fi
     if (advised := advice.recommendation) is not None:
         axis.plot([advised.work], [worst(advised)], "o", ms=10, mfc="none", color="black", label="advised")
     axis.set(xscale="log", yscale="log", xlabel="linear solves", ylabel="worst error / wanted error")
-    panel_legend(axis)
-    return returned
-
-
-def plot_scorecard(card: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-    """The smallest error of the tip of every integrator, problem by problem."""
-    axis, returned = _axes(ax, f"Test set {card.version}")
-    problems = [problem.name for problem in card.problems]
-    for integrator in card.integrators:
-        best = []
-        for name in problems:
-            errors = [r.errors.tip_rms for e in card.entries
-                      if (e.integrator, e.problem.name) == (integrator, name) for r in e.runs]  # fmt: skip
-            best.append(min((x for x in map(abs, errors) if np.isfinite(x)), default=np.nan))
-        style: dict[str, Any] = look(integrator) | {"ls": "", "ms": 5, "label": short(integrator)} | kwargs
-        style.pop("linestyle", None)
-        axis.plot(range(len(problems)), np.maximum(best, 1e-16), **style)
-    axis.set_xticks(range(len(problems)), problems, rotation=60, ha="right", fontsize=8)
-    axis.set_ylabel("smallest rms error of u over max |u|")
-    log_scale(axis, x=False)
     panel_legend(axis)
     return returned
 
@@ -584,11 +566,10 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
         axis.axhline(0.0, color="0.7", lw=0.8)
         for place in places:
             axis.axvline(place, color="0.7", lw=0.8, ls=":")
-        omega = units.measure(natural.omega[j], "frequency", ".5g")
         ratio = natural.damping_ratio[j]
         damping = f", damping ratio {ratio:.3g}" if np.isfinite(ratio) and ratio else ""
-        axis.set_title(f"mode {j + 1}: $\\omega$ = {omega}{damping}", loc="left", fontsize=9)
+        axis.set_title(f"mode {j + 1}: $\\omega$ = {natural.omega[j]:.5g}{damping}", loc="left", fontsize=9)
         axis.set_yticks([])
-    label = "unknown" if beam is None else units.label("place along the beam $x$", "length")
+    label = "unknown" if beam is None else with_unit(units, "place along the beam $x$", "length")
     axes[-1].set_xlabel(f"{label}; dotted: stops" if places else label)
     return figure

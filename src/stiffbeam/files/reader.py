@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NewType
@@ -17,7 +17,7 @@ from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
 from ..basics.storage import LARGEST
-from ..basics.units import SI, UNKNOWN, Units
+from ..basics.units import SI, Units, units_labels
 from ..basics.validation import InputError, exact_float, near, non_negative, positive
 from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
@@ -88,7 +88,7 @@ class Matrices:
     observe: Row | None = None
     initial_displacement: Row | None = None
     initial_velocity: Row | None = None
-    units: Units = UNKNOWN
+    units: Units = ()
 
     def system(self) -> System:
         """The system of these matrices, loads and contacts."""
@@ -129,6 +129,14 @@ class Sum:
     sum: Sequence[TimeFunction]
 
 
+SI_TABLE = dict(zip(("length", "time", "force"), SI, strict=True))
+
+
+def _units(value: Any, _: Any) -> Units:
+    """Names of the units of length, time and force."""
+    return units_labels([*(SI_TABLE | _table(value, [*SI_TABLE])).values()])
+
+
 class Reader:
     """Converter of the tables of a case file. ``folder``: that of the files which the case names; None for a text
     that has to hold everything itself."""
@@ -137,7 +145,7 @@ class Reader:
         self.folder, self.size = folder, 0
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
-            Line: _line, Matrix: self._matrix, Row: self._row,
+            Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
             System: self._system, BeamProblem: self._beam, RowLoad: self._row_load, Load: self._load,
             Contact: self._contact, Record: self._record,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
@@ -196,7 +204,7 @@ class Reader:
         positive("bending_stiffness", value["bending_stiffness"], exact=True)
         non_negative("bending_viscosity", value.get("bending_viscosity", 0.0), exact=True)
         plain: dict[Any, Any] = {PHYSICAL.get(name, name): x for name, x in value.items()}
-        return make_dict_structure_fn(BeamProblem, self.convert)({"units": asdict(SI), **plain}, BeamProblem)
+        return make_dict_structure_fn(BeamProblem, self.convert)({"units": SI_TABLE, **plain}, BeamProblem)
 
     def _system(self, value: Any, _: Any) -> System:
         self.size = 0

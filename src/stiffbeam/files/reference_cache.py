@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics import storage
 from ..basics.arrays import Array
-from ..basics.resources import TALK, Show
+from ..basics.progress import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import require_closed_form
@@ -26,7 +26,7 @@ from ..trajectory.trajectory import Reference
 from . import store
 
 MOST = 1 << 30  # bytes of references that are kept
-OPTIONS = ("rtol", "atol", "breakpoints", "max_step", "switches")  # that a solver's answer depends on
+OPTIONS = ("rtol", "atol", "breakpoints", "max_step")  # that a solver's answer depends on
 
 
 def cached_reference(
@@ -34,7 +34,7 @@ def cached_reference(
     t_end: float,
     method: str = "exact",
     t_eval: ArrayLike | None = None,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     **options: Any,
 ) -> Reference:
     """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
@@ -84,6 +84,8 @@ def cached_reference(
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
     result = reference(*given.args, **given.kwargs)
+    if "budget" in result.provenance:
+        return result  # more seconds reach further
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
@@ -125,7 +127,7 @@ def _file(system: System, t_end: float, method: str, t_eval: Array | None, optio
         "versions": [
             platform.python_version(),
             storage.source_hash(),
-            *map(version, ("stiffbeam", "numpy", "scipy", "numba")),
+            *map(version, ("stiffbeam", "numpy", "scipy")),
             REFERENCES[method].versions(),
         ],
     }

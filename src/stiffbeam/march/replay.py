@@ -157,7 +157,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     met = np.concatenate(initial_channels([system], system.q0[None], system.v0[None]))[:, : len(contacts)].copy()
     shared = {
         "squares": basis.omega**2,
-        "damping": basis.damping if np.any(basis.damping > 0.0) else basis.damping[:0],
+        "damping": basis.damping if np.any(basis.damping) else basis.damping[:0],
         "loads": basis.force(np.array([vector for vector, _ in system.loads]).reshape(-1, system.size)),
         "rows": stepper.coordinates.columns,
         "law": laws(contacts),

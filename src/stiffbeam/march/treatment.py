@@ -29,10 +29,11 @@ class Treatment:
     def __repr__(self) -> str:
         return f"<Treatment {self.name}>"
 
-    def rule(self, contacts: Sequence[Contact]) -> int:
+    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
         """LINEAR, BY_LAW or MEAN: how a node finds its forces. Raises InputError for stops with a law that
         this treatment does not take."""
-        return LINEAR if all_linear(contacts) else BY_LAW
+        # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
+        return LINEAR if all_linear(contacts) and not (gyroscopic and len(contacts) > 1) else BY_LAW
 
     def takes(self, scheme: Scheme) -> bool:
         """Return True if the scheme has a form for this treatment."""
@@ -50,13 +51,13 @@ class Extrapolated(Treatment):
     predicts = True
     why = "be 0 for the extrapolated contact, which predicts positions only"
 
-    def rule(self, contacts: Sequence[Contact]) -> int:
+    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
         """LINEAR or BY_LAW. Raises InputError for stops that dissipate."""
         for contact in contacts:
             if contact.stops.dissipative:
                 name = "damping" if contact.stops.damping else "dissipation"
                 raise InputError(f"stops.{name}", getattr(contact.stops, name), self.why, "use the implicit contact")
-        return super().rule(contacts)
+        return super().rule(contacts, gyroscopic)
 
 
 class Conserving(Extrapolated):
@@ -66,9 +67,9 @@ class Conserving(Extrapolated):
     predicts, means = False, True
     why = "be 0 for the conserving contact, which keeps the energy of the stops"
 
-    def rule(self, contacts: Sequence[Contact]) -> int:
+    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
         """MEAN where there are contacts. Raises InputError for stops that dissipate."""
-        rule = super().rule(contacts)
+        rule = super().rule(contacts, gyroscopic)
         return MEAN if contacts else rule
 
     def takes(self, scheme: Scheme) -> bool:

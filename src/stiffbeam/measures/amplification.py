@@ -190,6 +190,9 @@ def free_mode_errors(run: Trajectory) -> ModeErrors:
         raise InputError("run", "a loaded file", "come from integrate", "integrate again")
     if system.loads or any(contact.fraction for contact in run.contacts):
         raise InputError("run", "a run with loads or impacts", "be free", "take the loads and stops away")
+    if system.gyroscopic:  # the left eigenvectors, which filter a mode out, are not the shapes
+        rule = "have a symmetric damping matrix for the errors of each mode"
+        raise InputError("damping", "an unsymmetric matrix", rule, "compare the run with a reference")
     natural, (q, v) = modes(system), run.states
     ratio = np.nan_to_num(natural.damping_ratio)
     decay, omega_d = ratio * natural.omega, np.sqrt(np.maximum(1.0 - ratio**2, 0.0)) * natural.omega

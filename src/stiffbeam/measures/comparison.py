@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +24,7 @@ from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
 from .frequencies import drive_frequency
+from .report import report
 
 if TYPE_CHECKING:
     import pandas
@@ -101,7 +102,7 @@ def remark(system: System, reference: Reference) -> str:
         return AT_REST
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
         return ""
-    return f"No impacts: the motion reaches no stop to t = {system.units.measure(reference.t[-1], 'time', 'g')}."
+    return f"No impacts: the motion reaches no stop to t = {reference.t[-1]:g}."
 
 
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
@@ -132,14 +133,12 @@ class Comparison:
     Parameters
     ----------
     label, reference : str
-    units : Units
+    units : tuple
         Units of times, forces and impulses.
     dt : float
         The median time step.
     steps, seconds, ns_per_step
         Cost of the run.
-    switches : str
-        Treatment of events by an adaptive solver, "restart" or "through", else empty.
     window, t_end : float
     tip_error_rms, tip_error_max : float
         Errors u_run - u_ref at the run's steps, over max |u_ref|.
@@ -170,7 +169,6 @@ class Comparison:
     steps: int
     seconds: float
     ns_per_step: float
-    switches: str
     window: float
     t_end: float
     tip_error_rms: float
@@ -212,25 +210,67 @@ class Comparison:
         return DRAW["comparison"](self, ax, **kwargs)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on. For several:
-        ``pandas.concat([a.to_dataframe(), b.to_dataframe()])``."""
+        """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on; units in attrs."""
         entries = self._records()
         contacts = {f"contact{i}": contact for i, contact in enumerate(entries.pop("contacts"))}
-        return table({name: [value] for name, value in _flat("", entries | contacts).items()})
+        columns = {name: [value] for name, value in _flat("", entries | contacts).items()}
+        return table(columns, {"units": list(self.units)})
+
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return report([self]).latex()
 
     def __repr__(self) -> str:
         error = f"{100 * self.tip_error_rms:.3g} %"
         return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
 
     def __str__(self) -> str:
-        from .report import comparison_text
-
-        return comparison_text([self])
+        return str(report([self]))
 
     def _repr_html_(self) -> str:
-        from .report import comparison_html
+        return report([self]).html()
 
-        return comparison_html([self])
+
+@dataclass(frozen=True, repr=False)
+class Comparisons:
+    """Several runs against one reference, as one table: a sequence of Comparison."""
+
+    comparisons: tuple[Comparison, ...]
+
+    def __getitem__(self, i: int) -> Comparison:
+        return self.comparisons[i]
+
+    def __len__(self) -> int:
+        return len(self.comparisons)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts, for JSON."""
+        return {"comparisons": [c.to_dict() for c in self.comparisons]}
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line a run, see ``Comparison.to_dataframe``."""
+        import pandas
+
+        frame = pandas.concat([c.to_dataframe() for c in self.comparisons], ignore_index=True)
+        frame.attrs["units"] = list(self.comparisons[0].units)
+        return frame
+
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return report(self.comparisons).latex()
+
+    def figure(self) -> Figure:
+        """The runs beside the reference, a matplotlib Figure."""
+        return DRAW["comparisons"](self.comparisons)
+
+    def __repr__(self) -> str:
+        return f"<Comparisons of {', '.join(c.label for c in self.comparisons)}>"
+
+    def __str__(self) -> str:
+        return str(report(self.comparisons))
+
+    def _repr_html_(self) -> str:
+        return report(self.comparisons).html()
 
 
 def _flat(prefix: str, value: Any) -> dict[str, Any]:
@@ -243,12 +283,18 @@ def _flat(prefix: str, value: Any) -> dict[str, Any]:
     return flat
 
 
-def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison:
-    """Return all measures of a run against a reference of the same system.
+@overload
+def compare(run: Sequence[Trajectory], reference: Reference) -> Comparisons: ...
+@overload
+def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison: ...
+def compare(
+    run: Trajectory | Sequence[ArrayLike] | Sequence[Trajectory], reference: Reference
+) -> Comparison | Comparisons:
+    """Return all measures of a run, or of several, against a reference of the same system.
 
     Parameters
     ----------
-    run : Trajectory or sequence of arrays
+    run : Trajectory, sequence of Trajectory or sequence of arrays
         A scheme's run with every step on output, another reference, or arrays (t, tip) or (t, tip, tip velocity), (k,)
         each, or (t, q, v), q and v (k, n) of all unknowns. Tables and pictures call arrays "own";
         ``Trajectory.from_arrays(..., name="mine")`` makes a run with another name. Times need not be equidistant: means
@@ -258,8 +304,8 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
 
     Returns
     -------
-    Comparison
-        Tip error, phase lag, impacts, forces and energy; it prints as a table.
+    Comparison or Comparisons
+        Tip error, phase lag, impacts, forces and energy; of several runs one table.
 
     Raises
     ------
@@ -271,10 +317,18 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     --------
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
-    >>> run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-5, t_end=0.1)
-    >>> sb.compare(run, sb.reference(system, t_end=0.1)).tip_error_rms < 0.01
+    >>> runs = [sb.integrate(system, scheme, dt=1e-5, t_end=0.1) for scheme in (sb.HHT(alpha=-0.1), sb.BDF2())]
+    >>> both = sb.compare(runs, sb.reference(system, t_end=0.1))
+    >>> both[0].tip_error_rms < both[1].tip_error_rms
     True
     """
+    if isinstance(run, (list, tuple)) and run and all(isinstance(each, Trajectory) for each in run):
+        return Comparisons(tuple(_compared(each, reference) for each in run))
+    return _compared(run, reference)
+
+
+def _compared(run: Any, reference: Reference) -> Comparison:
+    """All measures of one run."""
     run = run_of(run, reference, "compare")
     system = run.system or reference.system
     if system is None:
@@ -292,77 +346,51 @@ def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comp
     if inside < 3:
         remedy = "use a smaller dt, and give times in the unit of the reference"
         raise InputError("dt", dt, f"leave two steps before the horizon {window:.3g}", remedy)
-    # The reference at the steps of the run, for errors and lag.
-    u_ref, _ = reference.at(t[: steps_to(t, t_end)])
-
-    here = slice(0, inside)
-    error = relative_error(run.tip[here], u_ref[here])
-
+    u_ref, _ = reference.at(t[: (steps := steps_to(t, t_end))])
+    error = relative_error(run.tip[:inside], u_ref[:inside])
     # The match of the run ends with that of the contact that parts first.
-    contacts = tuple(_contact(run, reference, system, i, t[: len(u_ref)], window) for i in range(len(system.contacts)))
+    contacts = tuple(_contact(run, reference, system, i, t[:steps], window) for i in range(len(system.contacts)))
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
-    matched_until = float("nan") if unknown else together
-    matched = slice(0, 0 if unknown else min(inside, steps_to(t, matched_until)))
+    matched = 0 if unknown else min(inside, steps_to(t, together))
     energy = run.energy if run.has_energy else None
-    # Whatever the run lacks is NaN in the result, with its reason here.
-    missing = [
-        f"{c.place or 'contact'}: its position is not the tip's, and the run came without states: pass [t, q, v]"
-        for c, record in zip(contacts, run.contacts, strict=True)
-        if record.impacts.kind == "unknown"
-    ]
-    if run.provenance.get("source") == "arrays":
-        missing += [
-            f"{c.place or 'contact'}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
-            f"{c.reference.event_impacts} impacts; pass every step if these are thinned"
-            for c in contacts
-            if c.reference.impacts < SEEN * c.reference.event_impacts
-        ]
-        missing += [
-            f"{c.place or 'contact'}: positions tell neither share, peak nor impulse of a rigid stop"
-            for c, contact in zip(contacts, system.contacts, strict=True)
-            if contact.stops.rigid
-        ]
-    if energy is None:
-        without = "states (q, v)" if run.pieces is None else "the reactions of its rigid stops"
-        missing.append(f"energy: the run came without {without}")
-    if "tip_velocity" in run.provenance:
-        missing.append(f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that")
+    lost = [float("nan") if energy is None else energy.lost_fraction(k - 1) for k in (inside, steps)]
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
+    period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(
-        t[: len(u_ref)],
-        run.tip[: len(u_ref)],
-        run.tip_velocity[: len(u_ref)],
-        lambda times: u_ref[np.searchsorted(t, times)],
-        together,
-        drive_frequency(system),
-        2.0 * np.pi / scales(system, float(reference.provenance["t_end"])).period,
-    )
+        t[:steps], run.tip[:steps], run.tip_velocity[:steps], lambda times: u_ref[np.searchsorted(t, times)], together,
+        drive_frequency(system), 2.0 * np.pi / period,
+    )  # fmt: skip
     return Comparison(
-        label=run.label,
-        reference=reference.label,
-        units=system.units,
-        dt=dt,
-        steps=run.work.steps,
-        seconds=run.work.seconds,
-        ns_per_step=run.work.ns_per_step,
-        switches=str(run.provenance.get("switches", "")),
-        window=window,
-        t_end=t_end,
-        tip_error_rms=rms(error, t[here]),
-        tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=rms(error[matched], t[matched]) if not unknown else float("nan"),
-        matched_until=matched_until,
-        phase=lag,
-        energy_lost=float("nan") if energy is None else energy.lost_fraction(inside - 1),
-        contacts=contacts,
-        totals_energy_lost=float("nan") if energy is None else energy.lost_fraction(len(u_ref) - 1),
-        missing=tuple(missing),
-        remark=remark(system, reference),
-        pair=(run, reference),
-        error=error,
-        times=t[here],
-    )
+        label=run.label, reference=reference.label, units=system.units, dt=dt, steps=run.work.steps,
+        seconds=run.work.seconds, ns_per_step=run.work.ns_per_step,
+        window=window, t_end=t_end, tip_error_rms=rms(error, t[:inside]), tip_error_max=float(np.max(np.abs(error))),
+        tip_error_matched=float("nan") if unknown else rms(error[:matched], t[:matched]),
+        matched_until=float("nan") if unknown else together, phase=lag, energy_lost=lost[0], contacts=contacts,
+        totals_energy_lost=lost[1], missing=tuple(_missing(run, system, contacts)), remark=remark(system, reference),
+        pair=(run, reference), error=error, times=t[:inside],
+    )  # fmt: skip
+
+
+def _missing(run: Trajectory, system: System, contacts: Sequence[ContactComparison]) -> Iterator[str]:
+    """What the run lacks, with the reason; the result has NaN for it."""
+    arrays = run.provenance.get("source") == "arrays"
+    for c, record, contact in zip(contacts, run.contacts, system.contacts, strict=True):
+        name = c.place or "contact"
+        if record.impacts.kind == "unknown":
+            yield f"{name}: its position is not the tip's, and the run came without states: pass [t, q, v]"
+        if arrays and c.reference.impacts < SEEN * c.reference.event_impacts:
+            yield (
+                f"{name}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
+                f"{c.reference.event_impacts} impacts; pass every step if these are thinned"
+            )
+        if arrays and contact.stops.rigid:
+            yield f"{name}: positions tell neither share, peak nor impulse of a rigid stop"
+    if not run.has_energy:
+        without = "states (q, v)" if run.pieces is None else "the reactions of its rigid stops"
+        yield f"energy: the run came without {without}"
+    if "tip_velocity" in run.provenance:
+        yield f"tip velocity: {run.provenance['tip_velocity']}; impact times and lag are as good as that"
 
 
 def steps_to(t: Array, end: float) -> int:
@@ -445,4 +473,4 @@ def _place(system: System, i: int) -> str:
     if system.problem is None:
         return f"contact {i + 1}"
     place = float(system.problem.place(system.problem.all_stops[i]))
-    return f"stops at x = {system.units.measure(place, 'length', 'g')}"
+    return f"stops at x = {place:g}"

@@ -31,14 +31,11 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
         rule = "be given a run, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v), and then a reference"
-        several = isinstance(run, (tuple, list)) and any(isinstance(each, Trajectory) for each in run)
         remedy = "reference() makes one"
         if isinstance(run, (str, Path)):
             remedy = "sb.load reads a saved run, numpy.loadtxt the columns of a text file"
         elif isinstance(reference, Reference):
             remedy = "put the arrays into a list: [t, tip]"
-        if several:
-            remedy = "compare the runs one by one, and pandas.concat joins their to_dataframe()"
         raise InputError(asked, got, rule, remedy)
     require_same_system(run, reference)
     if not np.isfinite(reference.horizon):

@@ -139,21 +139,3 @@ def whole_periods(t: Array, drive: float) -> int:
     period, dt = 2.0 * np.pi / drive, float(t[1] - t[0])
     # Whole periods up to rounding are whole.
     return round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
-
-
-def drive_amplitude(t: Array, u: Array, drive: float) -> Array:
-    """The complex amplitude (M,) of every tip u (M, k) at the drive frequency, over whole periods counted from the end.
-
-    NaN where t (k,) does not hold a period, and without a drive.
-    """
-    if not drive or t[-1] * drive < 2.0 * np.pi:
-        return np.full(len(u), np.nan + 0j)
-    periods = np.floor(t[-1] * drive / (2.0 * np.pi) * (1.0 + 1e-12))
-    start = max(float(t[0]), float(t[-1] - 2.0 * np.pi * periods / drive))
-    wave = u * np.exp(-1j * drive * t)
-    # The trapezoidal rule over exactly these periods; they may begin between two times.
-    first = int(np.searchsorted(t, start, "right"))
-    share = (start - t[first - 1]) / (t[first] - t[first - 1])
-    begin = (1.0 - share) * wave[:, first - 1] + share * wave[:, first]
-    values = np.concatenate([begin[:, None], wave[:, first:]], axis=1)
-    return 2.0 * np.trapezoid(values, np.append(start, t[first:]), axis=1) / (t[-1] - start)

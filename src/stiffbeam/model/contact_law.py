@@ -1,12 +1,12 @@
-"""The contact law. Kernels, NumPy, JAX, the discrete gradient, the energy balance and files all use this module.
+"""The contact law for NumPy and JAX. ``kernels/law.h`` has it for C; a test holds both against each other.
 
     F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  into the upper stop, d = u - g2 > 0, mirrored below
 
 U = int f dd is the energy that the stop holds; what F takes beyond -U' it dissipates. The force lets go where it would
 turn to a pull.
 
-The functions under "the terms" are arithmetic alone: each is a plain function of numbers, NumPy arrays or JAX arrays,
-and kernels call the same text. A new term is a field of ``Parameters``, its place in ``Law``, and a change of these.
+The functions under "the terms" are arithmetic alone, on numbers, NumPy arrays or JAX arrays. A new term is a field of
+``Parameters``, its place in ``Law``, a change of these, and the same in C.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from ..basics.arrays import Array
-from ..basics.compiled import compiled, formula
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,12 +50,6 @@ LAW = len(Law._fields)
 KAPPA, G1, G2 = range(3)  # of a row, where the linear law alone is asked
 
 
-@compiled
-def law_of(law: Array, c: int) -> Law:
-    """Row c of an array of laws (m, 6)."""
-    return Law(law[c, 0], law[c, 1], law[c, 2], law[c, 3], law[c, 4], law[c, 5])
-
-
 def all_laws(law: Array) -> Law:
     """An array of laws (.., 6) as one Law of arrays (..)."""
     return Law._make(law[..., i] for i in range(LAW))
@@ -65,32 +58,27 @@ def all_laws(law: Array) -> Law:
 # ---------------------------------------------------------------- the terms
 
 
-@formula
 def power(d: Any, p: float) -> Any:
     """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
     # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
     return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
 
 
-@formula
 def elastic(d: Any, law: Law) -> Any:
     """f(d), odd in d."""
     return law.kappa * power(d, law.p)
 
 
-@formula
 def elastic_slope(d: Any, law: Law) -> Any:
     """f'(d)."""
     return law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
 
 
-@formula
 def chord(d: Any, law: Law) -> Any:
     """f(d)/d of d > 0: the stiffness of a linear spring with the same force."""
     return law.kappa * d ** (law.p - 1.0)
 
 
-@formula
 def stored(d: Any, law: Law) -> Any:
     """U(d), even in d."""
     return 0.5 * law.kappa * d * d if law.p == 1.0 else law.kappa * abs(d) ** (law.p + 1.0) / (law.p + 1.0)
@@ -106,78 +94,33 @@ def depth_holding(energy: Any, law: Law) -> Any:
     return ((law.p + 1.0) * energy / law.kappa) ** (1.0 / (law.p + 1.0))
 
 
-@formula
 def pressure(d: Any, rate: Any, law: Law) -> Any:
     """f(d) (1 + lambda d') + c d', not yet cut off at zero."""
     return elastic(d, law) * (1.0 + law.lam * rate) + law.c * rate
 
 
-@formula
 def slopes(d: Any, rate: Any, law: Law) -> tuple[Any, Any]:
     """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
     return elastic_slope(d, law) * (1.0 + law.lam * rate), elastic(d, law) * law.lam + law.c
 
 
-@formula
 def is_affine(law: Law) -> Any:
     """Return True where ``pressure`` is linear in d and d': a stage equation has a closed form."""
     # & and | in place of ``and`` and ``or``: a Law may hold arrays.
     return (law.p == 1.0) & (law.lam == 0.0)
 
 
-@formula
 def jumps(law: Law) -> Any:
     """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
     the force."""
     return law.c > 0.0
 
 
-@formula
 def damps(law: Law) -> Any:
     """Return True where F depends on the velocity."""
     return jumps(law) | (law.lam > 0.0)
 
 
-@formula
 def is_linear(law: Law) -> Any:
     """Return True where F = -kappa d."""
     return is_affine(law) & (law.c == 0.0)
-
-
-# ---------------------------------------------------------------- any law between two stops
-
-
-@compiled
-def law_state(u: float, v: float, law: Law) -> float:
-    """chi: the side on which the stop presses, 0 where it does not. Without damping that is beyond the stop."""
-    if u > law.g2:
-        return 1.0 if pressure(u - law.g2, v, law) > 0.0 else 0.0
-    if u < law.g1:
-        return -1.0 if pressure(law.g1 - u, -v, law) > 0.0 else 0.0
-    return 0.0
-
-
-@compiled
-def side_force(u: float, v: float, chi: float, law: Law) -> float:
-    """F of the contact on side chi, +1 upper, -1 lower, 0 free, smooth across the stop and where F = 0."""
-    if chi > 0:
-        return -pressure(u - law.g2, v, law)
-    if chi < 0:
-        return pressure(law.g1 - u, -v, law)
-    return 0.0
-
-
-@compiled
-def pull(d: float, rate: float, length: float, law: Law) -> float:
-    """A length with the sign of ``pressure`` at d > 0, smooth across the stop: its root is where a stop lets go."""
-    if jumps(law):
-        return pressure(d, rate, law) / chord(length, law)
-    return length * (1.0 + law.lam * rate)  # f, which is zero on the stop itself, left out
-
-
-@compiled
-def side_slopes(u: float, v: float, chi: float, law: Law) -> tuple[float, float]:
-    """-dF/du and -dF/du' of ``side_force``."""
-    if chi == 0:
-        return 0.0, 0.0
-    return slopes(u - law.g2, v, law) if chi > 0 else slopes(law.g1 - u, -v, law)

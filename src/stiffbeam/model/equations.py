@@ -8,6 +8,9 @@ batch axes in the middle, so that many unit states are stepped at once. A scheme
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -86,6 +89,11 @@ class Matrices(Equation):
         self._mass, self._damping, self._stiffness = mass, damping, stiffness
         self._factors: dict[tuple[Any, ...], Any] = {}
 
+    @property
+    def solved(self) -> list[tuple[Any, ...]]:
+        """The pairs (a, b) of all solves, and ("flow", t) of flows."""
+        return list(self._factors)
+
     def mass(self, x: Array) -> Array:
         """M x for every row of x, shape (..., n)."""
         return x @ self._mass
@@ -99,13 +107,13 @@ class Matrices(Equation):
         return x @ self._stiffness
 
     def solve(self, a: float, b: float, x: Array) -> Array:
-        """By Cholesky factors, kept for every pair (a, b); x has shape (..., n)."""
+        """By triangular factors, kept for every pair (a, b); x has shape (..., n)."""
         # A run of fixed steps uses one pair (a, b) or a few: each is factorised once.
         if (a, b) not in self._factors:
-            self._factors[a, b] = scipy.linalg.cho_factor(self._mass + a * self._damping + b * self._stiffness)
+            self._factors[a, b] = _solver(self._mass + a * self._damping + b * self._stiffness)
         flat = x.reshape(-1, x.shape[-1]).T
         # An overflow goes on as infinity, which the march sees.
-        return scipy.linalg.cho_solve(self._factors[a, b], flat, check_finite=False).T.reshape(x.shape)
+        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
@@ -119,6 +127,14 @@ class Matrices(Equation):
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
         n = len(self._mass)
         return np.array([new[..., :n], new[..., n:] * fastest])
+
+
+def _solver(matrix: Array) -> Callable[..., Array]:
+    """x -> matrix^-1 x, by Cholesky's factor where the matrix is symmetric and positive definite."""
+    if np.array_equal(matrix, matrix.T):
+        with suppress(np.linalg.LinAlgError):
+            return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
+    return partial(scipy.linalg.lu_solve, scipy.linalg.lu_factor(matrix))
 
 
 _FLOWS: Recent[tuple[float, Array, Array, Array]] = Recent(8)
@@ -210,7 +226,7 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
     """
     c, sigma = damping, 0.5 * damping
     # Power series, where the closed form of V would divide a cancelled 1 - C by a small omega^2.
-    few = (omega * t < 0.5) & (c * t < 0.5)
+    few = (omega * t < 0.5) & (np.abs(c) * t < 0.5)
     S, V, X = (np.zeros_like(omega) for _ in range(3))
     term, before = np.full_like(omega, 0.5 * t * t), np.zeros_like(omega)  # of V: t^k/k! times its derivatives
     # All modes run through it. Those with large angles may overflow, and are replaced below.

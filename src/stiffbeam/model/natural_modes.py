@@ -118,14 +118,14 @@ def _complex_modes(system: System) -> NaturalModes:
     A[:n, n:] = np.diag(scale)
     A[n:, :n] = -np.diag(basis.omega**2 / scale)
     A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
-    values, vectors = (np.asarray(part, complex) for part in np.linalg.eig(A))
+    values, left, vectors = (np.asarray(part, complex) for part in scipy.linalg.eig(A, left=True))
     # One of each conjugate pair, and the real ones.
     kept = np.imag(values) >= 0.0
     values, vectors = values[kept], vectors[:, kept]
-    x = vectors[:n] / scale[:, None]
+    x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
     # Twice: a step of Newton's method leaves the square of the error.
     for _ in range(2):
-        values = values + eigenvalues_off(values, x, -A[n:, n:], basis.omega)
+        values = values + eigenvalues_off(values, x, -A[n:, n:], basis.omega, y)
     order = np.argsort(np.abs(values), kind="stable")
     values, shapes = values[order], basis.shapes @ (vectors[:n, order] / scale[:, None])
     # Unit norm in M, and the phase at which the largest entry is real and positive.
@@ -138,14 +138,15 @@ def _complex_modes(system: System) -> NaturalModes:
     return NaturalModes(omega, shapes, ratio, coupled=True)
 
 
-def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array) -> Any:
-    """Correction of eigenvalues lambda (k,): Newton's step on x^T (lambda^2 + lambda D + Omega^2) x, (n, k) x.
+def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array, y: Any = None) -> Any:
+    """Correction of eigenvalues lambda (k,): Newton's step on y^T (lambda^2 + lambda D + Omega^2) x, (n, k) x and y,
+    the left eigenvectors; those of a symmetric D are x.
 
     An algorithm errs by eps of the largest in all of them. The form is stationary at an eigenvector, so that its zero
     is as good as a slow motion is slow. 0 where two that meet make it flat.
     """
     # x^T and not x^H: the left eigenvector of symmetric matrices is x^T.
-    a, b, c = np.sum(x * x, axis=0), np.sum(x * (damping @ x), axis=0), np.sum(x * (omega[:, None] ** 2 * x), axis=0)
+    a, b, c = (np.sum((x if y is None else y) * z, axis=0) for z in (x, damping @ x, omega[:, None] ** 2 * x))
     slope = 2.0 * a * values + b
     single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

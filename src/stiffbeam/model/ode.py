@@ -8,15 +8,14 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.compiled import called_from_c
 from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
-from .right_hand_side import RightHandSide, numbers_of, rate_of_state
-from .right_hand_side_kernels import floats, integers, right_hand_side
+from ..kernels.rhs import function_address
+from .right_hand_side import RightHandSide
+from .right_hand_side_jax import numbers_of, rate_with_integrals
 from .sampled import Sampled
 from .state_space import descriptor, interleaved, state_space
 from .time_functions import breakpoints_of, parts_of, require_closed_form
@@ -86,7 +85,8 @@ class ODE:
 
     def rhs(self, t: float, y: ArrayLike) -> Array:
         """Return f(t, y), (n,)."""
-        return self._rhs.value(float(t), self._padded(y))[: self._n]
+        self._rhs.ask(float(t))
+        return self._rhs.equations.state_rate(float(t), np.asarray(y, float))
 
     def jac(self, t: float, y: ArrayLike) -> Array:
         """Return df/dy, (n, n)."""
@@ -144,9 +144,7 @@ class ODE:
         """
         remedy = "sample it: Sampled(t, values, 'cubic')"
         require_closed_form(self.system.time_functions, "compiled code", remedy)
-        # Kept by the object, since C reads these numbers at every call.
-        self._data = np.array([self._rhs.block.ctypes.data, self._rhs.block.size, self._n, self._rhs.size], np.int64)
-        return _called.address, self._data.ctypes.data
+        return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property
     def jax(self) -> Callable[..., Any]:
@@ -157,18 +155,12 @@ class ODE:
         require_jax_float64()
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
-        kind, numbers = numbers_of(self._rhs)
-
-        def rate(t: Any, y: Any, args: Any = None) -> Any:
-            return rate_of_state(kind, t, y, numbers)
-
-        return rate
+        kind, numbers = numbers_of(self._rhs.equations)
+        return lambda t, y, args=None: rate_with_integrals(kind, t, y, numbers)[: self._n]
 
     def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
         """Return the event function of this number."""
-        values = np.empty(self._rhs.roots)
-        self._rhs.event_functions(float(t), self._padded(y), values)
-        return float(values[number])
+        return float(self._rhs.event_functions(float(t), self._padded(y))[number])
 
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""
@@ -201,15 +193,3 @@ class Event:
     def __call__(self, t: float, y: ArrayLike) -> float:
         """Return the event function at one time and state."""
         return self._value(t, y)
-
-
-@called_from_c(types.void(types.float64, types.int64, types.int64, types.int64))
-def _called(t: float, y: int, rate: int, data: int) -> None:
-    """Write f(t, y), (n,), to ``rate``; data: block, its length, n and the length of z."""
-    # The kernel computes the integrals of the ledger too: they start at zero and are left out.
-    user = integers(data, 4)
-    n = user[2]
-    z, out = np.zeros(user[3]), np.empty(user[3])
-    z[:n] = floats(y, n)
-    right_hand_side(t, z, out, integers(user[0], user[1]))
-    floats(rate, n)[:] = out[:n]

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import Units
 from ..basics.validation import InputError, instance, integer, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
@@ -49,7 +49,7 @@ def reduce_model(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
-    units: Units = UNKNOWN,
+    units: Units = (),
     modal_damping: float | Sequence[float] = 0.0,
 ) -> tuple[System, Array]:
     """Return a large system reduced to natural modes and static deflections, and T (n, r) with q = T z.
@@ -65,7 +65,7 @@ def reduce_model(
         As for ``System.from_matrices``.
     modes : int
         Number of natural modes to keep.
-    units : Units, optional
+    units : tuple, optional
         Names for tables, pictures and files.
     modal_damping : float or sequence of float, optional
         Damping ratio of every mode of the reduced system, or of its first ones; added to ``damping``.
@@ -139,7 +139,11 @@ def reduce_model(
     except np.linalg.LinAlgError:  # deflections of a support so soft are rounding beside its rigid motion
         raise strainless from None
     T = T @ turn
-    C = None if damping is None else _projected(_symmetric("damping", damping), T)
+    C = None
+    if damping is not None:  # without its rounding, so that what couples no modes couples none here
+        given = _square("damping", damping)
+        C = uncoupled(given, T, T.T @ (given @ T), np.zeros(T.shape[1], bool))
+        C = C if (given != given.T).nnz else 0.5 * (C + C.T)
     zeta = damping_ratios(modal_damping, len(omega2))
     if np.any(zeta):
         C = np.diag(2.0 * zeta * np.sqrt(omega2)) + (0.0 if C is None else C)
@@ -171,14 +175,20 @@ def reduce_model(
     return system, T
 
 
-def _symmetric(name: str, matrix: Any) -> Any:
-    """``matrix`` in SciPy's sparse columns; InputError where it is not symmetric, by the rule of a System."""
+def _square(name: str, matrix: Any) -> Any:
+    """``matrix`` in SciPy's sparse columns; InputError where it is not square."""
     try:
         sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
     except (TypeError, ValueError):
         raise InputError(name, matrix, "be a matrix", "give rows of numbers, or a matrix of SciPy") from None
     if sparse.ndim != 2 or sparse.shape[0] != sparse.shape[1]:
         raise InputError(name, sparse.shape, "be square", "give a row and a column for each unknown")
+    return sparse
+
+
+def _symmetric(name: str, matrix: Any) -> Any:
+    """``matrix`` in SciPy's sparse columns; InputError where it is not symmetric, by the rule of a System."""
+    sparse = _square(name, matrix)
     size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
     if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
         raise unsymmetric(name, sparse, "be symmetric")
@@ -213,12 +223,6 @@ def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> Arra
     flexibility = forces.T @ deflections
     compliances, y = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     return deflections @ (y[:, -modes:] / compliances[-modes:])
-
-
-def _projected(C: Any, T: Array) -> Array:
-    """T^T C T without its rounding, so that what couples no modes couples none here."""
-    projected = uncoupled(C, T, T.T @ (C @ T), np.zeros(T.shape[1], bool))
-    return 0.5 * (projected + projected.T)
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:

@@ -57,7 +57,7 @@ class Scales:
 def scales(system: System, t_end: float = np.inf, speed: float | None = None) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known; ``speed`` in place of its V."""
     basis = undamped_modes(system)
-    held = np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0)
+    held = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
     constant = np.zeros(len(basis.omega))
     for vector, function in system.loads:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
 from ..basics.text import DRAW, several
-from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
+from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
@@ -37,8 +37,9 @@ if TYPE_CHECKING:
 _DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
 
-def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
-    """``matrix`` as a read-only float array (n, n); InputError where it is not square, finite and symmetric."""
+def square_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
+    """``matrix`` as a read-only float array (n, n), symmetric to the bit where it is so to rounding. InputError where
+    it is not square and finite and, but for the damping, symmetric."""
     # Checked before, and read-only. ``is`` guards against an id that is used again.
     if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
@@ -56,6 +57,8 @@ def symmetric_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         return dense
     size = np.sqrt(np.abs(np.diag(dense)))
     if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
+        if name == "damping":
+            return dense
         raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
     return read_only(0.5 * (dense + dense.T))
 
@@ -73,8 +76,7 @@ def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
     if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
         return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
-    remedy = "give the symmetric part 0.5*(A + A.T); gyroscopic and follower forces have no place here"
-    return InputError(name, "an unsymmetric matrix", rule, remedy)
+    return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
 
 
 def _dense(name: str, matrix: Any) -> Any:
@@ -86,7 +88,7 @@ def _dense(name: str, matrix: Any) -> Any:
 
 
 def definite_matrix(name: str, matrix: Array) -> Array:
-    """The matrix if it is positive semidefinite, the mass positive definite; checked once."""
+    """The matrix if it is positive semidefinite, the mass positive definite, any damping; checked once."""
     if _DEFINITE.get((name, id(matrix))) is matrix:
         return matrix
     if name == "mass":
@@ -94,7 +96,7 @@ def definite_matrix(name: str, matrix: Array) -> Array:
             least = np.linalg.eigvalsh(matrix)[0]
             remedy = "condense unknowns without mass out: stiffbeam.reduce_model, in a case file modes = 40"
             raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
-    elif not _semidefinite(matrix) and (least := _least(matrix)) < -1e-10:
+    elif name == "stiffness" and not _semidefinite(matrix) and (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"
         raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
     _DEFINITE[name, id(matrix)] = matrix
@@ -230,7 +232,8 @@ class System:
     Parameters
     ----------
     mass, damping, stiffness : array (n, n)
-        Symmetric; M positive definite, C and K positive semidefinite.
+        M and K symmetric, M positive definite, K positive semidefinite. C is any square matrix: with gyroscopic terms,
+        as of a rotor, it is not symmetric.
     loads : sequence of (array (n,), time function)
         Pairs (p_k, f_k).
     contacts : sequence of Contact
@@ -241,13 +244,13 @@ class System:
         Initial displacements and velocities.
     origin : Origin, optional
         The beam and grid that the matrices came from.
-    units : Units, optional
-        Units of t, q, the forces and the energies; by default those of the beam, unknown for matrices.
+    units : tuple, optional
+        Names of the units of length, time and force, such as ("mm", "s", "N"); by default those of the beam.
 
     Raises
     ------
     InputError
-        For a wrong shape, a matrix that is not symmetric or not definite, and for a subclass.
+        For a wrong shape, a mass or stiffness that is not symmetric or not definite, and for a subclass.
 
     Examples
     --------
@@ -266,14 +269,14 @@ class System:
     q0: Array
     v0: Array
     origin: Origin | None = field(default=None, repr=False)
-    units: Units = UNKNOWN
+    units: Units = ()
 
     def __post_init__(self) -> None:
         itself("system", self, System)
-        mass = definite_matrix("mass", symmetric_matrix("mass", self.mass))
+        mass = definite_matrix("mass", square_matrix("mass", self.mass))
         n = len(mass)
         damping, stiffness = (
-            definite_matrix(x, symmetric_matrix(x, getattr(self, x), n)) for x in ("damping", "stiffness")
+            definite_matrix(x, square_matrix(x, getattr(self, x), n)) for x in ("damping", "stiffness")
         )
         rule, remedy = "hold Contact(row, stops) only", "for none write ()"
         single = isinstance(self.contacts, Contact)
@@ -295,8 +298,7 @@ class System:
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
             itself("origin", self.origin, Origin)
-        if not isinstance(self.units, Units):
-            raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        object.__setattr__(self, "units", units_labels(self.units))
         # The checked copies take the place of the arguments.
         checked: dict[str, Any] = {
             "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
@@ -306,7 +308,7 @@ class System:
         }  # fmt: skip
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self.origin is not None and self.units == UNKNOWN and self.origin.has_matrices_of(self):
+        if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
             object.__setattr__(self, "units", self.origin.problem.units)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -328,12 +330,12 @@ class System:
         observe: ArrayLike | None = None,
         initial_displacement: ArrayLike | None = None,
         initial_velocity: ArrayLike | None = None,
-        units: Units = UNKNOWN,
+        units: Units = (),
     ) -> System:
         """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
         row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises
         InputError as the class does."""
-        mass = symmetric_matrix("mass", _diagonal(mass))
+        mass = square_matrix("mass", _diagonal(mass))
         nothing = np.zeros(len(mass))
         options: Any = {
             "loads": loads, "contacts": contacts, "observe": observe,
@@ -364,6 +366,17 @@ class System:
     def damped(self) -> bool:
         """True if any entry of the damping matrix is not zero."""
         return bool(np.any(self.damping))
+
+    @cached_property
+    def gyroscopic(self) -> bool:
+        """True if the damping matrix is not symmetric."""
+        return not np.array_equal(self.damping, self.damping.T)
+
+    @cached_property
+    def passive(self) -> bool:
+        """True if the damping takes energy or none: its symmetric part is positive semidefinite."""
+        symmetric = 0.5 * (self.damping + self.damping.T)
+        return _semidefinite(symmetric) or _least(symmetric) >= -1e-10
 
     @property
     def rigid(self) -> bool:
@@ -515,7 +528,7 @@ class System:
             "loads": b"".join(loads),
             "contacts": b"".join(contacts),
             "exact parameters": "; ".join(self.exact_parameters).encode(),
-            "units": b"" if self.units in (NON_DIMENSIONAL, UNKNOWN) else repr(self.units).encode(),
+            "units": repr(self.units).encode() if self.units else b"",
         }
 
     def differences(self, other: System) -> list[str]:

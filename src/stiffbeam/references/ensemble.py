@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -12,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
+from ..basics.progress import silent, working
+from ..basics.resources import clock, cores, over_slices
 from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
@@ -26,6 +26,7 @@ from .exact.motion import Solver
 from .exact.solution import observations, reference_of, solve_exact
 
 
+@working("solving an ensemble")
 def reference_ensemble(
     system: System,
     t_end: float,
@@ -33,7 +34,6 @@ def reference_ensemble(
     t_eval: ArrayLike | None = None,
     progress: Progress | None = None,
     since: float = 0.0,
-    executor: Executor | None = None,
 ) -> Ensemble:
     """Return the exact solutions of all members, on all cores; each equals its single solution to rounding.
 
@@ -52,8 +52,6 @@ def reference_ensemble(
         Called with the number of members done.
     since : float
         Contacts are recorded after this time, for exact solutions only.
-    executor : concurrent.futures.Executor, optional
-        As in ``integrate_ensemble``. The processes also share the members of an adaptive solver.
 
     Returns
     -------
@@ -73,7 +71,7 @@ def reference_ensemble(
     >>> sb.reference_ensemble(system, 0.2, sb.perturbed_members(system, 4)).impact_count.shape
     (4,)
     """
-    begun = wall_clock()
+    begun = perf_counter()
     function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
@@ -81,9 +79,7 @@ def reference_ensemble(
     # A Reference has two output times at least, also where none are kept.
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    # Times the first member's reference and solution: half of it stands for one member in the executor's slices.
-    begun_with = perf_counter()
-    best = best_reference(members[0], t_end, progress=silent)
+    best = best_reference(members[0], t_end, progress=False)
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
@@ -91,16 +87,10 @@ def reference_ensemble(
     first = one(members[0], t_end, at, since)
     solving = Solving(method, t_end, at, since, len(times))
     report = None if progress is None else lambda done: progress(1 + done)
-    if executor is None:
-        solve = solving.solver(members)
-        # SUNDIALS' solvers do not run side by side in one process.
-        threads = cores() if method == "exact" else 1
-        parts = list(over_slices(solve, members[1:], MEMBERS_PER_SLICE, threads, report))
-    else:
-        require_executor(executor)
-        parts = list(on_executor(executor, solving, members[1:], (perf_counter() - begun_with) / 2.0, report))
+    # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
+    parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
     parts = [Runs.of([first], len(times)), *parts]
-    seconds = wall_clock() - begun
+    seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, one, members, t_end, at)
@@ -119,35 +109,22 @@ class Solving:
 
     def __call__(self, part: EnsembleMembers) -> Runs:
         """Runs of some of the members."""
-        return self.solver(part)(part)
-
-    def solver(self, members: EnsembleMembers) -> Callable[[EnsembleMembers], Runs]:
-        """Function that solves some of the members."""
-        system, t_end, since = members.system, self.t_end, self.since
+        system, t_end, since = part.system, self.t_end, self.since
         one = solve_exact if self.method == "exact" else partial(_adaptive, self.method)
-
-        def solve(part: EnsembleMembers) -> Runs:
-            return Runs.joined([Runs.of([one(x, t_end, self.at, since)], self.outputs) for x in part])
-
         # Members that differ in their starts alone share one solver.
         exact = self.method == "exact" and not system.rigid
-        if not exact or not set(members.fields) <= {"q0", "v0"}:
-            return solve
-        begun, solver = wall_clock(), Solver(system)  # one for all
-
-        def solve_starts(part: EnsembleMembers) -> Runs:
-            runs = []
-            for i in range(len(part)):
-                start = part.start(i)
-                with within_float64("exact", t_end):
-                    solution = solver.solve(t_end, start, self.at)
-                    audit(system, solution, t_end, start=start)
-                    observe = partial(observations, start=start)
-                    run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
-                runs.append(Runs.of([run], self.outputs))
-            return Runs.joined(runs)
-
-        return solve_starts
+        if not exact or not set(part.fields) <= {"q0", "v0"}:
+            return Runs.joined([Runs.of([one(x, t_end, self.at, since)], self.outputs) for x in part])
+        begun, solver, runs = clock(), Solver(system), []
+        for i in range(len(part)):
+            start = part.start(i)
+            with within_float64("exact", t_end):
+                solution = solver.solve(t_end, start, self.at)
+                audit(system, solution, t_end, start=start)
+                observe = partial(observations, start=start)
+                run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
+            runs.append(Runs.of([run], self.outputs))
+        return Runs.joined(runs)
 
 
 def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:

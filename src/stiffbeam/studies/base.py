@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ..basics.resources import TALK, Show, cores, displayed
+from ..basics.progress import TALK, Show, working
+from ..basics.resources import cores
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
+from ..basics.units import with_unit
 from ..basics.validation import InputError, integer
 from ..files.cases import Case
 from ..model.time_functions import covered, stays_at_rest
@@ -107,7 +109,7 @@ class Study:
 
     def axis_labels(self, case: Case) -> dict[str, str]:
         """Labels of the columns, with the units of the case."""
-        return {column: case.units.label(*label) for column, label in self.labels.items()}
+        return {column: with_unit(case.units, *label) for column, label in self.labels.items()}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -177,7 +179,16 @@ class Records:
             return Answer(NOTHING)
         answer = self.study.answer(self.found, self.case)
         other = substitute(self.case.system(), self.case.t_end) if not self.study.free else ""
-        return answer._replace(notes=f"{answer.notes} {other}".strip())
+        return answer._replace(notes=" ".join(filter(None, [answer.notes, other, self._failed()])))
+
+    def _failed(self) -> str:
+        """A sentence with the methods of which every run has failed."""
+        names = [x for x in ("integrator", "scheme", "method") if x in self.table and "lost" in self.table]
+        if not names:
+            return ""
+        lost = self.table[self.table["lost"].notna()].groupby(names[0], sort=False)["lost"]
+        found = set(self.found.get(names[0], ()))
+        return " ".join(f"Every run of {name} failed: {why.iloc[0]}." for name, why in lost if name not in found)
 
     def text(self, width: int | None = None) -> str:
         """Question, answer, table and lost points as text; a table wider than ``width`` is printed in parts."""
@@ -223,7 +234,7 @@ class Records:
         return plain({
             "measured": [f"rows.{column}" for column in self.study.measured],
             "study": self.name, "question": self.study.question(), "case": self.case.name,
-            "units": asdict(self.case.units), "options": options,
+            "units": list(self.case.units), "options": options,
             "answer": answer.verdict, "notes": answer.notes, "table": answer.table.to_dict("records"),
             "rows": self.table.to_dict("records"),
         })  # fmt: skip
@@ -240,7 +251,11 @@ class Records:
 
 
 def perform(
-    study: Study, case: Case, jobs: int | None = None, folder: str | Path | None = None, progress: bool | Show = False
+    study: Study,
+    case: Case,
+    jobs: int | None = None,
+    folder: str | Path | None = None,
+    progress: bool | Show | None = None,
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
@@ -249,7 +264,7 @@ def perform(
     if jobs is not None:
         integer("jobs", jobs, 1)
     name = type(study).__name__.lower()
-    with displayed(progress) as show:
+    with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store = Store(folder, _key(study, case))
         points = list(study.points(case))
@@ -265,7 +280,7 @@ def perform(
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
     table = pd.DataFrame(rows)
-    table.attrs = {"study": name, "case": case.name, "units": asdict(case.units), "labels": study.axis_labels(case)}
+    table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": study.axis_labels(case)}
     return Records(study, case, table)
 
 

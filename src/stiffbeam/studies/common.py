@@ -14,6 +14,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, exact_float, sequence
 from ..figures.chart import short
 from ..files.cases import Case
+from ..integrators import SCHEME, Integrator, integrators
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.members import EnsembleMembers
@@ -23,9 +24,8 @@ from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, parse_run, split_runs
-from ..testset.integrators import RECORDED, SCHEME, Integrator, integrators
 from ..trajectory.ensemble import Ensemble
-from ..trajectory.trajectory import Diverged, Reference, Trajectory, Work
+from ..trajectory.trajectory import Diverged, Reference
 from .base import Study, Table, option
 
 _SOLVED = Recent[Reference](4)
@@ -68,9 +68,7 @@ Integers = Annotated[Sequence[int] | None, Parameter(converter=_integers, n_toke
 Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens=1, negative=())]
 
 
-Couple = Annotated[Mapping[str, Any] | Sequence[str] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
-COUPLE = 'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"'
 
 
 def schemes() -> Any:
@@ -117,44 +115,6 @@ def chosen_schemes(case: Case, given: Sequence[Any] | None = None) -> dict[str, 
         if each.kind != SCHEME:
             raise InputError("schemes", label, "be schemes or their labels", "for example 'HHT(alpha=-0.1)'")
     return {label: each.source for label, each in picked.items()}
-
-
-def run_of(
-    one: Integrator, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1
-) -> Trajectory:
-    """Return the run of an integrator, or the part of a recorded one to t_end.
-
-    Raises InputError for a recorded run that ends earlier.
-    """
-    if one.kind != RECORDED:
-        return one.run(system, dt, t_end, contact, every)
-    return part_of(recorded_at(one, system, dt), system, t_end, one.label)
-
-
-def recorded_at(one: Integrator, system: System, dt: float) -> Trajectory:
-    """The recorded run whose time step is nearest to dt. Raises InputError for a run of another system."""
-    run = min(one.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
-    if run.fingerprint not in ("", system.fingerprint):
-        rule = f"be recorded on the system of the case, form {system.form}"
-        raise InputError("schemes", one.label, rule, "pass system=case.system(form) to from_arrays")
-    return run
-
-
-def part_of(run: Trajectory, system: System, t_end: float, label: str) -> Trajectory:
-    """A recorded run to t_end, with its share of the cost. Raises InputError for one that ends earlier."""
-    if run.t[-1] < t_end * (1.0 - 1e-9):
-        raise InputError("the recorded run", run.t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
-    inside, share = run.t <= t_end * (1.0 + 1e-9), t_end / float(run.t[-1])
-    part = Trajectory.from_arrays(run.t[inside], run.tip[inside], run.tip_velocity[inside], system, name=label)
-    seconds, evaluations = share * run.work.seconds, round(share * evaluations_of(None, run))
-    return replace(part, work=Work(len(part.t) - 1, seconds, seconds, {"evaluations": evaluations}))
-
-
-def evaluations_of(one: Integrator | None, run: Trajectory) -> int:
-    """Return the work of a run: linear solves of a scheme, what a solver or a run counts, else steps."""
-    if one is not None and one.kind == SCHEME:
-        return run.work.steps * len(one.source.nodes)
-    return max(run.work.counters.values(), default=run.work.steps)
 
 
 def takes(case: Case, scheme: Scheme) -> bool:

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.progress import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
-from ..files.reference_cache import cached_reference, is_cached
-from ..march.integrate import integrate
+from ..files.reference_cache import cached_reference
+from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
-from ..references import expected_seconds, reference, substitute
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
-from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
+from ..references import reference, substitute
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-
-SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
 
 
 @dataclass(frozen=True)
@@ -34,42 +31,10 @@ class _Solver:
     budget: float
 
     def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        """Solve to t_end. Raises InputError where the budget does not allow that."""
-        kept = self.keeps(method) and is_cached(system, t_end, method, times)
-        outputs = OUTPUTS if times is None else len(times)
-        if not kept and (seconds := self.seconds(system, t_end, method, outputs)) > self.budget:
-            rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
-            raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
-        if not self.keeps(method):
-            return reference(system, t_end, method, times, progress=silent)
-        return cached_reference(system, t_end, method, times, progress=silent)
-
-    def keeps(self, method: str) -> bool:
-        """Return True if the cache has a part in it: the exact solution takes no longer than reading a file."""
-        return self.cache and method != "exact"
-
-    def as_far_as(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        """Solve to t_end, or to one of SHARES of it, as far as the budget allows. times: None for any time."""
-        grid = np.linspace(0.0, t_end, OUTPUTS) if times is None else times
-        parts = [grid[: int(share * (len(grid) - 1)) + 1] for share in SHARES if share * (len(grid) - 1) >= 2.0]
-        spans = [(t_end if len(p) == len(grid) else float(p[-1]), None if times is None else p) for p in parts]
-        # A stored span costs nothing; else the first that the budget allows.
-        span = next((s for s in spans if self.keeps(method) and is_cached(system, s[0], method, s[1])), None)
-        if span is None:
-            seconds = self.seconds(system, t_end, method, len(grid))
-            span = next((span for span in spans if seconds * span[0] / t_end <= self.budget), None)
-        free = self if span is None else replace(self, budget=np.inf)
-        end, asked = (t_end, times) if span is None else span
-        solution = free(system, end, method, asked)
-        if end < t_end:
-            solution.provenance["budget"] = f"to t = {end:.3g} of {t_end:.3g}: the budget ends there"
-        return solution
-
-    def seconds(self, system: System, t_end: float, method: str, outputs: int) -> float:
-        """Return the expected seconds, 0.0 without a budget."""
-        if self.budget == np.inf:
-            return 0.0
-        return expected_seconds(system, t_end, method, RTOL, None, Steps(), self.budget, outputs=outputs)
+        """Solve as far as the budget allows. times: None for any time."""
+        # The exact solution takes no longer than reading a file.
+        solve = cached_reference if self.cache and method != "exact" else reference
+        return solve(system, t_end, method, times, progress=False, seconds=self.budget)
 
 
 @dataclass(frozen=True)
@@ -100,7 +65,7 @@ class CaseComparison:
             "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
             "case": self.case.name,
             "title": self.case.title,
-            "units": asdict(self.case.units),
+            "units": list(self.case.units),
             "dt": self.case.dt,
             "t_end": self.case.t_end,
             "cells": self.case.cells if self.case.beam else None,
@@ -127,81 +92,92 @@ def compare_case(
     cache: bool = False,
     budget: float = BUDGET,
     truth: Callable[[Case, str, float], Reference | None] = lambda case, form, t_end: None,
+    measured: Callable[[CaseComparison, Trajectory | None], None] = lambda result, solution: None,
 ) -> CaseComparison:
-    """Run every scheme over the case's time span and hold it against a reference of the same form.
+    """Run every scheme over the case's time span and compare it with a reference of the same form.
+
+    The schemes run first, then the main reference, the first of ``references`` that supports the system, over the whole
+    span, then the others to its horizon; they are compared like the schemes. A run that fails is reported and the
+    others go on.
 
     runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
-    label of one (``testset.integrators``); the name of a solver makes it a further reference. references: methods; None
-    for those of ``COMPARED`` that take the system.
-
-    The first of ``references`` that can take the system is the main reference, over the whole span; the
-    others run to its horizon only and are compared like the schemes. A run that fails is reported and
-    the others go on. ``keep`` is called with every trajectory as soon as it is finished. cache: keep the references
-    for the next time, and read those of an earlier one. budget: seconds of CPU that a further reference may
-    take by an estimate made before it starts, the main one four times as many; one that would take more ends earlier
-    and says so. ``truth`` is asked, with case, form and t_end, for a solution that holds over the whole span.
+    label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None for
+    those of ``COMPARED`` that support the system. keep: called with every trajectory as soon as it is finished.
+    measured: called with the result and None when all schemes are compared, then with each further reference. cache:
+    store the references, and use stored ones. budget: CPU seconds that a further reference may take, the main one
+    four times as many; one that would take more ends earlier. truth: called with case, form and t_end, returns a
+    solution that holds over the whole span, or None.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
     one_of("contact", contact, TREATMENTS)
     positive("budget", budget)
-    solver = _Solver(cache, budget)
     first = case.system()
-    rigid = first.rigid
     if references is None:
-        references = COMPARED_RIGID if rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
+        alone = COMPARED_RIGID if first.rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
+        references = alone
     for name in references:
         method_of(name, "references")
-    result = CaseComparison(case)
-    pairs = list(case.runs if runs is None else runs)
-    chosen = {
-        form: integrators(x for x, of_run in pairs if of_run == form) for form in dict.fromkeys(f for _, f in pairs)
-    }
+    result, pairs = CaseComparison(case), list(case.runs if runs is None else runs)
+    forms = dict.fromkeys(form for _, form in pairs)
+    chosen = {form: integrators(x for x, of_run in pairs if of_run == form) for form in forms}
     solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
-    references = list(dict.fromkeys([*references, *solvers]))
-    refused: list[Diverged | InputError | SolverFailure] = []
+    systems = {form: case.system(form) for form in chosen}
+    refused, of_form = list[Exception](), dict[str, list[Trajectory]]()
     for form, several in chosen.items():
-        system = case.system(form)
-        solved = []
-        for one in _references(system, case, references, result, progress, solver):
-            keep(one)
-            solved.append(one)
-        main = solved[0] if solved else None
-        for one in several:
-            if one.kind == SOLVER:
-                continue
-            label = f"{one.label}@{form}"
-            try:
-                run = _run(one, system, case, contact, partial(progress, label))
-            except (Diverged, InputError, SolverFailure) as error:
-                refused.append(error)
-                result.note(label, error)
-                continue
-            result.runs.append(run)
-            keep(run)
-            if main is not None:
-                progress(f"measuring {label}", 0, 0)
-                _measure(result, run, main)
-        if main is not None:
-            for other in solved[1:]:
-                _measure(result, other, main)
-            if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
-                result.truths[form] = true
+        begin = len(result.runs)
+        errors = [_scheme(result, one, systems[form], contact, progress, keep) for one in several if one.kind != SOLVER]
+        refused += filter(None, errors)
+        of_form[form] = result.runs[begin:]
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
         raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
+    methods, solver, further = list(dict.fromkeys([*references, *solvers])), _Solver(cache, budget), []
+    for form, system in systems.items():
+        solutions = _references(system, case, methods, result, progress, solver)
+        main = next(solutions, None)
+        if main is None:
+            continue
+        keep(main)
+        for run in of_form[form]:
+            progress(f"measuring {run.label}", 0, 0)
+            _measure(result, run, main)
+        if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
+            result.truths[form] = true
+        further.append((main, solutions))
+    measured(result, None)
+    for main, solutions in further:
+        for one in solutions:
+            keep(one)
+            _measure(result, one, main)
+            measured(result, one)
     return result
 
 
-def _run(one: Integrator, system: System, case: Case, contact: str, show: Callable[[int, int], None]) -> Trajectory:
-    """Return the run of an integrator that chooses no steps itself: of a scheme with its progress, a recorded one."""
+def _scheme(
+    result: CaseComparison, one: Integrator, system: System, contact: str, progress: Show,
+    keep: Callable[[Trajectory], None],
+) -> Diverged | InputError | SolverFailure | None:  # fmt: skip
+    """Run an integrator that chooses no steps itself and add it to the result; returns the reason if that fails."""
+    case, label = result.case, f"{one.label}@{system.form}"
     steps = round(case.t_end / case.dt)
-    if one.kind == SCHEME:
-        arguments = (system, one.source, case.dt, case.t_end, contact)
-        return fastest(lambda: integrate(*arguments, progress=lambda done: show(done, steps)))
-    show(0, 0)
-    if one.kind == RECORDED and len(one.source) == 1:
-        return one.source[0]
-    return one.run(system, case.dt, case.t_end)
+    progress(label, 0, steps)
+    try:
+        if one.kind == RECORDED and len(one.source) == 1:
+            run = one.source[0]
+        else:
+            show = partial(_steps, progress, label, steps)
+            repeat = fastest if one.kind == SCHEME else lambda march: march()
+            run = repeat(lambda: one.run(system, case.dt, case.t_end, contact, show=show))
+    except (Diverged, InputError, SolverFailure) as error:
+        result.note(label, error)
+        return error
+    result.runs.append(run)
+    keep(run)
+    return None
+
+
+def _steps(progress: Show, label: str, steps: int, done: int) -> None:
+    progress(label, done, steps)
 
 
 def _references(
@@ -217,11 +193,11 @@ def _references(
                 progress(label, 0, 0)
                 # The adaptive solvers answer at the times they were asked for: the runs' own steps.
                 times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-                solution = replace(solver, budget=4.0 * solver.budget).as_far_as(system, case.t_end, method, times)
+                solution = replace(solver, budget=4.0 * solver.budget)(system, case.t_end, method, times)
             else:
                 progress(f"{label} to the horizon {window:.3g}", 0, 0)
                 times = np.arange(steps + 1) * case.dt
-                solution = solver.as_far_as(system, float(times[-1]), method, times)
+                solution = solver(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue

@@ -16,16 +16,16 @@ import pandas as pd
 from ..basics.validation import InputError, one_of
 from ..figures.chart import log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
+from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact
 from ..measures.report import DASH, percent
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
-from ..references import solve, takes
-from ..references.registry import ADAPTIVE, COMPARED, REFERENCES, Steps
+from ..references import takes
+from ..references.registry import ADAPTIVE, COMPARED, REFERENCES
 from ..schemes.misprints import forms_of
-from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
 from .base import Answer, Row, Study, Table, option
@@ -62,7 +62,8 @@ class Converge(Study):
     contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
-    Work of a scheme: linear solves. Of a solver: evaluations of the right-hand side or linear solves, whichever are
+    Work of an implicit scheme: linear solves. Of an explicit one: evaluations of the force. Of a solver: evaluations of
+    the right-hand side or linear solves, whichever are
     more. Of a function: what its Trajectory counts, else its steps.
 
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
@@ -153,7 +154,7 @@ class Converge(Study):
             system = case.system(self.form)
             steps = sorted({float(run.provenance["dt"]) for run in one.source}, reverse=True) if kind == CONTACT else []
             for dt in steps[:1]:
-                common.recorded_at(one, system, dt)
+                one.recorded_at(system, dt)
             return [{"steps": round(end / dt), "octave": round(float(np.log2(steps[0] / dt)))} for dt in steps]
         per = PER_OCTAVE if kind == CONTACT and one.kind == SCHEME else 1
         counts = common.halved(end, case.dt, self.halvings, per)
@@ -172,15 +173,15 @@ class Converge(Study):
         timed = fastest if self.measured and one.kind != RECORDED else lambda run: run()
         if rtol:
             times = np.linspace(0.0, t_end, SAMPLES + 1)
-            run = timed(lambda: solve(system, t_end, integrator, times, rtol, None, steps=Steps(events=False)))
+            run = timed(lambda: one.solve(system, rtol, times, t_end))
             error = tip_error(run.tip, exact.at(times)[0]).rms
             if "stages" in run.work.counters:  # it steps to every output, which a user may not ask for
                 bare = np.array([0.0, t_end])
-                run = timed(lambda: solve(system, t_end, integrator, bare, rtol, None, steps=Steps(events=False)))
+                run = timed(lambda: one.solve(system, rtol, bare, t_end))
             return _cost(one, run) | {"tip_error": error, "left_out": "solver"}
         dt = t_end / steps
         every = max(1, steps // SAMPLES)
-        run = timed(lambda: common.run_of(one, system, dt, t_end, contact, every))
+        run = timed(lambda: one.run(system, dt, t_end, contact, every))
         error = tip_error(run.tip, exact.at(run.t)[0])
         row = _cost(one, run) | {"dt": dt, "tip_error": error.rms, "tip_error_max": error.max}
         row["left_out"] = _left_out(case, system, exact, run, kind == CONTACT, dt, steps, error.rms)
@@ -197,7 +198,7 @@ class Converge(Study):
             end = min(end, max(float(run.t[-1]) for run in one.source))
         steps = max(2, round(end / dt))
         end, system = steps * dt if one.kind != RECORDED else end, case.system(self.form)
-        run = common.run_of(one, system, dt, end, contact, every=steps)
+        run = one.run(system, dt, end, contact, every=steps)
         until = min(end, exact.horizon)
         pairs = list(zip(run.contacts, exact.contacts, strict=True))
         return {
@@ -208,7 +209,7 @@ class Converge(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Orders of every integrator, the work for one error, the step from which on impacts are right."""
-        units, observed = case.units, orders(table)
+        observed = orders(table)
         small: dict[str, Row] = {label: {"integrator": short(label)} for label in table.integrator.unique()}
         words, parts = {SMOOTH: "without contact", CONTACT: "through the first impacts"}, []
         for kind in (x for x in words if x in set(table.kind)):
@@ -227,10 +228,10 @@ class Converge(Study):
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
         costs = cheapest(_implicit(at, self.contact), ERROR, "solves")
         for label, cost in costs.items():
-            small[label][f"solves for {ERROR:g}"] = _count(cost)
+            small[label][f"work for {ERROR:g}"] = _count(cost)
         right = right_from(_implicit(at, self.contact))
         for label, dt in right.items():
-            small[label]["impacts right from dt"] = units.measure(dt, "time", ".2g") if np.isfinite(dt) else DASH
+            small[label]["impacts right from dt"] = f"{dt:.2g}" if np.isfinite(dt) else DASH
         if "energy_lost" in at:
             for label, rows in at[at.energy_lost.notna()].groupby("integrator", sort=False):
                 small[str(label)]["energy lost at dt"] = percent(rows.energy_lost.iloc[0])
@@ -240,8 +241,9 @@ class Converge(Study):
         best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if best is not None:
-            verdict += f" Fewest solves for a tip error of {ERROR:g}: {_count(costs[best])} ({short(best)})."
-        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Solves: for a tip "
+            unit = "solves" if self.chosen(case)[best].implicit else "evaluations"
+            verdict += f" Least work for a tip error of {ERROR:g}: {_count(costs[best])} {unit} ({short(best)})."
+        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: for a tip "
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
@@ -295,7 +297,7 @@ def _count(cost: float) -> str:
 
 
 def _cost(one: Integrator, run: Trajectory) -> Row:
-    return {"solves": common.evaluations_of(one, run), "seconds": float(run.work.march_seconds)}
+    return {"solves": one.work(run), "seconds": float(run.work.march_seconds)}
 
 
 def _left_out(

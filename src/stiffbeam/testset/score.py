@@ -1,38 +1,252 @@
-"""The score: errors of integrators on the problems with known answers, and verdicts."""
+"""The score: errors and orders of integrators on the problems with known answers, and one flag with its reason."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.resources import Show, displayed
+from ..basics.arrays import Array
+from ..basics.progress import Show, working
+from ..basics.storage import write_whole
+from ..basics.text import DRAW, plain, several
 from ..basics.validation import InputError, sequence
-from ..trajectory.trajectory import Diverged, SolverFailure
-from .integrators import DEFAULT, FUNCTION, RECORDED, SCHEME, Integrator, Made
-from .integrators import integrators as integrators_of
-from .measure import (
-    FAILED,
-    NOT_FALLING,
-    NOT_TAKEN,
-    SPAN,
-    Entry,
-    Run,
-    errors_of,
-    impacts_of,
-    lost_to_digits,
-    motion_of,
-    verdict,
-    with_digits,
-)
-from .problem import Problem, problem
+from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
+from ..integrators import integrators as integrators_of
+from ..measures.errors import Order, observed_order
+from ..measures.report import short
+from ..references.registry import BEST
+from ..schemes import RIGID, SCHEMES
+from ..trajectory.trajectory import Diverged, SolverFailure, Trajectory
+from .measure import errors_of, known_impacts
+from .problem import VERSION, Problem, problem
 from .problem import problems as all_problems
-from .scorecard import Scorecard
 
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
+TOLERANCES = (1e-4, 1e-6, 1e-8)
 SMOOTH = "free-oscillator"
-OFF_GRID = 1.23, 1.52, 1.87  # times the most steps, to confirm that an error does not fall
+CONVERGES, STAYS, LOW_ORDER, MISSED = "converges", "error does not fall", "order too low", "impact missing"
+FAILED, NOT_TAKEN, NOT_JUDGED = "failed", "not taken", "not judged"
+SPAN = 0.26  # of the longest step, what the shortest is at most where it is judged how errors fall
+SHORTER = 3  # steps that are added, each half of the one before
+FLOOR = 1e-9  # of max |u|: below it rounding hides how an error falls
+STEADY = 1.25  # what an error that no longer falls may scatter by
+FALL = 0.5  # of an error: what is left of it at a quarter of the step where a method is of order 1/2
+ORDER_SLACK = 0.5  # of an observed order: where an impact lies within its step scatters the errors
+TIMES_TOLERANCE = 1e4  # an adaptive solver through contact stays within so many times its relative tolerance
+QUANTITIES = {
+    "tip_error": "tip", "velocity_error": "velocity", "impact_time_error": "impact times",
+    "peak_force_error": "peak force", "energy_error": "energy",
+}  # fmt: skip
+COARSE = 0.04  # of max |v|: below it the velocity's error may fall slowly in problems without an order limit
+SMALL = 2  # unknowns; in bars and beams fronts limit the order of the velocity
+NONE = Order(float("nan"), float("nan"), float("nan"), 0)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Result of one integrator on one problem.
+
+    runs: one row a run, the coarsest first: level (steps, or relative tolerance), cost (stages, evaluations, or steps
+    of a function), seconds, and the columns of ``errors_of``. outcome: "converges", "error does not fall", "order too
+    low", "impact missing", "failed", "not taken" or "not judged"; reason: a sentence, "" where it converges. order:
+    observed, of the tip error. expected: the smaller of its order on smooth motion and the problem's limit, NaN if
+    unknown. past: past the horizon, statistics less those of the exact ensemble, in standard deviations.
+    """
+
+    integrator: str
+    problem: Problem = field(repr=False)
+    runs: tuple[dict[str, float], ...]
+    adaptive: bool
+    outcome: str = ""
+    reason: str = ""
+    order: Order = NONE
+    expected: float = float("nan")
+    past: tuple[dict[str, float], ...] = ()
+
+    @property
+    def flagged(self) -> bool:
+        """True if the outcome is a fault of the integrator."""
+        return self.outcome in (STAYS, LOW_ORDER, MISSED, FAILED)
+
+    @property
+    def best(self) -> dict[str, float]:
+        """The row of the finest run, {} where there is none."""
+        return self.runs[-1] if self.runs else {}
+
+    def row(self) -> dict[str, Any]:
+        """Outcome, orders and the errors of the finest run."""
+        return {
+            "integrator": self.integrator, "problem": self.problem.name, "outcome": self.outcome,
+            "order": self.order.slope, "order_interval": self.order.interval, "expected_order": self.expected,
+            **self.best, "reason": self.reason,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
+class Scorecard:
+    """Entries of a score, integrator by integrator and problem by problem.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+    version : str
+        Version of the test set.
+    """
+
+    entries: tuple[Entry, ...]
+    version: str = VERSION
+
+    @property
+    def flagged(self) -> tuple[Entry, ...]:
+        """The entries with wrong results, or that broke off."""
+        return tuple(entry for entry in self.entries if entry.flagged)
+
+    @property
+    def integrators(self) -> list[str]:
+        """The names of the integrators, in the order of the entries."""
+        return list(dict.fromkeys(entry.integrator for entry in self.entries))
+
+    @property
+    def problems(self) -> list[Problem]:
+        """The problems, in the order of the entries."""
+        return list({entry.problem.name: entry.problem for entry in self.entries}.values())
+
+    def entry(self, integrator: str, problem: str) -> Entry:
+        """One entry by integrator and problem; KeyError if there is none."""
+        for each in self.entries:
+            if (each.integrator, each.problem.name) == (integrator, problem):
+                return each
+        raise KeyError((integrator, problem))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts, for JSON."""
+        entries = [e.row() | {"runs": list(e.runs), "past_horizon": list(e.past)} for e in self.entries]
+        return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": self.version,
+                      "entries": entries})  # fmt: skip
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line per run."""
+        import pandas
+
+        names = ["integrator", "problem", "outcome"]
+        return pandas.DataFrame([{k: e.row()[k] for k in names} | run for e in self.entries for run in e.runs])
+
+    def summary(self) -> str:
+        """Number of entries for each outcome, as a sentence."""
+        outcomes = [e.outcome for e in self.entries]
+        order = (CONVERGES, NOT_JUDGED, LOW_ORDER, MISSED, STAYS, FAILED, NOT_TAKEN)
+        return ", ".join(f"{outcomes.count(x)} {x}" for x in order if x in outcomes)
+
+    def table(self) -> pandas.DataFrame:
+        """Texts to print: of one integrator all errors, of several the tip error of each, by problem."""
+        import pandas
+
+        if len(self.integrators) > 1:
+            cells = {short(name): {p.name: self._cell(name, p) for p in self.problems} for name in self.integrators}
+            return pandas.DataFrame(cells).rename_axis("problem").reset_index()
+        lines = [
+            {
+                "problem": e.problem.name,
+                "order": str(e.order) if np.isfinite(e.order.interval) else "",
+                "expected": f"{e.expected:.3g}" if np.isfinite(e.expected) else "",
+                **{name: _number(abs(e.best.get(column, np.nan))) for column, name in QUANTITIES.items()},
+                "impacts": _impacts(e),
+                "outcome": e.outcome,
+            }
+            for e in self.entries
+        ]
+        table: Any = pandas.DataFrame(lines)
+        return table[[x for x in table if x in ("problem", "outcome") or any(table[x] != "")]]
+
+    def _cell(self, name: str, of: Problem) -> str:
+        entry = self.entry(name, of.name)
+        if entry.outcome in (FAILED, NOT_TAKEN):
+            return {FAILED: FAILED, NOT_TAKEN: "–"}[entry.outcome]
+        return _number(entry.best["tip_error"]) + (" !" if entry.flagged else "")
+
+    def notes(self) -> list[str]:
+        """The head of the errors, and every reason, once for all problems and integrators that share it."""
+        head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
+        lines = [head if len(self.integrators) == 1 else f"Tip error of the finest run. !: see below. –: {NOT_TAKEN}."]
+        alike: dict[tuple[str, ...], list[Entry]] = {}  # by integrator, outcome and reason
+        for e in sorted(self.entries, key=lambda e: not e.flagged):
+            reason = e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason
+            alike.setdefault((e.integrator, e.outcome, reason), []).append(e)
+        together: dict[tuple[str, ...], list[Entry]] = {}  # by outcome, reason and problems
+        for (_, outcome, reason), those in alike.items():
+            if reason:
+                together.setdefault((outcome, reason, *(e.problem.name for e in those)), []).append(those[0])
+        for (outcome, _, *names), those in together.items():
+            who = ", ".join(short(e.integrator) for e in those)
+            lines.append(f"{who} on {', '.join(names)}: {outcome}, {those[0].reason}")
+        for e in self.entries:
+            if e.past and e.problem.statistics is not None:
+                off = ", ".join(f"{name} {x:+.1f}" for name, x in e.past[-1].items() if name != "steps")
+                lines.append(
+                    f"{short(e.integrator)} on {e.problem.name} to t = {e.problem.statistics.t_end:g} in "
+                    f"{e.past[-1]['steps']:.0f} steps: {off} standard deviations of the exact motions."
+                )
+        return lines
+
+    def __repr__(self) -> str:
+        counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
+        return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
+
+    def __str__(self) -> str:
+        who = f"{self.integrators[0]}: " if len(self.integrators) == 1 else f"test set {self.version}: "
+        return "\n".join([who + self.summary(), self.table().to_string(index=False), *self.notes()])
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        notes = "".join(f"<p>{escape(line)}</p>" for line in [self.summary(), *self.notes()])
+        return self.table().to_html(index=False) + notes
+
+    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
+        """Draw the smallest error of every integrator, problem by problem; return ``ax``, or the new Figure. kwargs: of
+        ``Axes.plot``."""
+        return DRAW["scorecard"](self, ax, **kwargs)
+
+    def figure(self, problem: str) -> Figure:
+        """Motion of a problem, and the errors of tip and impact times over the cost."""
+        from ..figures.scores import score_picture
+
+        return score_picture([e for e in self.entries if e.problem.name == problem])
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write score.txt, score.csv, score.json and a picture of each problem that an integrator has run."""
+        from ..figures.chart import save_figure
+
+        folder = Path(folder)
+        texts = {
+            "score.txt": f"{self}\n", "score.csv": self.to_dataframe().to_csv(index=False),
+            "score.json": json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n",
+        }  # fmt: skip
+        written = [write_whole(folder / name, text) for name, text in texts.items()]
+        run = dict.fromkeys(e.problem.name for e in self.entries if e.runs)
+        return written + [save_figure(self.figure(name), folder / f"{name}.png") for name in run]
+
+
+def _number(x: float) -> str:
+    """An error with two digits, empty if it is not known."""
+    return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
+
+
+def _impacts(e: Entry) -> str:
+    if e.best.get("impacts", -1) < 0 or "impacts" not in e.problem.answers:
+        return ""
+    more = "∞" if "accumulation" in e.problem.answers else len(e.problem.answers["impacts"].digits)
+    return f"{e.best['impacts']} of {more}"
 
 
 def score(
@@ -42,22 +256,19 @@ def score(
     statistics: bool = True,
     progress: bool | Show = False,
 ) -> Scorecard:
-    """Return the errors of integrators on problems with known answers: against cost, with orders, impacts and forces.
+    """Return the errors of integrators on problems with known answers, with orders and a verdict each.
 
-    A fixed-step integrator makes one run at each of the problem's ``steps``, and three at shorter steps if an error
-    does not fall; an adaptive one runs at relative tolerances of 1e-4, 1e-6 and 1e-8. An integrator that refuses a
-    problem is "not taken". One that breaks off, raises or returns a wrong shape is "failed", with the reason, and the
-    others go on. A step at which it overflows is left out if shorter ones do not overflow; shorter ones are added,
-    until those that hold span a factor of four.
+    A fixed-step integrator makes one run at each of the problem's ``steps``, and shorter ones if it overflows or misses
+    impacts there; an adaptive one runs at relative tolerances of 1e-4, 1e-6 and 1e-8. An integrator that refuses a
+    problem is "not taken", one that breaks off, raises or returns a wrong shape is "failed".
 
     Parameters
     ----------
     integrators : one or a sequence, optional
         A Scheme; the label of a scheme or reference solver ("HHT(alpha=-0.1)", "cvode"); a function
-        solve(system, dt, t_end) -> (t, u), (t, u, v) or (t, u, v, gradients), where u and v are the tip (k,) or all
-        unknowns (k, n) at the times t (k,), and gradients the derivatives of the tip at t_end by paths such as
-        "q0[0]", see ``Problem.derivatives``; or runs recorded on the problems' systems (``Trajectory.from_arrays``),
-        those of one name as one integrator. By default all schemes and solvers of the package.
+        solve(system, dt, t_end) -> (t, u) or (t, u, v), where u and v are the tip (k,) or all unknowns (k, n) at the
+        times t (k,); or runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name as one
+        integrator. By default all schemes and a solver of each kind.
     problems : str, Problem or a sequence, optional
         By default all.
     order : float, optional
@@ -80,22 +291,25 @@ def score(
     Examples
     --------
     >>> import stiffbeam as sb
-    >>> card = sb.score(sb.HHT(alpha=-0.1), "free-oscillator")
-    >>> len(card.entries)
-    1
+    >>> sb.score(sb.HHT(alpha=-0.1), "free-oscillator").summary()
+    '1 converges'
     """
-    chosen = _problems(problems)
-    given = DEFAULT if integrators is None else integrators
-    runners = integrators_of(given if isinstance(given, (list, tuple)) else [given], order)
+    chosen = list(all_problems().values())
+    if problems is not None:
+        given = [problems] if isinstance(problems, (str, Problem)) else problems
+        asked = sequence("problems", given, "be names of problems")
+        chosen = sorted((x if isinstance(x, Problem) else problem(x) for x in asked), key=lambda x: x.number)
+    those = DEFAULT if integrators is None else integrators
+    runners = integrators_of(those if isinstance(those, (list, tuple)) else [those], order)
     entries = []
-    with displayed(progress) as show:
+    with working("score", progress) as show:
         for i, runner in enumerate(runners):
             smooth = runner.order
             for k, each in enumerate(chosen):
                 show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
                 entry = _entry(runner, each, smooth, statistics)
                 if each.name == SMOOTH and entry.order.points >= 3:
-                    # What is seen here is expected with contact too, whatever less a scheme states.
+                    # Its order with contact follows from that without, even if it states a lower one.
                     smooth = float(np.nanmax([smooth, entry.order.slope]))
                     entry = verdict(entry, smooth)
                 entries.append(entry)
@@ -104,122 +318,188 @@ def score(
 
 def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], label: str = "trajectory") -> Scorecard:
     """The score of runs of one problem by any program: each (t, u) or (t, u, v), t (k,), u and v the tip (k,) or all
-    unknowns (k, n). Several runs with different steps have an order; a single run has only errors. Errors that do not
-    fall because the numbers have too few digits are marked as such.
+    unknowns (k, n). Several runs with different steps have an order; a single run has only errors.
 
     Raises InputError for arrays that do not fit the problem.
     """
     chosen = name if isinstance(name, Problem) else problem(name)
-    motions = sorted((motion_of(chosen, *run) for run in runs), key=lambda motion: len(motion.t))
-    made = [Made(len(m.t) - 1, len(m.t) - 1, float("nan"), m) for m in motions]
-    known = tuple(_run(chosen, one) for one in made)
-    reason = next((why for one, run in zip(made, known, strict=True) if (why := _uncounted(chosen, one, run))), "")
-    entry = verdict(Entry(label, chosen, known, "", reason, float("nan"), False), float("nan"))
-    return Scorecard((with_digits(entry, max(lost_to_digits(chosen, motion) for motion in motions)),))
+    try:
+        those = [_of_problem(chosen, run_of(run, chosen.system, label)) for run in runs]
+    except Diverged as error:
+        raise InputError("the run", str(error), "be finite", "end the run before it overflows") from None
+    those.sort(key=lambda run: len(run.t))
+    rows = tuple(_row(chosen, len(run.t) - 1, len(run.t) - 1, run) for run in those)
+    return Scorecard((verdict(Entry(label, chosen, rows, False), float("nan")),))
 
 
-def _uncounted(each: Problem, made: Made, run: Run) -> str:
-    """Reason why impacts are not judged although the problem has some; empty if they are."""
-    known = each.answers.get("impacts")
-    if run.errors.impacts >= 0 or known is None or not len(known.value):
-        return ""
-    if made.motion.position is None:
-        return "the contact is not at the tip: give all unknowns, (k, n), or its impacts are not counted"
-    return "positions only, and steps too long for impacts that follow each other: they are not counted"
+def _of_problem(each: Problem, run: Trajectory) -> Trajectory:
+    """``run``. Raises InputError where its times do not cover those of the problem."""
+    least = 1.0 - 2.0**-23  # single precision may end before it
+    if run.t[-1] < each.t_end * least or np.count_nonzero(run.t <= each.t_end * (2.0 - least)) < 4:
+        rule = f"reach t_end = {each.t_end:g} in four steps or more"
+        raise InputError("the run's times", (run.t[0], run.t[-1]), rule, "are they in another unit?")
+    return run
 
 
-def _problems(given: Any) -> list[Problem]:
-    if given is None:
-        return list(all_problems().values())
-    chosen = [given] if isinstance(given, (str, Problem)) else sequence("problems", given, "be names of problems")
-    problems = [x if isinstance(x, Problem) else problem(x) for x in chosen]
-    return sorted(problems, key=lambda x: x.number)  # the smooth one first
+def _row(each: Problem, level: float, cost: float, run: Trajectory) -> dict[str, float]:
+    with np.errstate(over="ignore", invalid="ignore"):  # it may have grown to 1e200
+        return {"level": level, "cost": cost, "seconds": run.work.seconds} | errors_of(each, run)
+
+
+def _levels(runner: Integrator, each: Problem) -> Sequence[float]:
+    """Steps or tolerances, the coarsest first."""
+    if runner.kind == RECORDED:
+        return sorted(len(run.t) - 1 for run in runner.source if run.fingerprint == each.system.fingerprint)
+    if runner.kind == SOLVER:
+        return TOLERANCES if runner.adaptive else TOLERANCES[-1:]
+    return each.steps
+
+
+def _solved(runner: Integrator, each: Problem, level: float, t_end: float) -> Trajectory:
+    if runner.kind == SOLVER:
+        return runner.solve(each.system, level, np.append(0.0, each.times), t_end)
+    return runner.run(each.system, t_end / level, t_end)
 
 
 def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -> Entry:
-    runs: list[Run] = []
-    overflowed: list[float] = []  # the steps at which it does
-    outcome = reason = ""
-    past: tuple[dict[str, float], ...] = ()
+    """All runs of an integrator on a problem, judged."""
+    entry = Entry(runner.label, each, (), runner.kind == SOLVER)
     try:
-        if not (levels := list(runner.levels(each))):
-            raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
-        while levels:
-            level = levels.pop(0)
-            try:
-                made = runner.solve(each, level, each.t_end)
-                run = _run(each, made)
-                if not np.isfinite(run.errors.tip_rms):
-                    raise Diverged("it", made.motion.t[np.argmax(np.abs(made.motion.u))], "more steps may help")
-                runs.append(run)
-                reason = reason or _uncounted(each, made, runs[-1])
-            except Diverged as error:  # in so few steps, or where fewer went through in steps too short for it
-                overflowed.append(level)
-                reason, outcome = f"in {_range(overflowed)} steps {error}", FAILED if runs else ""
-            # Shorter steps in the place of those that overflowed, so that the others can be judged.
-            more = runner.kind in (SCHEME, FUNCTION) and not (levels or outcome)
-            if overflowed and runs and more and runs[0].level > SPAN * level:
-                levels.append(2 * level)
-        if overflowed and runs and not outcome:
-            reason += f"; judged by {_range([run.level for run in runs])} steps"
-        if not runs:
-            outcome = FAILED
-        if statistics and each.statistics is not None and not runner.adaptive and runner.kind != RECORDED:
-            past = _past(runner, each)
+        runs, reason = _runs(runner, each)
     except InputError as error:
-        outcome, reason = NOT_TAKEN, str(error)
-    except SolverFailure as error:
-        outcome, reason = FAILED, str(error)
-    except Exception as error:  # of a function of anyone's: one problem that it breaks on is a result
-        outcome, reason = FAILED, f"{type(error).__name__}: {error}"
-    entry = Entry(runner.label, each, tuple(runs), outcome, reason, runner.order, runner.adaptive, past)
-    judged = verdict(entry, smooth)
-    return _confirmed(runner, judged, smooth) if judged.outcome == NOT_FALLING and not outcome else judged
+        return replace(entry, outcome=NOT_TAKEN, reason=str(error))
+    except (Diverged, SolverFailure) as error:
+        return replace(entry, outcome=FAILED, reason=str(error))
+    past = _past(runner, each) if statistics and each.statistics is not None else ()
+    entry = replace(entry, runs=tuple(runs), past=past, reason=reason, outcome=FAILED if reason else "")
+    return entry if reason else verdict(entry, smooth)
 
 
-def _confirmed(runner: Integrator, entry: Entry, smooth: float) -> Entry:
-    """``entry``, whose error does not fall, or its verdict with shorter steps that share no grid with the others: an
-    impact that nested steps move to the same time has the same error in all of them."""
-    if runner.kind not in (SCHEME, FUNCTION) or runner.adaptive:
-        return entry
-    try:
-        more = [_run(entry.problem, runner.solve(entry.problem, round(f * entry.runs[-1].level), entry.problem.t_end))
-                for f in OFF_GRID]  # fmt: skip
-    except Exception:  # what the other steps show stands
-        return entry
-    again = verdict(replace(entry, runs=(*entry.runs, *more), outcome="", missed=()), smooth)
-    return entry if again.outcome == NOT_FALLING else again
+def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], str]:
+    """One row per level, and the reason why a run broke off although one with longer steps did not.
 
-
-def _range(levels: Sequence[float]) -> str:
-    """The least to the largest of ``levels``."""
-    return " to ".join(f"{x:g}" for x in dict.fromkeys((min(levels), max(levels))))
-
-
-def _run(each: Problem, made: Made) -> Run:
-    with np.errstate(over="ignore", invalid="ignore"):  # it may have grown to 1e200
-        return Run(made.level, made.cost, made.seconds, errors_of(each, made.motion))
+    Raises Diverged where no run holds.
+    """
+    levels, rows, lost = list(_levels(runner, each)), list[dict[str, float]](), 0.0
+    if not levels:
+        raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
+    shorter = SHORTER if runner.kind in (SCHEME, FUNCTION) else 0
+    error: Diverged | None = None
+    while levels:
+        level = levels.pop(0)
+        try:
+            run = _of_problem(each, _solved(runner, each, level, each.t_end))
+            row = _row(each, level, runner.work(run), run)
+            if not np.isfinite(row["tip_error"]):
+                raise Diverged(runner.label, float(run.t[np.argmax(np.abs(run.tip))]), "more steps may help")
+            rows.append(row)
+        except Diverged as failure:
+            error, lost = failure, level
+            if rows:
+                return rows, f"in {level:g} steps {failure}"
+        missing = bool(rows) and 0 <= rows[-1]["impacts"] < len(known_impacts(each))
+        if not levels and shorter and rows and (missing or rows[0]["level"] > SPAN * max(lost, rows[-1]["level"])):
+            shorter -= 1
+            levels.append(2 * level)
+    if error is not None and not rows:
+        raise error
+    return rows, ""
 
 
 def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
-    """Deviation of the statistics of one run from those of the exact ensemble, in standard deviations, at each of the
-    steps."""
+    """Deviation of the statistics of one run from those of the exact ensemble, in standard deviations."""
     known, rows = each.statistics, []
-    assert known is not None
-    stops = each.system.contacts[0].stops
+    if known is None or runner.kind not in (SCHEME, FUNCTION):
+        return ()
     for steps in known.steps:
         try:
-            motion = runner.solve(each, steps, known.t_end).motion
-        except Diverged:
+            record = _solved(runner, each, steps, known.t_end).contacts[0]
+        except (Diverged, SolverFailure):
             continue
-        impacts = impacts_of(each, motion, known.t_end)
-        if impacts is None or motion.position is None:
-            return ()
-        seen = {
-            "impacts": float(impacts.count),
-            "contact_fraction": float(np.mean(stops.state(motion.position, motion.velocity) != 0)),
-            "median_peak": impacts.median_peak,
-        }
+        share = float(np.mean(record.stops.state(record.position, record.velocity) != 0))
+        seen = {"impacts": float(record.impacts.count), "contact_fraction": share,
+                "median_peak": record.impacts.median_peak}  # fmt: skip
         off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
         rows.append({"steps": float(steps), **off})
     return tuple(rows)
+
+
+def verdict(entry: Entry, smooth: float) -> Entry:
+    """``entry`` with its observed order, outcome and reason.
+
+    smooth: the order of the integrator on smooth motion. Every error of a fixed-step integrator must fall with the step
+    (``_falls``); those of impact times, and of a velocity that jumps, may also be less than the shortest step. The
+    finest run must have the first impacts. The orders of the tip and, for one or two masses, of its velocity, with
+    their 95 % intervals, must come within ``ORDER_SLACK`` of what is expected. The error of an adaptive solver must
+    stay within ``TIMES_TOLERANCE`` times its tolerance. Steps that span less than a factor of four are not judged.
+    """
+    if entry.outcome in (NOT_TAKEN, FAILED) or not entry.runs:
+        return entry
+    levels, best = np.array([run["level"] for run in entry.runs]), entry.best
+    if entry.adaptive:
+        limit = max(TIMES_TOLERANCE * levels[-1], FLOOR)
+        said = "" if best["tip_error"] <= limit else f"a tip error of {best['tip_error']:.1e} at rtol {levels[-1]:.0e}"
+        return replace(entry, outcome=STAYS if said else CONVERGES, reason=said)
+    if np.min(levels) > SPAN * np.max(levels):
+        return replace(entry, outcome=NOT_JUDGED, reason="its steps span less than a factor of four")
+    of = {name: np.abs([run[name] for run in entry.runs]) for name in QUANTITIES}
+    order = _order(levels, of["tip_error"])
+    limit = entry.problem.order_limit
+    expected = min(smooth, limit) if limit > 0.0 else float("nan")
+    entry = replace(entry, order=order, expected=expected)
+    least_of = {
+        "impact_time_error": entry.problem.t_end / levels[-1],
+        "velocity_error": COARSE if limit <= 0.0 else 1.0 / levels[-1] if limit <= 1.0 else FLOOR,
+    }
+    for name, errors in of.items():
+        least = least_of.get(name, FLOOR)
+        if np.all(np.isfinite(errors)) and errors[-1] > least and not _falls(levels, errors):
+            said = (
+                f"{QUANTITIES[name]} from {errors[0]:.1e} to {errors[-1]:.1e} in {levels[0]:g} to {levels[-1]:g} steps"
+            )
+            return replace(entry, outcome=STAYS, reason=said)
+    most, seen = len(known_impacts(entry.problem)), best["impacts"]
+    if 0 <= seen < most:
+        said = f"the finest run has {seen} of the first {most} impacts"
+        return replace(entry, outcome=MISSED, reason=said)
+    if seen > 0 and "impacts" in entry.problem.answers and not most:
+        return replace(entry, outcome=STAYS, reason=f"the finest run has {seen} impacts where there are none")
+    for name in ("tip_error", "velocity_error") if entry.problem.system.size <= SMALL else ("tip_error",):
+        found, wanted = _order(levels, of[name]), expected
+        if name == "velocity_error" and not np.isfinite(expected):
+            wanted = min(order.slope, limit)
+        if found.points >= 4 and found.slope + found.interval < wanted - ORDER_SLACK:
+            said = f"{QUANTITIES[name]}: {found}, {wanted:.3g} expected"
+            return replace(entry, outcome=LOW_ORDER, reason=said)
+    return replace(entry, outcome=CONVERGES, reason="")
+
+
+def _order(levels: Array, errors: Array) -> Order:
+    """The order through the errors that rounding does not hide."""
+    above = (errors > FLOOR) & np.isfinite(errors)
+    return observed_order(1.0 / levels[above], errors[above])
+
+
+def _falls(levels: Array, errors: Array) -> bool:
+    """Return True if errors fall with the step. Either the median of the finest errors is below ``FALL`` times that of
+    steps four times as long, or the order through the finer half of the runs may be 1/2 or more, its 95 % interval
+    included. Without such an order the errors of the finest third must differ.
+
+    Medians over a third of the runs each: one error may be small by chance, and those of impacts scatter as these lie
+    within their steps.
+    """
+    count = max(1, len(errors) // 3)
+    before = np.flatnonzero(levels <= SPAN * np.max(levels))
+    fine, coarse = np.median(errors[-count:]), np.median(errors[before[-count:]])
+    if fine <= FLOOR:
+        return True
+
+    def most(runs: int) -> float:
+        """The largest order that the finest runs allow; NaN for two."""
+        order = observed_order(1.0 / levels[-runs:], np.maximum(errors[-runs:], FLOOR))
+        return order.slope + order.interval
+
+    # The finest errors are nearly equal and leave no room for an order of 1/2: they no longer fall.
+    last = errors[-max(3, count) :]
+    stays = np.max(last) < STEADY * np.min(last) and most(len(last)) < 0.5
+    return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)

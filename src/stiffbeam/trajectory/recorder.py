@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -337,7 +336,7 @@ def run_fields(
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
     }  # fmt: skip
     if system is not None:
-        notes["units"] = asdict(system.units)
+        notes["units"] = list(system.units)
     if smoothed:  # a spline's velocity is smooth where the true one has a kink
         notes["tip_velocity"] = "of a spline through the tip"
     fields: dict[str, Any] = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import plain, table
-from ..basics.units import NON_DIMENSIONAL, ONE, Units
+from ..basics.units import Units, unit_of
 from ..basics.validation import InputError, file_path, near
 from ..model.members import STARTS, SYSTEMS
 
@@ -154,9 +154,8 @@ def notes_of(name: str, units: Units) -> dict[str, str]:
     if name not in BY_NAME:
         return {"long_name": f"value of {name} in the member"}
     quantity, long_name = BY_NAME[name]
-    if not quantity or units == NON_DIMENSIONAL:
-        return {"long_name": long_name, "units": ONE}
-    return {"long_name": long_name} | ({"units": units.of(quantity)} if units.known else {})
+    unit = unit_of(units, quantity) if quantity else "1"
+    return {"long_name": long_name} | ({"units": unit} if unit else {})
 
 
 def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:

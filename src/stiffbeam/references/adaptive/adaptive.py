@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.resources import afford, clock
-from ...basics.validation import InputError, one_of, positive
+from ...basics.resources import clock
+from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace, state_space
 from ...model.system import System
 from ...model.time_functions import in_closed_form
-from ...trajectory.recorder import contact_spans, impacts_in
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
-from ..registry import KEEP, REFERENCES, RESTART, Request, output_times, provenance_of
+from ..registry import REFERENCES, Request, output_times, provenance_of
 from .pieces import smooth_pieces
-from .restarts import Contacts, Outcome, Path, Phase, follow, scales_of
+from .restarts import Contacts, Outcome, Path, Phase, Scales, follow, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
@@ -32,57 +31,32 @@ Solver = Callable[[Phase], Outcome]
 
 
 def reference_from(
-    request: Request, solver: Callable[[RightHandSide, float, Array], Solver], switches: str,
-    mass: Array | None = None, first_order: StateSpace | None = None,
+    request: Request, solver: Callable[[RightHandSide, float, Array], Solver], mass: Array | None = None,
+    first_order: StateSpace | None = None,
 ) -> Reference:  # fmt: skip
     """The Reference of a solver that makes one phase, on the first-order system (its own unless given, with its
     ``mass``). solver: takes the right-hand side, the relative tolerance, and the absolute ones of all unknowns.
 
-    switches: the method's default. atol defaults to rtol/100 of every unknown's scale (``scales_of``). Without events
-    impacts are the sampled ones at the output times, with the peak force and the share of time in contact there.
-    Input, dissipation and impulses are integrated with the motion; the impulses take no part in error control, the
-    others to rtol of the energy of the motion.
+    atol defaults to rtol/100 of every unknown's scale (``scales_of``). Input, dissipation and impulses are integrated
+    with the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
     """
-    # Input: tolerances, and whether the solver restarts at events.
     system, t_end, method, t_eval, rtol, atol, _, steps = request
     positive("t_end", t_end)
     rtol = positive("rtol", rtol)
     if rtol < LEAST_RTOL:
         raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use multiprecision")
-    jumps = next((c.stops.damping for c in system.contacts if c.stops.jumps), 0.0)
-    # No error control is meant for a force that jumps.
-    switches = (RESTART if jumps else switches) if steps.switches is None else steps.switches
-    one_of("switches", switches, (RESTART, KEEP), f"be {RESTART!r} or {KEEP!r}")
-    if jumps and switches == KEEP:
-        rule = f"be {RESTART!r} for stops with damping = {jumps:g}, whose force jumps"
-        raise InputError("switches", switches, rule, "leave switches out")
     # Smooth intervals of the loads, the equations, and the sizes from which the tolerances follow.
     t = output_times(t_eval, t_end)
     begun = clock()
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
     rhs = RightHandSide(first_order or state_space(system), mass)
     scales = scales_of(rhs.first_order, t_end)
-    if steps.max_step is not None:
-        afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
-    # An unknown that passes through zero has no relative error there: the absolute tolerance bounds it.
-    tolerances = rtol / 100.0 * scales.unknowns
-    if atol is not None:
-        least = LEAST_SHARE * float(np.min(tolerances))
-        if positive("atol", atol) < least:
-            remedy = "leave it out for rtol/100 of every unknown's scale"
-            raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
-        tolerances = np.full(rhs.states, float(atol))
-    # The impulses are no part of the error, but all are counted in its root mean square. A motion that is a polynomial
-    # asks for no short steps, its power under a load does.
-    share = np.sqrt(rhs.states / rhs.size)
-    integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
-    integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
-    tolerances = np.concatenate([share * tolerances, integrals])
+    share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
         begun = clock()
         run = solver(rhs, share * rtol, tolerances)
-        path = follow(method, rhs, pieces, t, switches, scales, run, steps.events)
+        path = follow(method, rhs, pieces, t, scales, run)
         # A later solve of the same equations uses the compiled program and must not count this time again.
         compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
         return path._replace(seconds=clock() - begun, compile_seconds=compiling)
@@ -105,9 +79,7 @@ def reference_from(
     notes: dict[str, Any] = {
         "rtol": rtol,
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
-        "switches": switches if system.contacts else "none",
         "pieces": len(pieces),
-        "callbacks": rhs.callbacks,
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
         **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
@@ -127,6 +99,24 @@ def reference_from(
         state_at=answers.states,
         ledger=ledger,
     )
+
+
+def _tolerances(rhs: RightHandSide, scales: Scales, rtol: float, atol: float | None) -> tuple[float, Array]:
+    """Factor of rtol, and the absolute tolerances of z. Raises InputError for an atol that no solver can hold."""
+    # An unknown that passes through zero has no relative error there: the absolute tolerance bounds it.
+    tolerances = rtol / 100.0 * scales.unknowns
+    if atol is not None:
+        least = LEAST_SHARE * float(np.min(tolerances))
+        if positive("atol", atol) < least:
+            remedy = "leave it out for rtol/100 of every unknown's scale"
+            raise InputError("atol", atol, f"be at least {least:.2g}, a millionth of its default", remedy)
+        tolerances = np.full(rhs.states, float(atol))
+    # The impulses are no part of the error, but all are counted in its root mean square. A motion that is a polynomial
+    # asks for no short steps, its power under a load does.
+    share = float(np.sqrt(rhs.states / rhs.size))
+    integrals = np.full(rhs.size - rhs.states, UNCONTROLLED)
+    integrals[[0, 1, *([-1] if rhs.damped else [])]] = rtol * scales.energy
+    return share, np.concatenate([share * tolerances, integrals])
 
 
 class Answers:
@@ -198,35 +188,17 @@ def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: A
 
 
 def contact_record(
-    rhs: RightHandSide,
-    i: int,
-    t: Array,
-    position: Array,
-    velocity: Array,
-    contacts: Contacts | None,
-    end: Array,
-    t_end: float,
+    rhs: RightHandSide, i: int, t: Array, position: Array, velocity: Array, contacts: Contacts, end: Array, t_end: float
 ) -> ContactRecord:
-    """Record of contact ``i``: by its events if they were requested, else sampled at the output times t.
+    """Record of contact ``i`` by its events.
 
     Impulses are integrals that the solver carries, peaks the largest of the forces where the rate of the gap, of a
     damped stop that of the force, is zero or jumps: both as accurate as the motion. A peak is NaN where the solver saw
-    no such place between entry and exit, the impulse where no events were asked for: it has a sign on each stop.
+    no such place between entry and exit.
     """
     stops = rhs.first_order.contacts[i].contact.stops
     force = stops.force(position, velocity)
-    # Without events only the outputs show contact: its times are interpolated between them.
-    if contacts is None:
-        rows = contact_spans(t, position, velocity, stops)
-        rows[:, 5] = np.nan  # the outputs tell no impulse
-        closed_time = float(np.sum(np.where(np.isnan(rows[:, 3]), t[-1], rows[:, 3]) - rows[:, 2]))
-        return ContactRecord(
-            stops, position, velocity, force, impacts_in(rows, bool(t[0] == 0.0)),
-            fraction=closed_time / t_end if t[0] == 0.0 and t[-1] == t_end else np.nan,
-            peak_force=float(np.max(np.abs(force))),
-            impulse=float("nan"),
-        )  # fmt: skip
-    # With events: one row for every entry, up to the exit after it or to the end of the solution.
+    # One row for every entry, up to the exit after it or to the end of the solution.
     impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse
     closed_time, largest, total = 0.0, 0.0, 0.0
     for k, (contact, side) in enumerate(rhs.sides):

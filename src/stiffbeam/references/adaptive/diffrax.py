@@ -6,30 +6,30 @@ import hashlib
 import math
 import os
 import pickle
+import platform
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding
 import numpy as np
 import scipy.linalg
 
 from ...basics import storage
 from ...basics.arrays import Array
-from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
 from ...model.contact import linear
-from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
-from ...model.right_hand_side_kernels import THROUGH
+from ...model.right_hand_side import RightHandSide
+from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
-from ..registry import REFERENCES, RESTART, Request
+from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
-from .scipy import Cubic, stepping
+from .scipy import Cubic, Stepping
 
 CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
@@ -60,11 +60,9 @@ def solve(request: Request) -> Reference:
     assert hasattr(diffrax, name) and jax is not None  # noqa: PT018 - both are named where one is missing
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        rhs.callbacks = "JAX"
-        programs = Programs(rhs, name)
-        return stepping(method, partial(Stepper, programs), steps_to_outputs=True)(rhs, rtol, atol)
+        return Stepping(method, partial(Stepper, Programs(rhs, name)), rhs, rtol, atol, steps_to_outputs=True).run
 
-    return reference_from(request, solver, RESTART)
+    return reference_from(request, solver)
 
 
 class Modal(NamedTuple):
@@ -100,7 +98,7 @@ class Programs:
         import diffrax
 
         self.rhs, self.name = rhs, name
-        self._kind = numbers_of(rhs)[0]
+        self._kind = numbers_of(rhs.equations)[0]
         # The first stage of a step is the last one of the step before (FSAL).
         self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
         # Modal needs y' linear in y.
@@ -116,10 +114,10 @@ class Programs:
 
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if self._numbers is None:
-            self._numbers = jax.device_put(numbers_of(rhs)[1])
+            self._numbers = jax.device_put(numbers_of(rhs.equations)[1])
         if regime not in self._modal:
-            fixed = self._linear and bool(np.all(rhs.regime != THROUGH))
-            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if fixed else None
+            linear = self._linear
+            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if linear else None
             if modal is not None:
                 # A regime that needs fewer iterations takes the program of one before: to compile another takes longer.
                 self._iterations = max(self._iterations, len(modal.iterations))
@@ -145,8 +143,7 @@ class Programs:
         if key not in _PROGRAMS:
             # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
             begun = time.process_time()
-            with stopped_clock():
-                _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
+            _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
             self.rhs.compile_seconds += time.process_time() - begun
         return _PROGRAMS[key]
 
@@ -158,7 +155,10 @@ def _program(lowered: Any) -> Any:
     """
     from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-    processor = llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features().flatten())
+    processor = [platform.machine()]
+    with suppress(OSError):  # not on Linux
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor += sorted({x for x in lines if x.startswith(("model name", "flags", "Features", "CPU part"))})
     made_of = version("jax"), version("jaxlib"), os.environ.get("XLA_FLAGS", ""), *processor, lowered.as_text()
     file = storage.directory() / "jax" / f"{hashlib.sha256(repr(made_of).encode()).hexdigest()}.xla"
     with suppress(Exception):  # no such file, or whatever unpickling makes of a damaged one

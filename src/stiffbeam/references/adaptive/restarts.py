@@ -1,26 +1,26 @@
 """Drive an adaptive solver through its time span, from one smooth interval and one event to the next.
 
-The solver restarts wherever its right-hand side is not smooth: at the cuts of the functions of time and, if it restarts
-at events, at every entry into a stop and every exit from one. In a phase between two restarts every contact keeps its
-side. The force is then linear beyond the stop as well, and the event is a root of a smooth function.
+The solver restarts wherever its right-hand side is not smooth: at the cuts of the functions of time, at every entry
+into a stop and every exit from one. In a phase between two restarts every contact keeps its side. The force is then
+smooth beyond the stop as well, and the event is a root of a smooth function.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
-from ...basics.resources import Forecast
+from ...basics.resources import in_time
 from ...basics.validation import InputError
-from ...model.right_hand_side import THROUGH, RightHandSide
+from ...kernels.rhs import THROUGH
+from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..registry import RESTART
 from .pieces import Piece
 
 SAMPLES = 4097  # of every function of time, for its largest value
@@ -114,7 +114,6 @@ class Phase(NamedTuple):
     times: Array
     max_step: float
     watch: Watch
-    forecast: Forecast
 
 
 class Outcome(NamedTuple):
@@ -130,76 +129,49 @@ class Outcome(NamedTuple):
 
 
 class Watch:
-    """Root functions of a phase: first every gap, then every gap's rate, and the meaning of each. For damped stops see
-    the kernel ``event_functions``: the gap is positive where they press, and the rates of the forces follow.
+    """Root functions of a phase: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is
+    positive where they press, and the rates of the forces follow.
 
-    In a phase with fixed sides a gap ends it, from below where the side is free, from above where it is
-    closed. It is watched at a level a few roundings past where it starts, so that the root a phase starts
-    on is not found again; a rate at one a few roundings above zero, where it does not stay at rest. A rate
-    that changes sign where the gap is past its level shows that both crossings lie inside one step: the
-    phase is ``missed`` and made again up to there. Without fixed sides nothing ends a phase. The rates of
-    closed sides give the peaks.
+    A gap ends the phase, from below where the side is free, from above where it is closed. It is watched at a level a
+    few roundings past where it starts, so that the root a phase starts on is not found again; a rate at one a few
+    roundings above zero, where it does not stay at rest. A rate that changes sign where the gap is past its level shows
+    that both crossings lie inside one step: the phase is ``missed`` and made again up to there. The rates of closed
+    sides give the peaks.
     """
 
-    def __init__(
-        self, rhs: RightHandSide, t: float, z: Array, closed: list[bool], fixed: bool, rounding: Array
-    ) -> None:
-        self.rhs, self.closed, self.fixed = rhs, closed, fixed
-        self.count = len(closed)
-        self.size = len(rounding)
-        self._buffer = np.empty(self.size)
-        if self.count:
-            rhs.levels[:] = rounding
-        if fixed:
-            rhs.levels[: self.count] = 0.0
-            gaps = self.values(t, z)[: self.count]
-            margin = rounding[: self.count]
-            rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
+    def __init__(self, rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding: Array) -> None:
+        self.rhs, self.closed = rhs, closed
+        self.count, self.size = len(closed), len(rounding)
+        rhs.levels[:] = rounding
+        rhs.levels[: self.count] = 0.0
+        gaps, margin = self.values(t, z)[: self.count], rounding[: self.count]
+        rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
         self.peaks: list[Root] = []
-        self.switches: list[Root] = []
 
     @property
     def directions(self) -> list[int]:
         """Direction of every root: +1 rising, -1 falling, 0 both."""
         more = self.size // max(1, self.count) - 1  # rows of rates
-        if not self.fixed:
-            return [0] * self.count + [-1] * (more * self.count)
         # A rate falls through zero at the peak of a closed side. The rate of an open side does so where it is closest
         # to its stop, or deepest after a missed entry. A rising rate of a closed side can show a missed exit.
         return [-1 if c else 1 for c in self.closed] + more * [0 if c else -1 for c in self.closed]
 
-    def __call__(self, t: float, z: Array, out: Array) -> None:
-        """Write the root functions into ``out``."""
-        self.rhs.event_functions(t, z, out)
-
     def values(self, t: float, z: Array) -> Array:
-        """The root functions, in an array that the next call overwrites."""
-        if self.count:
-            self(t, z, self._buffer)
-        return self._buffer
-
-    def values_at(self, t: Array, z: Array) -> Array:
-        """The root functions (k, roots) at times t (k,) with states z (k, n)."""
-        out = np.empty((len(t), self.size))
-        if self.count:
-            self.rhs.event_functions_at(t, z, out)
-        return out
+        """The root functions."""
+        return self.rhs.event_functions(t, z) if self.count else np.empty(0)
 
     def ends(self, roots: Sequence[Root]) -> bool:
-        """Return True if these simultaneous roots end the phase. Peaks and events that do not are recorded."""
+        """Return True if these simultaneous roots end the phase. Peaks, which do not, are recorded."""
         for root in roots:
-            k = root.which % self.count
             if root.which < self.count:
-                if self.fixed:
-                    return True
-                self.switches.append(root)
-            else:
-                # Gap past its level at a zero of the rate: the step holds both crossings.
-                gap = self.values(root.time, root.z)[k]
-                if self.fixed and (gap > 0.0) != self.closed[k]:
-                    return True
-                if root.sign < 0 and gap > 0.0 and root.which >= self.size - self.count:  # of the last row of rates
-                    self.peaks.append(root)
+                return True
+            # Gap past its level at a zero of the rate: the step holds both crossings.
+            k = root.which % self.count
+            pressed = self.values(root.time, root.z)[k] > 0.0
+            if pressed != self.closed[k]:
+                return True
+            if root.sign < 0 and pressed and root.which >= self.size - self.count:  # of the last row of rates
+                self.peaks.append(root)
         return False
 
     def missed(self, roots: Sequence[Root]) -> bool:
@@ -217,28 +189,27 @@ class Watch:
 
 
 class Contacts:
-    """Closed intervals of every side from the roots: times, states and |F| at entries and exits; times and |F| at
-    ``peaks``. Forces are computed while the functions of time may be evaluated."""
+    """Closed intervals of every side: times, states and |F| at entries and exits; times and |F| at ``peaks``. Forces
+    are computed while the functions of time may be evaluated."""
 
-    def __init__(self, rhs: RightHandSide, count: int) -> None:
+    def __init__(self, rhs: RightHandSide) -> None:
         self.rhs = rhs
-        self.entries: list[list[tuple[float, Array, float]]] = [[] for _ in range(count)]
-        self.exits: list[list[tuple[float, Array, float]]] = [[] for _ in range(count)]
-        self.peaks: list[list[tuple[float, float]]] = [[] for _ in range(count)]
+        self.entries: list[list[tuple[float, Array, float]]] = [[] for _ in rhs.sides]
+        self.exits: list[list[tuple[float, Array, float]]] = [[] for _ in rhs.sides]
+        self.peaks: list[list[tuple[float, float]]] = [[] for _ in rhs.sides]
 
-    def open(self, side: int) -> bool:
-        """Return True if the side has been entered and not left."""
-        return len(self.entries[side]) > len(self.exits[side])
+    @property
+    def closed(self) -> list[bool]:
+        """True for sides that have been entered and not left."""
+        return [len(entries) > len(exits) for entries, exits in zip(self.entries, self.exits, strict=True)]
 
     def switch(self, side: int, t: float, z: Array) -> None:
-        """Record an event at t with state z: the side is left if it is open, else entered."""
-        (self.exits if self.open(side) else self.entries)[side].append((t, z, self.rhs.pressing(t, z, side)))
+        """Record an event at t with state z: the side is left if it is closed, else entered."""
+        of = self.exits if len(self.entries[side]) > len(self.exits[side]) else self.entries
+        of[side].append((t, z, self.rhs.pressing(t, z, side)))
 
     def note(self, watch: Watch) -> None:
-        """Add the events of a phase. A side that is closed is not entered again."""
-        for root in watch.switches:
-            if (root.sign > 0) != self.open(root.which):
-                self.switch(root.which, root.time, root.z)
+        """Add the peaks of a phase."""
         for peak in watch.peaks:
             side = peak.which % watch.count
             self.peaks[side].append((peak.time, self.rhs.pressing(peak.time, peak.z, side)))
@@ -246,18 +217,19 @@ class Contacts:
     def pass_kink(self, t: float, z: Array) -> None:
         """Record the forces where a phase begins or ends within a contact. The force of a moving or damped stop may
         turn there from rising to falling without a zero of its rate."""
-        for k, entries in enumerate(self.entries):
+        for k, closed in enumerate(self.closed):
             contact = self.rhs.first_order.contacts[self.rhs.sides[k][0]].contact
-            if self.open(k) and entries[-1][0] < t and (contact.offset is not None or contact.stops.dissipative):
+            moving = contact.offset is not None or contact.stops.dissipative
+            if closed and moving and self.entries[k][-1][0] < t:
                 self.peaks[k].append((t, self.rhs.pressing(t, z, k)))
 
 
 class Path(NamedTuple):
-    """States (k, size) at the outputs, the contacts' spans, None without events, the counters and the state
-    at the end; seconds of solving, and of compiling, apart."""
+    """States (k, size) at the outputs, the contacts' spans, the counters and the state at the end; seconds of solving,
+    and of compiling, apart."""
 
     states: Array
-    contacts: Contacts | None
+    contacts: Contacts
     counters: dict[str, int]
     end: Array
     seconds: float = 0.0
@@ -265,130 +237,117 @@ class Path(NamedTuple):
 
 
 def follow(
-    method: str,
-    rhs: RightHandSide,
-    pieces: Sequence[Piece],
-    t: Array,
-    switches: str,
-    scales: Scales,
-    run: Callable[[Phase], Outcome],
-    events: bool = True,
+    method: str, rhs: RightHandSide, pieces: Sequence[Piece], t: Array, scales: Scales, run: Callable[[Phase], Outcome]
 ) -> Path:
     """Integrate from 0 to the end of the last piece, with output at the times t."""
     # Setup: event functions with their rounding, and the sides closed at the start.
-    events = events or switches == RESTART
-    sides = rhs.sides if events else []
-    fixed = switches == RESTART and bool(sides)
-    rhs.lengths[:] = scales.lengths
-    extents = [_extent(rhs, scales, i) for i, _ in sides] + [float(scales.speeds[i]) for i, _ in sides]
-    if rhs.damped:  # the rates of the forces, each in units of its own
-        extents += [0.0] * len(sides)
-    # A gap is a difference of numbers as large as the extents: below some roundings of these its sign means nothing.
-    rounding = 16.0 * np.finfo(float).eps * np.array(extents)
-    z = rhs.z0.copy()
+    rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
+    rounding = _rounding(rhs, scales)
+    z, contacts = rhs.z0.copy(), Contacts(rhs)
     rhs.window = (pieces[0].first, pieces[0].last)
-    closed = _closed_at_start(rhs, z, pieces[0], rounding) if events else []
-    contacts = Contacts(rhs, len(sides))
-    for k in np.flatnonzero(closed):
-        contacts.switch(int(k), 0.0, z)
+    for k, closed in enumerate(_closed_at_start(rhs, z, pieces[0], rounding)):
+        if closed:
+            contacts.switch(k, 0.0, z)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
-    forecast = Forecast(pieces[-1].end)
     counters: dict[str, int] = {}
     # In every smooth interval, phases from event to event.
     still = 0
     for piece in pieces:
-        now = piece.start
-        stored = rhs.stored(now, z)
+        now, stored = piece.start, rhs.stored(piece.start, z)
         rhs.window = (piece.first, piece.last)
         # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
         if piece is not pieces[0]:
             z = rhs.jumped(now, z, stored)
-            for k in _turned(rhs, now, z, [contacts.open(k) for k in range(len(sides))], rounding):
-                closed[k] = not closed[k]
+            for k in _turned(rhs, now, z, contacts.closed, rounding):
                 contacts.switch(k, now, z)
         while now < piece.end:
-            # Each contact keeps its side for the phase: its force is smooth past the event, an ordinary root.
-            if fixed:
-                rhs.regime[:] = 0
-                for k in np.flatnonzero(closed):
-                    rhs.regime[sides[k][0]] = sides[k][1]
-            else:
-                rhs.regime[:] = THROUGH
-            # Integrate. A phase that passed over both crossings of a gap is repeated to the time between them.
-            end, landing = piece.end, None
-            tries = 0
             contacts.pass_kink(now, z)
-            while True:
-                tries += 1
-                watch = Watch(rhs, now, z, closed, fixed, rounding)
-                last = np.searchsorted(t, end, "right")
-                outcome = run(Phase(now, end, z, t[len(states) : last], piece.max_step, watch, forecast))
-                for name, count in outcome.counters.items():
-                    counters[name] = counters.get(name, 0) + count
-                refuse_endless(method, outcome.t, max(counters.values(), default=0), forecast)
-                if not outcome.missed or outcome.t <= now or tries == STUCK:
-                    break
-                landing, end = outcome.ended_by[0].which % watch.count, outcome.t
+            last = int(np.searchsorted(t, piece.end, "right"))
+            phase = (now, piece.end, z, t[len(states) : last], piece.max_step)
+            outcome, watch, switched = _phase(method, rhs, contacts.closed, rounding, phase, run, counters)
             # Go on from there. Phases without progress in time would never end.
             counters["starts"] = counters.get("starts", 0) + 1
             still = still + 1 if outcome.t <= now else 0
             if still > STUCK:
-                raise SolverFailure(
-                    method, now, "switches without end", "use the solver cvode, which steps across events"
-                )
+                remedy = "take the exact solution, or a damped stop"
+                raise SolverFailure(method, now, "events without end", remedy)
             now, z = outcome.t, outcome.z
             states += outcome.states
             contacts.note(watch)
-            # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
-            gaps = watch.values(now, z)[: watch.count]
-            switched = [r.which for r in outcome.ended_by if r.which < watch.count]
-            if fixed and landing is not None and not switched and (gaps[landing] > 0.0) != closed[landing]:
-                switched = [landing]  # on the stop at the end of the step, to rounding
-            elif not fixed:  # a root that two phases share is lost or found twice
-                switched = [
-                    k for k in range(watch.count) if abs(gaps[k]) > rounding[k] and (gaps[k] > 0.0) != contacts.open(k)
-                ]
             for k in switched:
-                closed[k] = not closed[k]
                 contacts.switch(k, now, z)
             contacts.pass_kink(now, z)
     # A root at the end itself leaves the output there to a phase that does not come.
     states += [z] * (len(t) - len(states))
     counters["restarts"] = counters.pop("starts") - 1
-    return Path(np.array(states), contacts if events else None, counters, z)
+    return Path(np.array(states), contacts, counters, z)
 
 
-def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) -> None:
-    """Raise SolverFailure for a solver that has done too much work by time t, and InputError if its work so far
-    predicts that it will."""
-    forecast.check(t)
+def _phase(
+    method: str, rhs: RightHandSide, closed: list[bool], rounding: Array, phase: tuple[Any, ...],
+    run: Callable[[Phase], Outcome], counters: dict[str, int],
+) -> tuple[Outcome, Watch, list[int]]:  # fmt: skip
+    """Integrate from the start of a phase to an event or its end; also the sides that change there.
+
+    Each contact keeps its side, so that its force is smooth past the event, an ordinary root. A phase that passed over
+    both crossings of a gap is repeated to the time between them.
+    """
+    rhs.regime[:] = 0
+    for k in np.flatnonzero(closed):
+        contact, side = rhs.sides[k]
+        rhs.regime[contact] = side
+    now, end, z, times, max_step = phase
+    landing, tries = None, 0
+    while True:
+        tries += 1
+        watch = Watch(rhs, now, z, closed, rounding)
+        due = times[: np.searchsorted(times, end, "right")]
+        outcome = run(Phase(now, end, z, due, max_step, watch))
+        for name, count in outcome.counters.items():
+            counters[name] = counters.get(name, 0) + count
+        refuse_endless(method, outcome.t, max(counters.values(), default=0))
+        if not outcome.missed or outcome.t <= now or tries == STUCK:
+            break
+        landing, end = outcome.ended_by[0].which % watch.count, outcome.t
+    # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
+    switched = [r.which for r in outcome.ended_by if r.which < watch.count]
+    if landing is not None and not switched and (watch.values(outcome.t, outcome.z)[landing] > 0.0) != closed[landing]:
+        switched = [landing]  # on the stop at the end of the step, to rounding
+    return outcome, watch, switched
+
+
+def refuse_endless(method: str, t: float, evaluations: int) -> None:
+    """Raise SolverFailure for a solver that has done too much work by time t, and OutOfTime past the deadline."""
+    in_time(t)
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")
 
 
-def _extent(rhs: RightHandSide, scales: Scales, contact: int) -> float:
-    """The size of the numbers from which a gap is computed."""
-    stops = rhs.first_order.contacts[contact].contact.stops
-    finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
-    return float(scales.lengths[contact]) + max(finite)
+def _rounding(rhs: RightHandSide, scales: Scales) -> Array:
+    """What event functions (roots,) are good to: a gap is a difference of numbers as large as the motion and the stop,
+    and below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0."""
+    extents = []
+    for i, _ in rhs.sides:
+        stops = rhs.first_order.contacts[i].contact.stops
+        finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
+        extents.append(float(scales.lengths[i]) + max(finite))
+    extents += [float(scales.speeds[i]) for i, _ in rhs.sides]
+    extents += [0.0] * (rhs.roots - len(extents))
+    return 16.0 * np.finfo(float).eps * np.array(extents)
 
 
 def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding: Array) -> list[int]:
     """Sides that are not as ``closed`` says, beyond rounding."""
-    if not closed:
-        return []
-    values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
-    rhs.event_functions(t, z, values)
+    values = rhs.event_functions(t, z)
     return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
 
 
 def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> list[bool]:
     """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
-    values = np.empty(rhs.roots)
     rhs.levels[:] = 0.0
-    rhs.event_functions(0.0, z, values)
+    values = rhs.event_functions(0.0, z)
     count = len(rhs.sides)
     z_rate, orders = rhs.rate(0.0, z), []
     for k, (i, side) in enumerate(rhs.sides):
@@ -414,7 +373,6 @@ def _leaving(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> Arr
     h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, piece.max_step, piece.end)
     for k in range(ORDERS):
         z = z + h * rhs.rate(k * h, z)
-    values, count = np.empty(rhs.roots), len(rhs.sides)
-    rhs.event_functions(ORDERS * h, z, values)
-    rates = values[count : 2 * count]
+    count = len(rhs.sides)
+    rates = rhs.event_functions(ORDERS * h, z)[count : 2 * count]
     return np.where(np.abs(rates) > rounding[count : 2 * count], rates, 0.0)

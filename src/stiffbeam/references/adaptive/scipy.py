@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,9 @@ from ...model.right_hand_side import RightHandSide
 from ...model.state_space import state_space
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..registry import KEEP, REFERENCES, RESTART, Request
-from .adaptive import Solver, reference_from
-from .restarts import Outcome, Phase, Root, refuse_endless
+from ..registry import REFERENCES, Request
+from .adaptive import reference_from
+from .restarts import Outcome, Phase, Root, Watch, refuse_endless
 
 STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
 MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
@@ -29,11 +28,11 @@ POLISH = 4  # of Newton's method for the time of a root, each with a step of the
 def solve(request: Request) -> Reference:
     """Solve by DOP853 (explicit Runge-Kutta, order 8), Radau (Radau IIA, order 5) or LSODA.
 
-    Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output.
-    A root is found by dense output; where it ends a phase, a step of the full order leads to it. All start anew at
-    every event but Radau, which goes through. Radau's error estimate is of order 3 only: its steps are
-    as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute. DOP853's are no
-    longer than stability allows, however smooth the motion; raises InputError where that makes too many.
+    Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output. A root is
+    found by dense output; where it ends a phase, a step of the full order leads to it. Radau's error estimate is of
+    order 3 only: its steps are as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute.
+    DOP853's are no longer than stability allows, however smooth the motion; raises InputError where that makes too
+    many.
 
     LSODA of ODEPACK takes Adams orders 1-12 with functional iteration, or BDF orders 1-5 with Newton's method and the
     analytic Jacobian, and changes between the two by itself, by which of them allows the longer step. It shares no
@@ -47,84 +46,126 @@ def solve(request: Request) -> Reference:
     if name == "DOP853":
         refuse_stiff(request.system, request.t_end)
     library = getattr(scipy.integrate, name)
-    return reference_from(request, stepping(method, library), KEEP if name == "Radau" else RESTART)
+    return reference_from(request, lambda *equations: Stepping(method, library, *equations).run)
 
 
-def stepping(
-    method: str, library: Any, steps_to_outputs: bool = False
-) -> Callable[[RightHandSide, float, Array], Solver]:
-    """Return a maker of phases with an OdeSolver of SciPy; an implicit one gets the analytic Jacobian.
+class Stepping:
+    """Phases by an OdeSolver of SciPy, or of its interface; an implicit one gets the analytic Jacobian.
 
     steps_to_outputs: a step of the full order leads to every output, where dense output is less accurate.
     """
-    implicit = getattr(library, "__name__", "") in IMPLICIT
 
-    def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        def start(
-            t: float, z: Array, end: float, max_step: float, first: float | None = None, times: Array | None = None
-        ) -> Any:
-            options: dict[str, Any] = {"jac": rhs.jacobian} if implicit else {}
-            if first is not None:
-                options["first_step"] = first
-            elif steps_to_outputs:
-                options["outputs"] = times
-            return library(rhs.value, t, z, end, rtol=rtol, atol=atol, max_step=max_step, **options)
+    def __init__(
+        self, method: str, library: Any, rhs: RightHandSide, rtol: float, atol: Array, steps_to_outputs: bool = False
+    ) -> None:
+        self.method, self.library, self.rhs, self.steps_to_outputs = method, library, rhs, steps_to_outputs
+        self.name = getattr(library, "__name__", "")
+        self.options: dict[str, Any] = {"rtol": rtol, "atol": atol}
+        if self.name in IMPLICIT:
+            self.options["jac"] = rhs.jacobian
+        self.counters: dict[str, int] = {}
 
-        def run(phase: Phase) -> Outcome:
-            # Radau's dense output is of order 3: steps no longer than the spacing of the outputs keep these accurate.
-            longest = phase.max_step
-            if getattr(library, "__name__", "") == "Radau" and len(phase.times) > 1:
-                longest = min(longest, float(np.max(np.diff(phase.times))))
-            stepper = start(phase.start, phase.z, phase.end, longest, times=phase.times)
-            counters: dict[str, int] = {}
-            states: list[Array] = []
-            watch, before = phase.watch, phase.watch.values(phase.start, phase.z).copy()
-            directions = np.array(watch.directions)
-            ended_by: list[Root] = []
-            # Step by step: a step, its roots, and the outputs up to its end or to the event.
-            steps = 0
-            while stepper.status == "running" and not ended_by:
-                left, message = stepper.y, stepper.step()
-                steps += 1
-                if steps % BETWEEN == 0:
-                    refuse_endless(method, float(stepper.t), int(stepper.nfev), phase.forecast)
-                if stepper.status == "failed":
-                    raise SolverFailure(
-                        method, float(stepper.t), str(message), "loosen rtol and atol or take the exact solution"
-                    )
-                after = watch.values(stepper.t, stepper.y).copy()
-                crossed = _crossed(before, after, directions)
-                before, stop = after, stepper.t
-                for root in _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ():
-                    if watch.ends([root]):
-                        t, z = (root.time, root.z)
-                        # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
-                        if not watch.missed([root]):
-                            t, z = _polished(start, stepper, left, watch, root, counters)
-                        ended_by, stop = [root._replace(time=t, z=z)], t
-                        break
-                # Outputs of the step, by dense output or by a short step to each.
-                last = int(phase.times.searchsorted(stop, "right"))
-                due = phase.times[len(states) : last]
-                if len(due) and steps_to_outputs:
-                    for t in due.tolist():
-                        z = _stepped(start, stepper, left, t, counters)
-                        if z is None:
-                            raise SolverFailure(method, t, "no step leads to an output time", "loosen rtol")
-                        states.append(z)
-                elif len(due):
-                    dense = stepper.dense_output()
-                    states += list(dense(due).T)
-                if hasattr(stepper, "made") and not ended_by:
-                    until = phase.times[len(states)] if len(states) < len(phase.times) else np.inf
-                    before = _quiet(stepper, watch, directions, before, until)
-            _count(counters, stepper)
-            t, z = (ended_by[0].time, ended_by[0].z) if ended_by else (phase.end, stepper.y)
-            return Outcome(t, z, states, ended_by, watch.missed(ended_by), counters)
+    def run(self, phase: Phase) -> Outcome:
+        """Integrate a phase step by step: a step, its roots, and the outputs up to its end or to the event."""
+        # Radau's dense output is of order 3: steps no longer than the spacing of the outputs keep these accurate.
+        longest = phase.max_step
+        if self.name == "Radau" and len(phase.times) > 1:
+            longest = min(longest, float(np.max(np.diff(phase.times))))
+        more = {"outputs": phase.times} if self.steps_to_outputs else {}
+        stepper = self.library(
+            self.rhs.value, phase.start, phase.z, phase.end, max_step=longest, **self.options, **more
+        )
+        self.counters = {}
+        states: list[Array] = []
+        watch, before = phase.watch, phase.watch.values(phase.start, phase.z)
+        directions, steps = np.array(watch.directions), 0
+        root: Root | None = None
+        while stepper.status == "running" and root is None:
+            left, message = stepper.y, stepper.step()
+            steps += 1
+            if steps % BETWEEN == 0:
+                refuse_endless(self.method, float(stepper.t), int(stepper.nfev))
+            if stepper.status == "failed":
+                remedy = "loosen rtol and atol or take the exact solution"
+                raise SolverFailure(self.method, float(stepper.t), str(message), remedy)
+            after = watch.values(stepper.t, stepper.y)
+            crossed = _crossed(before, after, directions)
+            before = after
+            found = _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ()
+            root = next((x for x in found if watch.ends([x])), None)
+            # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
+            if root is not None and not watch.missed([root]):
+                root = self._polished(stepper, left, watch, root)
+            stop = stepper.t if root is None else root.time
+            due = phase.times[len(states) : int(phase.times.searchsorted(stop, "right"))]
+            states += self._outputs(stepper, left, due)
+            if hasattr(stepper, "made") and root is None:
+                until = phase.times[len(states)] if len(states) < len(phase.times) else np.inf
+                before = _quiet(stepper, watch, directions, before, until)
+        self._count(stepper)
+        ended_by = [] if root is None else [root]
+        t, z = (phase.end, stepper.y) if root is None else (root.time, root.z)
+        return Outcome(t, z, states, ended_by, watch.missed(ended_by), self.counters)
 
-        return run
+    def _outputs(self, stepper: Any, left: Array, due: Array) -> list[Array]:
+        """States at the times ``due`` in the last step, by dense output or by a step of the full order to each."""
+        if not len(due):
+            return []
+        if not self.steps_to_outputs:
+            return list(stepper.dense_output()(due).T)
+        states = [self._stepped(stepper, left, t) for t in due.tolist()]
+        for t, z in zip(due.tolist(), states, strict=True):
+            if z is None:
+                raise SolverFailure(self.method, t, "no step leads to an output time", "loosen rtol")
+        return states  # type: ignore[return-value]
 
-    return solver
+    def _polished(self, stepper: Any, left: Array, watch: Watch, root: Root) -> Root:
+        """A gap's root by steps of the solver from ``left``, where the step it lies in starts."""
+        t = root.time
+        for _ in range(POLISH):
+            # The root lies at the start of the step, whose state is known.
+            if not t > stepper.t_old:
+                return root._replace(time=stepper.t_old, z=left)
+            z = self._stepped(stepper, left, t)
+            if z is None:
+                break
+            root = root._replace(time=t, z=z)
+            gap = float(watch.values(t, z)[root.which])
+            rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
+            new = t - gap / rate if rate else t
+            # Newton's method has converged to rounding, or left the step: the last time and state stand.
+            if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
+                break
+            t = new
+        # Time and state of one step, also where it has not converged: a gap of rounding size has no rate.
+        return root
+
+    def _stepped(self, stepper: Any, left: Array, t: float) -> Array | None:
+        """The state at t by steps of the full order from ``left``, where the last step starts; None if they fail."""
+        if t - stepper.t_old <= SAME * abs(t):  # as where a sample is an output time but for rounding
+            return left
+        if t == stepper.t:
+            return stepper.y
+        # A solver that makes such steps at once does so, where error control leaves them whole.
+        z = stepper.reach(t) if hasattr(stepper, "reach") else None
+        if z is not None:
+            return z
+        # The whole way is proposed as one step; error control may still divide it.
+        way = t - stepper.t_old
+        short = self.library(self.rhs.value, stepper.t_old, left, t, first_step=way, **self.options)
+        while short.status == "running":
+            short.step()
+        self._count(short)
+        return None if short.status == "failed" else short.y
+
+    def _count(self, stepper: Any) -> None:
+        """Add what a stepper has counted."""
+        factorised = int(getattr(stepper, "nlu", 0))
+        counted = getattr(stepper, "counters", None) or {
+            "rhs": int(stepper.nfev), "jacobians": int(stepper.njev), "factorisations": factorised,
+        }  # fmt: skip
+        for name, count in counted.items():
+            self.counters[name] = self.counters.get(name, 0) + count
 
 
 def refuse_stiff(system: System, t_end: float) -> None:
@@ -154,7 +195,7 @@ def _quiet(stepper: Any, watch: Any, directions: Array, before: Array, until: fl
     count = int(np.searchsorted(times, until))
     if count < FEW:
         return before
-    values = np.concatenate([before[None], watch.values_at(times[:count], states[:count])])
+    values = np.array([before, *map(watch.values, times[:count].tolist(), states[:count])])
     crossed = _crossed(values[:-1], values[1:], directions).any(axis=1)
     quiet = int(np.argmax(crossed)) if crossed.any() else count
     if quiet:
@@ -181,57 +222,6 @@ def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
             t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
         roots.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
     return sorted(roots, key=lambda root: root.time)
-
-
-def _polished(
-    start: Any, stepper: Any, left: Array, watch: Any, root: Root, counters: dict[str, int]
-) -> tuple[float, Array]:
-    """The time and state of a gap's root by steps of the solver from ``left``, where the step it lies in starts."""
-    t, found = root.time, (root.time, root.z)
-    for _ in range(POLISH):
-        # The root lies at the start of the step, whose state is known.
-        if not t > stepper.t_old:
-            return stepper.t_old, left
-        z = _stepped(start, stepper, left, t, counters)
-        if z is None:
-            break
-        found = t, z
-        gap = float(watch.values(t, z)[root.which])
-        rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
-        new = t - gap / rate if rate else t
-        # Newton's method has converged to rounding, or left the step: the last time and state stand.
-        if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
-            break
-        t = new
-    # Time and state of one step, also where Newton's method has not converged: a gap of rounding size has no rate.
-    return found
-
-
-def _stepped(start: Any, stepper: Any, left: Array, t: float, counters: dict[str, int]) -> Array | None:
-    """The state at t by steps of the full order from ``left``, where the last step starts; None if they fail."""
-    if t - stepper.t_old <= SAME * abs(t):  # as where a sample is an output time but for rounding
-        return left
-    if t == stepper.t:
-        return stepper.y
-    # A solver that makes such steps at once does so, where error control leaves them whole.
-    z = stepper.reach(t) if hasattr(stepper, "reach") else None
-    if z is not None:
-        return z
-    # The whole way is proposed as one step; error control may still divide it.
-    short = start(stepper.t_old, left, t, np.inf, t - stepper.t_old)
-    while short.status == "running":
-        short.step()
-    _count(counters, short)
-    return None if short.status == "failed" else short.y
-
-
-def _count(counters: dict[str, int], stepper: Any) -> None:
-    """Add what a stepper has counted."""
-    counted = getattr(stepper, "counters", None) or {
-        "rhs": int(stepper.nfev), "jacobians": int(stepper.njev), "factorisations": int(getattr(stepper, "nlu", 0)),
-    }  # fmt: skip
-    for name, count in counted.items():
-        counters[name] = counters.get(name, 0) + count
 
 
 class Cubic:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
-from ...basics.resources import afford
+from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import (
     NOT_FINITE,
@@ -173,6 +173,7 @@ class Solver:
         begun = float(follower.state.t)
 
         def check(t: float, marks: int, events: int) -> None:
+            in_time(t)
             floats = 2.0 * marks * (self.system.size + 1)
             if floats > 2**25:  # a small part tells nothing of the whole
                 afford("t_end", t_end, "shorten t_end", floats=floats / max((t - begun) / (t_end - begun), 1e-12))

@@ -30,7 +30,7 @@ from .contacts import within_float64
 from .derivative import chatter_ends, ends_of, path_of_solution
 from .generator import Generators
 from .motion import Motion, Solver, switched_by_force
-from .solution import afford_search, refuse, solve_exact
+from .solution import refuse, solve_exact
 from .tangent import GRAZE, Path, Tangent, monodromy
 
 NEWTON = 40  # iterations of shooting
@@ -240,7 +240,6 @@ def require_periodic(system: System, period: float) -> None:
         require_rigid(system, period)
     else:
         refuse(system, period)
-        afford_search(system, period)
 
 
 def _isolated(mapping: PeriodMap, z: Array, closure: float, residual: float) -> None:

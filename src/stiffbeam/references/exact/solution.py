@@ -12,12 +12,11 @@ from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.resources import afford, clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, positive
-from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import Drive, covered, parts_of, require_closed_form
+from ...model.time_functions import covered, parts_of, require_closed_form
 from ...trajectory.records import ContactRecord, as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -48,7 +47,6 @@ def solve_exact(system: System, t_end: float, t_eval: Array | None = None, since
     positive("t_end", t_end)
     refuse(system, t_end)
     with within_float64("exact", t_end):
-        afford_search(system, t_end)
         solution = Solver(system).solve(t_end, stations=output_times(t_eval, t_end))
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         if not system.rigid:
@@ -114,16 +112,12 @@ def reference_of(
     )
 
 
-def afford_search(system: System, t_end: float) -> None:
-    """Raise InputError for a span that is too long for the event search, at some ten evaluations per fastest period."""
-    if system.contacts:
-        fastest = max(float(undamped_modes(system).omega[-1]), *Drive.of(system).frequencies, 0.0)
-        afford("t_end", t_end, "shorten t_end", seconds=t_end * fastest * system.size * 1e-8)
-
-
 def refuse(system: System, t_end: float) -> None:
     """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
     damped stops that move by samples, for samples that end before t_end, and for what ``require_rigid`` refuses."""
+    if not system.passive:
+        rule = "take energy from every motion for the exact solution"
+        raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
     if system.rigid:
         return require_rigid(system, t_end)
     for contact in system.contacts:

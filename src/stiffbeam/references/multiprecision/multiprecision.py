@@ -29,7 +29,7 @@ from flint import arb, arb_mat, ctx
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.resources import afford, clock
+from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError, positive
 from ...kernels.exact import Marks
 from ...model.contact import Stops
@@ -339,6 +339,7 @@ def follow(
             del untold[0]
         if contact >= 0 and start < edge:
             # Refine the event to all digits, and go on from there in the new regime.
+            in_time(begun)
             gap = regime.gap(contact, int(np.sign(side or chi[contact])), switched_by_force(chi[contact], side))
             look = partial(_at, pieces[-1], gap)
             tau, shift, ahead = _locate(look, start - begun, fastest, 2.0 * np.pi / turning, begun)

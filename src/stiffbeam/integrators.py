@@ -1,0 +1,267 @@
+"""Integrators: whatever makes a Trajectory of a System at a resolution.
+
+A scheme and a user's function have a time step, a reference solver a tolerance, and recorded arrays the steps of their
+recording. ``compare``, the studies and ``score`` accept all of them, each under a unique label.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .basics.resources import clock
+from .basics.validation import InputError, one_of, positive
+from .march.integrate import integrate
+from .model.equations import Matrices
+from .model.system import System
+from .references import solve
+from .references.registry import ADAPTIVE, REFERENCES, RTOL, Steps
+from .schemes import Scheme
+from .schemes.labels import KNOWN_FORMS, parse_run, scheme_of, user_object
+from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
+
+SCHEME, SOLVER, FUNCTION, RECORDED = "scheme", "solver", "function", "recorded"
+USER = re.compile(r"[\w.]+:\w+")  # "module:name"
+REPEATS = 3  # the fastest counts: other work of the machine is no cost of the method
+ENOUGH = 0.2  # seconds, after which a run is not repeated
+SAME_STEP = 1e-9  # relative difference of equal times
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """Source of runs.
+
+    Parameters
+    ----------
+    label : str
+        Name in tables and pictures.
+    kind : {"scheme", "solver", "function", "recorded"}
+    source : Scheme, str, callable or tuple of Trajectory
+        The scheme, the name of the reference solver, the function(system, dt, t_end), or the recorded runs.
+    order : float
+        On smooth motion; NaN where it is not known.
+    """
+
+    label: str
+    kind: str
+    source: Any
+    order: float = float("nan")
+
+    @property
+    def adaptive(self) -> bool:
+        """True where its resolution is a tolerance, not a step."""
+        return self.kind == SOLVER and REFERENCES[self.source].kind == ADAPTIVE
+
+    def run(
+        self, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1,
+        show: Callable[[int], None] | None = None,
+    ) -> Trajectory:  # fmt: skip
+        """Return its run of a system with steps dt to t_end.
+
+        A solver chooses its own steps, to its default tolerance, and has outputs at multiples of dt. Of recorded runs
+        the one with the nearest step counts, to t_end. contact, every, show: for a scheme, see ``integrate``.
+
+        Raises Diverged and SolverFailure if there is no run, InputError if it does not support the system.
+        """
+        if self.kind == SCHEME:
+            return integrate(system, self.source, dt, t_end, contact, every=every, progress=show)
+        if self.kind == SOLVER:
+            return self.solve(system, RTOL, np.arange(round(t_end / dt) + 1) * dt, t_end)
+        if self.kind == FUNCTION:
+            return _called(self, system, dt, t_end)
+        return part_of(self.recorded_at(system, dt), system, t_end, self.label)
+
+    def solve(self, system: System, rtol: float, times: Any, t_end: float, events: bool = True) -> Trajectory:
+        """Return the run of a solver to a relative tolerance, at ``times`` (k,); the exact solver has none."""
+        return solve(system, t_end, self.source, np.asarray(times, float), rtol, None, steps=Steps(events=events))
+
+    def recorded_at(self, system: System, dt: float) -> Trajectory:
+        """Return the recorded run whose step is nearest to dt. Raises InputError for a run of another system."""
+        run = min(self.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
+        if run.fingerprint not in ("", system.fingerprint):
+            rule = f"be recorded on the system of the case, form {system.form}"
+            raise InputError("schemes", self.label, rule, "pass system=case.system(form) to from_arrays")
+        return run
+
+    @property
+    def implicit(self) -> bool:
+        """True for a scheme whose step solves with more than the mass: the work of others is evaluations."""
+        if self.kind != SCHEME:
+            return False
+        one, zero = np.eye(1), np.zeros(1)
+        equation, still = Matrices(one, one, one), [zero] * len(self.source.nodes)
+        start = self.source.initial(equation, [np.zeros((2, 1))] * self.source.history, zero)
+        self.source.step(equation, 1.0, start, still, still)
+        return any(key != (0.0, 0.0) for key in equation.solved)
+
+    def work(self, run: Trajectory) -> int:
+        """Return the work of its run: linear solves of an implicit scheme, evaluations of others, else steps."""
+        return run.work.steps * len(self.source.nodes) if self.kind == SCHEME else evaluations(run)
+
+
+def evaluations(run: Trajectory) -> int:
+    """The largest count of a run's work, else its steps."""
+    return max(run.work.counters.values(), default=run.work.steps)
+
+
+def integrator(given: Any, order: float | None = None) -> Integrator:
+    """Return the integrator that ``given`` names or is.
+
+    Parameters
+    ----------
+    given : Scheme, str, callable, Trajectory or list of Trajectory
+        A Scheme; a label such as "HHT(alpha=-0.1)" or "dop853"; a function solve(system, dt, t_end) that returns times
+        and positions (t, u), with velocities (t, u, v), or a Trajectory; recorded runs of one name
+        (``Trajectory.from_arrays``); "module:name" of any of these.
+    order : float, optional
+        Order of a scheme or function on smooth motion.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+
+    Examples
+    --------
+    >>> from stiffbeam.integrators import integrator
+    >>> integrator("HHT(alpha=-0.1)").kind, integrator("dop853").kind
+    ('scheme', 'solver')
+    """
+    if isinstance(given, Integrator):
+        return given
+    if isinstance(given, str):
+        if given in REFERENCES:
+            return Integrator(given, SOLVER, given)
+        named = user_object(given) if USER.fullmatch(given) else None
+        if named is not None and not isinstance(named, type):
+            return replace(integrator(named, order), label=given)
+        return integrator(parse_run(given)[0], order)
+    if isinstance(given, Scheme):
+        return Integrator(str(given), SCHEME, given, given.order if order is None else positive("order", order))
+    if isinstance(given, Trajectory):
+        return integrator([given])
+    if isinstance(given, (list, tuple)) and given and all(isinstance(run, Trajectory) for run in given):
+        names = list(dict.fromkeys(str(run.provenance["method"]) for run in given))
+        if len(names) > 1:
+            raise InputError("recorded runs", names, "have one name", "give each integrator's in a list of its own")
+        # Recorded runs may have the name of a method of the package: their label must differ from it.
+        taken = names[0] in REFERENCES or scheme_of(names[0]) is not None
+        return Integrator(f"{names[0]} (recorded)" if taken else names[0], RECORDED, tuple(given))
+    if callable(given) and not isinstance(given, type):
+        return Integrator(_function_label(given), FUNCTION, given, float("nan") if order is None else float(order))
+    remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
+    raise InputError("integrator", given, "be something that can be run", remedy)
+
+
+def parse_integrator(text: str, form: str) -> tuple[Integrator, str]:
+    """Return the integrator and the form of ``integrator[@form]``, the form ``form`` where none is written."""
+    name, at, named = (part.strip() for part in text.partition("@"))
+    if name in REFERENCES or USER.fullmatch(name):
+        if at:
+            one_of("form", named, KNOWN_FORMS, "be one that there is")
+        return integrator(name), named or form
+    scheme, form = parse_run(text, form)
+    return integrator(scheme), form
+
+
+def integrators(given: Iterable[Any], order: float | None = None) -> list[Integrator]:
+    """Return the integrators of a list, each label once: a second of one label gets a number.
+
+    Recorded runs of one name that stand in the list one by one are one integrator.
+    """
+    runs: dict[str, list[Trajectory]] = {}
+    first: list[Any] = []
+    for x in given:
+        if isinstance(x, Trajectory):
+            name = str(x.provenance["method"])
+            if name not in runs:
+                first.append(runs.setdefault(name, []))
+            runs[name].append(x)
+        else:
+            first.append(x)
+    chosen = [integrator(x, order) for x in first]
+    labels = [x.label for x in chosen]
+    earlier = [labels[:i].count(label) for i, label in enumerate(labels)]
+    return [replace(x, label=f"{x.label} ({k + 1})") if k else x for x, k in zip(chosen, earlier, strict=True)]
+
+
+def part_of(run: Trajectory, system: System, t_end: float, label: str) -> Trajectory:
+    """A recorded run to t_end, with its share of the cost. Raises InputError for one that ends earlier."""
+    if run.t[-1] < t_end * (1.0 - SAME_STEP):
+        raise InputError("the recorded run", run.t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
+    inside, share = run.t <= t_end * (1.0 + SAME_STEP), t_end / float(run.t[-1])
+    if np.all(inside):
+        return run
+    part = Trajectory.from_arrays(run.t[inside], run.tip[inside], run.tip_velocity[inside], system, name=label)
+    seconds = share * run.work.seconds
+    counters = {"evaluations": round(share * evaluations(run))}
+    return replace(part, work=Work(len(part.t) - 1, seconds, seconds, counters))
+
+
+def fastest(run: Callable[[], Trajectory]) -> Trajectory:
+    """The fastest of up to REPEATS runs; fewer repeats if a run takes long."""
+    runs = [run()]
+    while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
+        runs.append(run())
+    return min(runs, key=lambda one: one.work.march_seconds)
+
+
+def _function_label(function: Any) -> str:
+    """``module:function`` where another process can find it, else its bare name."""
+    name = getattr(function, "__name__", type(function).__name__)
+    label = f"{getattr(function, '__module__', None)}:{name}"
+    try:
+        return label if USER.fullmatch(label) and user_object(label) is function else name
+    except InputError:
+        return name
+
+
+def _called(one: Integrator, system: System, dt: float, t_end: float) -> Trajectory:
+    """Return the result of a function on a system, as a run."""
+    begun = clock()
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            returned = one.source(system, dt, t_end)
+    except (InputError, Diverged, SolverFailure):
+        raise
+    except Exception as error:  # of a function of anyone's
+        reason = f"{type(error).__name__}: {error}"
+        raise SolverFailure(one.label, 0.0, reason, "the function raised this") from error
+    seconds = clock() - begun
+    if isinstance(returned, Trajectory):
+        timed = np.isfinite(returned.work.seconds)
+        work = returned.work if timed else replace(returned.work, seconds=seconds, march_seconds=seconds)
+        run = replace(returned, work=work, provenance=returned.provenance | {"method": one.label})
+    else:
+        run = replace(run_of(returned, system, one.label), work=Work(round(t_end / dt), seconds, seconds))
+    if not run.t[-1] >= t_end * (1.0 - SAME_STEP):
+        raise SolverFailure(one.label, float(run.t[-1]), "it returned no later times", f"return all to {t_end:g}")
+    return run
+
+
+def run_of(arrays: Any, system: System, label: str) -> Trajectory:
+    """Return (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n), as a run.
+
+    Raises Diverged where they are not finite from some time on, InputError for anything else.
+    """
+    if not isinstance(arrays, (tuple, list)) or len(arrays) not in (2, 3):
+        raise InputError(label, type(arrays).__name__, "return (t, u) or (t, u, v)", "return a tuple of arrays")
+    t, u, v = (None if x is None else np.asarray(x, float) for x in (*arrays, None)[:3])
+    assert t is not None
+    for x in (u, v):
+        if x is not None and x.ndim and len(x) == len(t):
+            bad = ~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1)
+            if np.any(bad):
+                raise Diverged(label, float(t[np.argmax(bad)]), "more steps may help")
+    if u is not None and u.ndim == 2 and v is None:
+        u = system.positions(t, u)[:, system.tip_channel]
+    row, offset = system.channels[system.tip_channel]
+    if system.size == 1 and u is not None and v is not None and u.ndim == v.ndim == 1 and row == 1.0 and offset is None:
+        u, v = u[:, None], v[:, None]  # the tip is the one unknown
+    states = (u, v) if u is not None and u.ndim == 2 and v is not None else None
+    tips = (u, v) if states is None else (None, None)
+    return Trajectory.from_arrays(t, *tips, system=system, states=states, name=label)

@@ -1,0 +1,178 @@
+"""The equations of an adaptive solver, E y' = f(t, y): the functions of rhs.h."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from ..basics.arrays import Array, IntArray
+from .library import FLOAT, INTEGER, Int, Real, address, library, structure
+from .march import LAW
+
+THROUGH = 2  # regime of a contact that follows its law on both sides of its events
+
+_Equations = structure(
+    "_Equations",
+    "n m size d F R P edges damped viscous inertia first stride",
+    "",
+    "A_starts A_columns A_entries D_starts D_columns D_entries E_starts E_columns E_entries frequencies edge records "
+    "loads power offsets pushes positions velocities accelerations law lengths levels regime window given",
+)
+
+
+@cache
+def _functions() -> ctypes.CDLL:
+    lib, at = library(), ctypes.c_void_p
+    for function in (lib.state_rate, lib.right_hand_side, lib.event_functions):
+        function.argtypes, function.restype = [Real, at, at, at], None
+    lib.jacobian.argtypes, lib.jacobian.restype = [Real, at, Real, Real, at, Int, Int, Int, at], None
+    return lib
+
+
+def function_address(name: str) -> int:
+    """Address of a function of the library, for other C code."""
+    return ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
+
+
+class Rows:
+    """A matrix by the entries of its rows that are not zero."""
+
+    def __init__(self, matrix: Array) -> None:
+        sparse = scipy.sparse.csr_matrix(matrix)
+        self.starts, self.columns = sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64)
+        self.entries = sparse.data.astype(float)
+
+    @property
+    def addresses(self) -> tuple[int | None, ...]:
+        """Those of starts, columns and entries."""
+        count = len(self.entries)
+        whole = address(self.starts, self.starts.shape, INTEGER)
+        return whole, address(self.columns, (count,), INTEGER), address(self.entries, (count,))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Numbers of E y' = A y + loads + contact forces, for C, and with them for Python.
+
+    n unknowns, m contacts; d functions of time: 1, sin w_1 t, cos w_1 t, ..., R records, and those that Python
+    evaluates. z is y with the integrals of the energy balance, see ``model.right_hand_side``. A solver writes to
+    the arrays from ``lengths`` on.
+    """
+
+    size: int  # of z
+    damped: bool  # a stop damps
+    called: int  # number of functions of time that Python evaluates
+    matrix: Array  # A (n, n)
+    damping: Array  # (n, n), whose quadratic form is the viscous power, or no rows
+    inertia: Array | None  # E (size, size), None for the identity
+    frequencies: Array  # (F,)
+    edges: Array
+    records: Array  # (edges, R, P): polynomials from one edge on
+    loads: Array  # (d, n)
+    power: Array  # (d, n): the loads on the velocities
+    offsets: Array  # (d, m)
+    pushes: Array  # (m, n), what a unit force of a contact adds to E y'
+    positions: Array  # (m, n)
+    velocities: Array  # (m, n)
+    accelerations: Array  # (m, n), of E y'
+    law: Array  # (m, 6)
+    bandwidths: tuple[int, int] | None  # of a Jacobian of SUNDIALS, None for a full one
+    lengths: Array = field(init=False)  # (m,), of the contacts' motion
+    levels: Array = field(init=False)  # (roots,), at which an event function counts as zero
+    regime: IntArray = field(init=False)  # (m,): the side on which a contact presses, 0 where it is open, or THROUGH
+    window: Array = field(init=False)  # (2,): the times at which records may be asked
+    given: Array = field(init=False)  # (3, called): values, rates and accelerations
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).copy().items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, np.ascontiguousarray(value, float))
+        m = len(self.law)
+        object.__setattr__(self, "lengths", np.ones(m))
+        object.__setattr__(self, "levels", np.zeros(self.roots))
+        object.__setattr__(self, "regime", np.full(m, THROUGH, np.int64))
+        object.__setattr__(self, "window", np.array([-np.inf, np.inf]))
+        object.__setattr__(self, "given", np.zeros((3, self.called)))
+
+    @cached_property
+    def rows(self) -> tuple[Rows, Rows, Rows]:
+        """A, D and E by their entries."""
+        nothing = np.zeros((0, 0))
+        return Rows(self.matrix), Rows(self.damping), Rows(nothing if self.inertia is None else self.inertia)
+
+    @cached_property
+    def _structure(self) -> Any:
+        (m, n), (edges, R, P), d, F = self.pushes.shape, self.records.shape, len(self.loads), len(self.frequencies)
+        A, D, E = self.rows
+        if d != 1 + 2 * F + R + self.called:
+            raise ValueError("the functions of time do not fit")
+        # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
+        first, stride = 0, self.size
+        if self.bandwidths is not None:
+            lower, upper = self.bandwidths
+            first = min(self.size - 1, lower + upper)  # upper bandwidth of the factors
+            stride = first + lower
+        x = address
+        return _Equations(
+            n, m, self.size, d, F, R, P, edges, self.damped, len(D.entries) > 0, len(E.entries) > 0, first, stride,
+            *A.addresses, *D.addresses, *E.addresses, x(self.frequencies, (F,)), x(self.edges, (edges,)),
+            x(self.records, (edges, R, P)), x(self.loads, (d, n)), x(self.power, (d, n)), x(self.offsets, (d, m)),
+            x(self.pushes, (m, n)), x(self.positions, (m, n)), x(self.velocities, (m, n)),
+            x(self.accelerations, (m, n)), x(self.law, (m, LAW)), x(self.lengths, (m,)),
+            x(self.levels, (self.roots,)), x(self.regime, (m,), INTEGER), x(self.window, (2,)),
+            x(self.given, (3, self.called)),
+        )  # fmt: skip
+
+    @cached_property
+    def c(self) -> int:
+        """Address of the description for C, which holds as long as this object does."""
+        return ctypes.addressof(self._structure)
+
+    @property
+    def roots(self) -> int:
+        """Number of event functions."""
+        return (3 if self.damped else 2) * int(np.sum(np.isfinite(self.law[:, 1:3])))
+
+    @cached_property
+    def state_rate(self) -> Callable[[float, Array], Array]:
+        """f(t, y), (n,)."""
+        return self._function("state_rate", self.pushes.shape[1], self.pushes.shape[1])
+
+    @cached_property
+    def right_hand_side(self) -> Callable[[float, Array], Array]:
+        """f(t, z), (size,)."""
+        return self._function("right_hand_side", self.size, self.size)
+
+    @cached_property
+    def event_functions(self) -> Callable[[float, Array], Array]:
+        """The event functions less their levels, (roots,)."""
+        return self._function("event_functions", self.size, len(self.levels))
+
+    def _function(self, name: str, size: int, results: int) -> Callable[[float, Array], Array]:
+        """A function of a time and a state of this size. Solvers call it for each evaluation, so that it hands over
+        bytes, which ctypes takes in a tenth of the time of an array's address."""
+        function, whole, kept, c = getattr(_functions(), name), (size,), Real * results, self.c
+
+        def call(t: float, z: Array) -> Array:
+            if z.dtype != FLOAT or z.shape != whole:
+                raise TypeError(f"{name} takes a float64 array of shape {whole}, not {z.dtype} {z.shape}")
+            out = kept()
+            function(t, z.tobytes(), out, c)
+            return np.frombuffer(out)  # type: ignore[call-overload]
+
+        return call
+
+    def jacobian(self, t: float, z: Array, cj: float = 0.0, sign: float = 1.0) -> Array:
+        """cj E + sign df/dz, (size, size), the rows of the integrals zero in df/dz."""
+        N = self.size
+        J = np.empty((N, N))
+        if z.dtype != FLOAT or z.shape != (N,):
+            raise TypeError(f"jacobian takes a float64 array of shape {(N,)}, not {z.dtype} {z.shape}")
+        _functions().jacobian(t, z.tobytes(), cj, sign, address(J, (N, N)), N * N, 0, N, self.c)
+        return J.T

@@ -1,0 +1,195 @@
+# ruff: noqa: E501
+"""Planted faults: each is a replacement in a copy of the sources; the tests of its room have to fail.
+
+    python tests/campaigns/planted_faults.py [--root CHECKOUT] [--only NUMBER,...] [--room ROOM] [--slow]
+
+``--root``: the checkout whose tests run, by default this one; its sources are copied, its tests are not. One line is
+printed for each fault: "caught" with the first test that fails, or "MISSED". Exit status 1 where one is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+# Room, file under src/stiffbeam, what stands there (once) and what is put in its place.
+FAULTS = [
+    # kernels: the march in blocks
+    ("march", "kernels/march.c", "x->before[c] = pushed(s, f, first, i + m, i + c)",
+     "x->before[c] = pushed(s, f, first, i, i + c)"),
+    ("march", "kernels/march.c", "if (beyond > 1) solve_springs", "if (beyond > 2) solve_springs"),
+    ("march", "kernels/march.c", "for (int e = 0; e < i; e++) r += force[e]", "for (int e = 1; e < i; e++) r += force[e]"),
+    ("march", "kernels/march.c", "run->law + i * m;", "run->law;"),
+    ("march", "kernels/march.c", "s->drive->V > 1) place_drive(s, i)", "s->drive->V > 1) place_drive(s, 0)"),
+    ("march", "kernels/march.c", "drive_at(drive, v, (double)at * run->dt, g)", "drive_at(drive, v, (double)(at + 1) * run->dt, g)"),
+    ("march", "kernels/march.c", "Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }",
+     "Int first_output(const Run *r, Int at) { (void)at; return r->every - 1; }"),
+    ("march", "kernels/march.c", "c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1", "c2 = 3.0 * (gap1 - gap0) - rate0 - 2.0 * rate1"),
+    ("march", "kernels/march.c", "double stop = side > 0.0 ? l->g2 : l->g1, sign", "double stop = side < 0.0 ? l->g2 : l->g1, sign"),
+    ("march", "kernels/march.c", "if (k < passed ||", "if (k <= passed ||"),
+    ("march", "kernels/march.c", "peak = most(peak, size), touching", "peak = size, touching"),
+    ("march", "kernels/march.c", "open[IMPACT_IMPULSE] += fabs(node_force[k]) * dt;", ";"),
+    ("march", "kernels/march.c", "e[column] = ((double)(at + k) + inside) * run->dt", "e[column] = ((double)(at + k + 1) + inside) * run->dt"),
+    ("march", "kernels/march.c", ": block > s->resumed ? speed(s, block - 1, b->K - 1, c)", ": block > s->resumed ? speed(s, block - 1, 0, c)"),
+    ("march", "kernels/march.c", "memcpy(s->z + D, s->z, (size_t)((b->a - 1)", "memcpy(s->z + D, s->z, (size_t)((b->a > 3 ? 0 : b->a - 1)"),
+    ("march", "kernels/march.c", "if (run->diverged[i])\n            run->cursor[1] = 0;", "if (0)\n            run->cursor[1] = 0;"),
+    # kernels: the law
+    ("march", "kernels/law.h", "u < l->g1 ? u - l->g1 : 0.0; }", "u < l->g1 ? u + l->g1 : 0.0; }"),
+    ("march", "kernels/law.h", "-side * most(0.0, pressure(fabs(depth(u, l)), side * v, l));", "-side * pressure(fabs(depth(u, l)), side * v, l);"),
+    ("march", "kernels/law.h", "(1.0 + l->lam * rate) + l->c * rate; }", "(1.0 + l->lam * rate) - l->c * rate; }"),
+    ("march", "kernels/law.h", "(l->p + 1.0); }", "l->p; }"),
+    ("march", "kernels/law.h", "expm1((p + 1.0) * log1p(share))", "expm1(p * log1p(share))"),
+    ("march", "kernels/law.h", "double below = 1.0 + slope * s + slope_rate * s_rate;", "double below = 1.0 + slope * s;"),
+    ("march", "kernels/law.h", "solved = r + s * F >= l->g1;", "solved = 1;"),
+    ("march", "kernels/law.h", "if (rho - s * P >= 0.0) return P;", "return P;"),
+    ("march", "kernels/law.h", "return s * P >= d0 ? (Response){d0 / s, 1.0 / s, 0.0}", "return 0 ? (Response){d0 / s, 1.0 / s, 0.0}"),
+    # kernels: rigid stops
+    ("schemes", "kernels/rigid.c", "if (!(before[c] >= s->stops[2 * c + 1])) upper = INFINITY;", "if (!(before[c] <= s->stops[2 * c + 1])) upper = INFINITY;"),
+    ("schemes", "kernels/rigid.c", "if (oblique(own, m))", "if (0)"),
+    ("schemes", "kernels/rigid.c", "off <= ON_STOP * (size + fabs(stop))", "off < 0.0"),
+    ("schemes", "kernels/rigid.c", "for (Int later = node + 1; later < S; later++)", "for (Int later = node + 2; later < S; later++)"),
+    # kernels: the energy balance
+    ("march", "kernels/energy.c", "if (damping == 0.0) return;", "if (damping != 0.0) return;"),
+    ("march", "kernels/energy.c", "way[0] += damping * (q[0] - q0) * (q[0] - q0)", "way[0] += damping * q[0] * q[0]"),
+    ("march", "kernels/energy.c", "s->load_values[(k - 1) * s->L + e] + s->load_values[k * s->L + e]", "s->load_values[k * s->L + e] + s->load_values[k * s->L + e]"),
+    ("march", "kernels/energy.c", "r->dissipated -= by_way;", "r->dissipated += by_way;"),
+    ("march", "kernels/energy.c", "0.5 * (was->force + now.force) * (s->offsets", "0.5 * (now.force + now.force) * (s->offsets"),
+    ("march", "kernels/energy.c", "Int kind = touched + touching ? IN_CONTACT : FREE;", "Int kind = touching ? IN_CONTACT : FREE;"),
+    ("march", "kernels/energy.c", "if (--until == 0) until = s->every,", "if (--until == 1) until = s->every,"),
+    # marches
+    ("march", "trajectory/recorder.py", "np.add(impulse, 0.5 * dt * (begin - end)", "np.add(impulse, 0.5 * dt * (begin + end)"),
+    ("march", "trajectory/recorder.py", "np.flatnonzero(chi[1:] != chi[:-1]) + 1).tolist()", "np.flatnonzero(chi[1:] != chi[:-1])).tolist()"),
+    ("march", "trajectory/recorder.py", "if not np.any(tally[..., SIDE]):", "if True:"),
+    ("march", "march/replay.py", "harmonics[0] = 0.0", "harmonics[0] *= 1.0"),
+    ("march", "march/treatment.py", "predicts = True", "predicts = False"),
+    ("march", "march/treatment.py", "return LINEAR if all_linear(contacts) else BY_LAW", "return LINEAR"),
+    # schemes
+    ("schemes", "schemes/newmark.py", "self.alpha_m, self.alpha_f = 0.0, -self.alpha", "self.alpha_m, self.alpha_f = 0.0, 0.0"),
+    ("schemes", "schemes/newmark.py", "net_new = (a_new + inertia * a - of_old * net) / of_new", "net_new = a_new"),
+    ("schemes", "schemes/newmark.py", "+ (0.5 - self.beta + self.beta * root) * one", "+ (0.5 - self.beta) * one"),
+    ("schemes", "schemes/newmark.py", "return np.array([q, v, a, a])", "return np.array([q, v, 0.0 * a, a])"),
+    ("schemes", "schemes/sdirk.py", "accelerations, strict=False))\n            v_i", "accelerations, strict=False)) * 0.5\n            v_i"),
+    ("schemes", "schemes/sdirk.py", "self.nodes = (g, g + s, 1.0)", "self.nodes = (g, 1.0 - g, 1.0)"),
+    ("schemes", "schemes/sdirk.py", "GAMMA_MIN, GAMMA_MAX = 0.1804253064293986", "GAMMA_MIN, GAMMA_MAX = 0.1304253064293986"),
+    ("schemes", "schemes/bdf2.py", "return Theta(0.5)", "return Theta(1.0)"),
+    ("schemes", "schemes/bdf2.py", "rate = 2.0 * y[1] - y_before[1]", "rate = y[1]"),
+    ("schemes", "schemes/bathe.py", "(1.0 - s) ** 2 * y) /", "(1.0 - s) * y) /"),
+    ("schemes", "schemes/conserving.py", "y, 0.5 * (f0 + f1) + reaction)", "y, f1 + reaction)"),
+    ("schemes", "schemes/conserving.py", "return equation.flow(dt, y, f0 + reaction, f1 + reaction)", "return equation.flow(dt, y, f0, f1 + reaction)"),
+    ("schemes", "schemes/moreau_jean.py", "(1.0 - theta) * f + theta * loads[0] + reactions[0]", "loads[0] + reactions[0]"),
+    ("schemes", "schemes/moreau_jean.py", "return np.array([y[0], (y[0] - before) / dt, force])", "return np.array([y[0], y[1], force])"),
+    ("schemes", "schemes/paoli_schatzman.py", "y[1] - 0.5 * dt * bent", "y[1] + 0.5 * dt * bent"),
+    ("schemes", "schemes/nonsmooth_alpha.py", "return np.array([*history[0], a, a])", "return np.array([*history[0], 0.0 * a, a])"),
+    ("schemes", "schemes/contact_stabilised.py", "force = 0.5 * (f + loads[1]) + reactions[1]", "force = loads[1] + reactions[1]"),
+    ("schemes", "schemes/misprints.py", "(1.0 + alpha) * equation.net_force(ahead, none) - alpha", "(1.0 + alpha) * equation.net_force(ahead, none) + alpha"),
+    ("schemes", "schemes/labels.py", "if parameter not in names:", "if False:"),
+    ("schemes", "schemes/labels.py", 'r",(?![^(]*\\))"', 'r","'),
+    # model
+    ("model", "model/contact.py", 'raise InputError("stops.exponent"', 'str("stops.exponent"'),
+    ("model", "model/semidiscretisation.py", "offset = combined((1.0 - share**2, problem.base)", "offset = combined((1.0 - share, problem.base)"),
+    ("model", "model/semidiscretisation.py", "weights[cell], weights[cell + 1] = 1.0 - theta, theta", "weights[cell], weights[cell + 1] = theta, 1.0 - theta"),
+    ("model", "model/semidiscretisation.py", "mass[-1] += problem.tip_mass", "mass[-1] += 0.5 * problem.tip_mass"),
+    ("model", "model/semidiscretisation.py", "second[0, :2] = (8.0, -1.0)", "second[0, :2] = (8.0, 1.0)"),
+    ("model", "model/semidiscretisation.py", "loads.append((problem.viscosity * clamp, derivative(phi, 1)))", "pass"),
+    ("model", "model/semidiscretisation.py", "np.asarray(v0 - rate * lift, float)", "np.asarray(v0 + rate * lift, float)"),
+    ("model", "model/semidiscretisation.py", "mass = mass + problem.tip_inertia * np.outer(slope, slope)", "pass"),
+    ("model", "model/semidiscretisation.py", "inertia = inertia + 2.0 * problem.tip_inertia / L * slope", "pass"),
+    ("model", "model/semidiscretisation.py", "bend = 2.0 / L**2 *", "bend = 1.0 / L**2 *"),
+    ("model", "model/modes.py", "damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)", "pass"),
+    ("model", "model/modes.py", "return replace(basis, damping=diagonal)", "return replace(basis, damping=0.5 * diagonal)"),
+    ("model", "model/modes.py", "(2.0 * damping_ratios(ratio", "(1.0 * damping_ratios(ratio"),
+    ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, back(vectors))", "shapes = back(vectors)"),
+    ("model", "model/natural_modes.py", "kept = np.imag(values) >= 0.0", "kept = np.imag(values) > 0.0"),
+    ("model", "model/natural_modes.py", "q, pushed = q + gives @ forces", "q, pushed = q - gives @ forces"),
+    ("model", "model/natural_modes.py", "values = values + eigenvalues_off(", "values = values - 0.0 * eigenvalues_off("),
+    ("model", "model/members.py", "np.random.default_rng([seed, i])", "np.random.default_rng([seed, 0])"),
+    ("model", "model/members.py", "v0 = [system.v0 + size * scale", "v0 = [system.v0 + 0.5 * size * scale"),
+    ("model", "model/members.py", "root = replace(root, stops=root.all_stops or None)", "pass"),
+    ("model", "model/members.py", "if len(values) > 1:\n        require_kept", "if False:\n        require_kept"),
+    ("model", "model/members.py", "if members.separate:\n        return True", "if members.separate:\n        return False"),
+    ("model", "model/equations.py", "return C * y[0] - S * y[1] + V * force", "return C * y[0] + S * y[1] + V * force"),
+    ("model", "model/equations.py", "2.0 * np.sin(0.5 * wide) ** 2", "np.sin(0.5 * wide) ** 2"),
+    ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),
+    ("model", "model/time_functions.py", "(factor * inner, f) for factor, term", "(inner, f) for factor, term"),
+    ("model", "model/time_functions.py", "return self.amplitude * math.cos(self.phase)", "return self.amplitude * math.sin(self.phase)"),
+    ("model", "model/sampled.py", "for k in range(last - 1, first - 1, -1):", "for k in range(last - 1, first, -1):"),
+    ("model", "model/sampled.py", "self.derivative + times)", "self.derivative)"),
+    ("model", "model/reduction.py", "return deflections @ (y[:, -modes:] / compliances[-modes:])", "return deflections @ y[:, -modes:]"),
+    ("model", "model/reduction.py", "contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts]", "contacts=[replace(contact, row=T.T @ contact.row, offset=None) for contact in contacts]"),
+    ("model", "model/reduction.py", "if max(lost, soft) > LOST:", "if lost > LOST:"),
+    ("model", "model/scales.py", "np.sqrt(2.0 * stored), *moving, 0.0", "*moving, 0.0"),
+    ("model", "model/scales.py", "square[towards] = np.minimum(square[towards], 2.0 *", "square[towards] = np.minimum(square[towards], 1.0 *"),
+    ("model", "model/system_data.py", "4.0 / 5.0, -1.0 / 5.0", "4.0 / 5.0, 1.0 / 5.0"),
+    ("model", "model/system.py", "return self.stiffness_factor if same(self.stiffness, system.stiffness) else None", "return self.stiffness_factor"),
+    ("model", "model/system.py", 'freeze(self, "mass", "damping", "stiffness", "q0", "v0", "observe")', "pass"),
+    ("model", "model/stencils.py", "stencil[0, 0] += 2.0", "stencil[0, 0] += 1.0"),
+]  # fmt: skip
+
+SOURCES = Path(__file__).parents[2] / "src"
+
+
+def wrong(root: Path, room: str, sources: Path, slow: bool) -> tuple[str, float]:
+    """The first test of the room that fails with these sources, "" where none does, and the seconds that it took."""
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-q", "-x", "--tb=line", "-p", "no:cacheprovider"]
+    command += ["-m", "slow or not slow"] if slow else []
+    first = f"tests/{room}/test_{room}.py"
+    command += [first] if (root / first).exists() else []
+    cache = Path(tempfile.mkdtemp(dir=sources.parent))
+    environment = os.environ | {
+        "PYTHONPATH": str(sources), "OPENBLAS_NUM_THREADS": "1", "STIFFBEAM_CACHE_DIR": str(cache),
+    }  # fmt: skip
+    begun = time.monotonic()
+    done = subprocess.run(
+        [*command, f"tests/{room}"], cwd=root, env=environment, capture_output=True, text=True, check=False
+    )
+    found = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
+    test = "" if not done.returncode else found[1] if found else f"exit status {done.returncode}"
+    return test, time.monotonic() - begun
+
+
+SOUND = ("schemes", "schemes/bdf2.py", "c = 2.0 * dt / 3.0", "c = 2.0 * dt / 3.0")  # --only -1: no fault, nothing fails
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--root", type=Path, default=SOURCES.parent)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--room", default="")
+    parser.add_argument("--slow", action="store_true")
+    given = parser.parse_args()
+    numbers = [int(x) for x in given.only.split(",") if x] or range(len(FAULTS))
+    missed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        sources = Path(folder) / "src"
+        shutil.copytree(SOURCES, sources)
+        shutil.copytree(SOURCES.parent / "reference", Path(folder) / "reference")
+        for number in numbers:
+            room, name, there, put = FAULTS[number] if number >= 0 else SOUND
+            if given.room not in ("", room):
+                continue
+            file = sources / "stiffbeam" / name
+            text = file.read_text(encoding="utf-8")
+            if text.count(there) != 1:
+                print(f"{number:3}  STALE   {name}: {there}", flush=True)
+                missed += 1
+                continue
+            file.write_text(text.replace(there, put), encoding="utf-8")
+            test, seconds = wrong(given.root.resolve(), room, sources, given.slow)
+            file.write_text(text, encoding="utf-8")
+            missed += not test
+            print(
+                f"{number:3}  {'caught' if test else 'MISSED'}  {seconds:4.0f} s  {name}: {there[:60]!r}  {test}",
+                flush=True,
+            )
+    return missed > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,330 @@
+"""Modes, scales and equilibria: all digits of every frequency, what is soft beside what is stiff."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+import scipy.linalg
+from scipy.integrate import solve_ivp
+from systems import one_mass
+
+import stiffbeam as sb
+from stiffbeam.measures.errors import longest_delay
+from stiffbeam.model import modes as graded
+from stiffbeam.model.modes import congruence, modes, product, slowest, undamped_modes
+from stiffbeam.model.scales import scales
+
+EPS = float(np.finfo(float).eps)
+G = 9.81
+PROBLEM = sb.BeamProblem(stiffness=300.0)
+ROOTS = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])  # of cos x cosh x = -1
+
+
+def system_of(mass, stiffness, damping=None, loads=()):
+    return sb.System.from_matrices(mass, stiffness, damping, loads, observe=np.eye(len(mass))[0])
+
+
+# ------------------------------------------------------------------ frequencies many powers of ten apart
+
+
+def true_squares(mass, stiffness, springs=()):
+    """The eigenvalues of L^-1 K L^-T, M = L L^T, in 80 digits."""
+    with mpmath.workdps(80):
+        K = mpmath.matrix(stiffness.tolist())
+        for row, kappa in springs:
+            r = mpmath.matrix(row.tolist())
+            K += mpmath.mpf(kappa) * r * r.T
+        inverse = mpmath.inverse(mpmath.cholesky(mpmath.matrix(mass.tolist())))
+        return sorted(mpmath.eigsy(inverse * K * inverse.T, eigvals_only=True))
+
+
+def chain(rng, n, decades):
+    B = np.eye(n) - np.eye(n, k=-1)
+    mass, springs = 10.0 ** rng.uniform(-decades / 2, decades / 2, (2, n))
+    return np.diag(mass), B.T @ np.diag(springs) @ B
+
+
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.fast(12)
+def test_every_frequency_has_all_its_digits(seed):
+    """Unless it is below the rounding of the entries of K, and then it is zero; with and without a hard stop."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    mass, stiffness = chain(rng, n, 12.0)
+    if seed % 3 == 0:
+        x = rng.normal(size=(n, n))
+        mass = mass + 1e-3 * np.min(np.diag(mass)) * x @ x.T
+    springs = ((rng.normal(size=n), 1e8 * float(np.max(stiffness))),) if seed % 2 else ()
+    found, true = modes(system_of(mass, stiffness), springs), true_squares(mass, stiffness, springs)
+    for omega, square in zip(found.omega, true, strict=True):
+        if omega == 0.0:
+            assert abs(square) < 1e-13 * true[-1]
+        else:
+            assert abs(omega / mpmath.sqrt(square) - 1) < 16 * n * EPS
+    assert np.count_nonzero(found.omega) >= 1
+    assert np.max(np.abs(found.shapes.T @ mass @ found.shapes - np.eye(n))) < 1e-12
+
+
+def test_frequencies_below_the_square_root_of_the_rounding():
+    """omega_1/omega_n of 1e-10: its square is 1e-20 of the largest."""
+    mass, stiffness = np.diag([1e-4, 1e3, 1e3]), np.array([[1e5, -1e5, 0.0], [-1e5, 1e5, 0.0], [0.0, 0.0, 1e-6]])
+    stiffness[1, 1] += 2.0**-16
+    found, true = modes(system_of(mass, stiffness)), true_squares(mass, stiffness)
+    assert found.omega[0] < 2e-9 * found.omega[-1]
+    assert max(abs(a / mpmath.sqrt(b) - 1) for a, b in zip(found.omega, true, strict=True)) < 16 * EPS
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 30])
+def test_a_free_chain_has_one_rigid_body_motion(n):
+    """Whose damping is zero too, and not the rounding of zero."""
+    rng = np.random.default_rng(n)
+    B = np.eye(n)[1:] - np.eye(n)[:-1]
+    stiffness = B.T @ np.diag(10.0 ** rng.uniform(-3, 3, n - 1)) @ B
+    found = modes(system_of(np.diag(rng.uniform(0.5, 2.0, n)), stiffness, 0.3 * stiffness))
+    assert np.count_nonzero(found.omega == 0.0) == 1
+    assert found.omega[0] == found.damping[0] == 0.0
+
+
+def test_a_product_has_twice_the_digits():
+    rng = np.random.default_rng(3)
+    A, B = rng.normal(size=(4, 60)), rng.normal(size=(60, 3))
+    A, B = np.hstack([A, -A]), np.vstack([B, B * (1.0 + 1e-12 * rng.normal(size=B.shape))])  # cancels to 1e-12
+    high, low = product(A, B)
+    with mpmath.workdps(60):
+        true = mpmath.matrix(A.tolist()) * mpmath.matrix(B.tolist())
+        for i, j in np.ndindex(4, 3):
+            assert abs(mpmath.mpf(high[i, j]) + mpmath.mpf(low[i, j]) - true[i, j]) < 1e-28
+    huge = np.diag([1e300, 1e290])
+    assert np.array_equal(congruence(huge, np.eye(2)), huge)
+
+
+def test_modes_that_take_minutes_announce_it(monkeypatch):
+    """Before they are refined, with a way that takes seconds."""
+    monkeypatch.setattr(graded, "MINUTE", 20)
+    with pytest.warns(UserWarning, match=r"modes of 30 unknowns will take about 2\d\d s: reduce_model"):
+        modes(system_of(*chain(np.random.default_rng(0), 30, 8.0)))
+
+
+@pytest.mark.parametrize(
+    ("form", "viscosity"),
+    [("displacement", 0.0), ("displacement", 0.02), ("velocity-curvature", 0.0), ("hermite", 0.02)],
+)
+def test_a_few_modes_are_those_of_all(form, viscosity):
+    system = sb.semidiscretise(replace(PROBLEM, viscosity=viscosity), 250, form)
+    few, whole = sb.modes(system, 6), sb.modes(system)
+    np.testing.assert_allclose(few.omega, whole.omega[:6], rtol=1e-9)
+    np.testing.assert_allclose(few.shapes, whole.shapes[:, :6], atol=1e-7 * np.max(np.abs(whole.shapes)))
+    np.testing.assert_allclose(few.damping_ratio, whole.damping_ratio[:6], rtol=1e-8, atol=1e-12)
+    assert len(repr(few).splitlines()) == 7
+
+
+@pytest.mark.slow
+def test_frequencies_of_thousands_of_cells_are_those_of_the_beam(monkeypatch):
+    monkeypatch.setattr(graded, "_undamped", lambda *_: pytest.fail("all modes were computed"))
+    omega = sb.modes(sb.semidiscretise(PROBLEM, 2000), 3).omega
+    np.testing.assert_allclose(omega, ROOTS**2 * np.sqrt(300.0), rtol=1e-5)
+
+
+def test_other_systems_find_them_among_all():
+    n = 210
+    A, B = np.random.default_rng(4).normal(size=(2, n, n))
+    plain = system_of(np.eye(n), A @ A.T)
+    floating = sb.semidiscretise(replace(PROBLEM, supports="free-free"), 120, "hermite")
+    for system in (plain, replace(plain, damping=1e-3 * B @ B.T), floating):
+        assert slowest(system, 4) is None
+        few, whole = sb.modes(system, 4), sb.modes(system)
+        assert few.coupled == whole.coupled
+        np.testing.assert_array_equal(few.omega, whole.omega[:4])
+        np.testing.assert_array_equal(few.shapes, whole.shapes[:, :4])
+
+
+# ------------------------------------------------------------------ what is soft beside what is stiff
+
+
+def dragged(c: float) -> sb.System:
+    """Mass 1 is dragged along sin t by a dashpot c; mass 2 hangs on mass 1 by a dashpot 0.9."""
+    damping, load = [[c + 0.9, -0.9], [-0.9, 0.9]], ([1.0, 0.0], sb.Harmonic(c, 1.0))
+    return sb.System.from_matrices(np.eye(2), np.diag([1.0, 4.0]), damping, [load], observe=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("c", [1e8, 1e11])
+@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.BDF2(), sb.HHT(), sb.ExponentialFlow()], ids=str)
+def test_a_mass_that_only_a_weak_dashpot_moves_moves(c, scheme):
+    """q2'' + 0.9 q2' + 4 q2 = 0.9 sin t to 1/c of it: damping below 1e-9 of the largest entry was ignored."""
+    run = sb.integrate(dragged(c), scheme, 1e-3, 10.0)
+    found = solve_ivp(lambda t, y: [y[1], 0.9 * (np.sin(t) - y[1]) - 4.0 * y[0]], (0.0, 10.0), [0.0, 0.0], "DOP853",
+                      t_eval=run.t[::500], rtol=1e-11, atol=1e-13)  # fmt: skip
+    assert np.max(np.abs(run.tip[::500] - found.y[0])) < 1e-5
+
+
+@pytest.mark.parametrize("c", [1e2, 1e3, 1e6, 1e9])
+def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
+    """Slowest like exp(-t/c); and the load c sin t moves mass 1 by 1, not by c: members are perturbed by as much."""
+    found, members = sb.modes(dragged(c)), sb.perturbed_members(dragged(c), 20, 1e-3)
+    assert found.coupled
+    assert found.omega[0] == pytest.approx(1.0 / c, rel=2.0 / c)
+    assert found.damping_ratio[0] == 1.0
+    for name in ("q0", "v0"):
+        assert 1e-4 < np.max(np.abs(members.fields[name])) < 1e-2
+
+
+def test_two_viscous_beams_joined_by_a_dashpot():
+    """The second moves through the dashpot only, of 1e-10 of the largest entry of the damping."""
+    beam = sb.semidiscretise(replace(PROBLEM, stops=sb.Stops(-10.0, 10.0, stiffness=1e5)), 60)
+    n = beam.size
+    K, mass = (scipy.linalg.block_diag(x, x) for x in (beam.stiffness, beam.mass))
+    joint = np.eye(2 * n)[n - 1] - np.eye(2 * n)[2 * n - 1]
+    damping, first = 4e-3 * K + 0.05 * np.outer(joint, joint), np.eye(2 * n)[n - 1]
+    system = sb.System.from_matrices(mass, K, damping, [(first, sb.Constant(50.0))], observe=np.eye(2 * n)[-1])
+    run, inverse, A = sb.integrate(system, sb.Trapezoidal(), 1e-4, 0.2), np.linalg.inv(mass), np.zeros((4 * n + 1,) * 2)
+    A[: 2 * n, 2 * n : -1] = np.eye(2 * n)
+    A[2 * n : -1] = np.hstack([-inverse @ K, -inverse @ damping, inverse @ first[:, None] * 50.0])
+    tip = scipy.linalg.expm(0.2 * A)[2 * n - 1, -1]
+    assert abs(run.tip[-1] - tip) < 1e-3 * abs(tip)
+    assert abs(tip) > 1e-4
+
+
+def test_damping_that_couples_none_is_found_to():
+    """alpha M + beta K of beams, of random matrices and of chains whose springs differ by ten decades."""
+    rng = np.random.default_rng(4)
+    for form in ("displacement", "hermite"):
+        for cells in (5, 60):
+            assert modes(sb.semidiscretise(replace(PROBLEM, viscosity=1e-3, mass_damping=0.5), cells, form)) is not None
+    for alpha, beta in ((0.3, 0.0), (0.0, 1e-3), (0.3, 1e-3), (1e3, 1e-6)):
+        n = int(rng.integers(3, 40))
+        X, Y, springs = rng.normal(size=(n, n)), rng.normal(size=(n, n)), 10.0 ** rng.uniform(-5.0, 5.0, n + 1)
+        soft = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+        for M, K in (
+            (X @ X.T + 0.01 * np.eye(n), Y @ Y.T), (np.diag(10.0 ** rng.uniform(-3.0, 3.0, n)), soft),
+        ):  # fmt: skip
+            assert modes(system_of(M, K, alpha * M + beta * K)) is not None
+
+
+@pytest.mark.slow
+def test_modal_damping_reaches_the_slowest_mode():
+    """C phi_j = 2 zeta omega_j M phi_j where omega_j^2 is 1e-13 of the largest, and where it is 1e-14 of it."""
+    basis = modes(sb.semidiscretise(replace(PROBLEM, modal_damping=0.02), 300, "hermite"))
+    assert np.allclose(basis.damping[:5], 0.04 * basis.omega[:5], rtol=1e-5)
+    assert np.allclose(sb.modal_damping(np.eye(2), np.diag([1e14, 1.0]), 0.02), np.diag([4e5, 0.04]), rtol=1e-12)
+
+
+# ------------------------------------------------------------------ time scales and speeds of motions
+
+
+def ball(stiffness: float, floor: sb.Stops) -> sb.System:
+    """A ball that falls on a floor from a height of 1."""
+    return one_mass(stiffness, floor, load=sb.Constant(-G), q=1.0)
+
+
+FLOORS = {
+    "rigid": sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5), "stiff": sb.Stops(lower=0.0, stiffness=1e6),
+    "hertz": sb.Stops(lower=0.0, stiffness=1e6, exponent=1.5, dissipation=0.1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("floor", FLOORS.values(), ids=FLOORS)
+def test_a_stiffness_that_does_not_show_changes_no_scale(floor):
+    """The motions of K = 0 and K = 1e-9 are the same to 1e-9 of the height; members differ by 2 of it at most."""
+    free, held = (ball(stiffness, floor) for stiffness in (0.0, 1e-9))
+    for t_end in (np.inf, 5.0):
+        assert scales(free, t_end).period == pytest.approx(scales(held, t_end).period, rel=1e-12)
+    assert longest_delay(free, 5.0) == pytest.approx(longest_delay(held, 5.0), rel=1e-12)
+    a, b = (sb.perturbed_members(system, 20, 1e-3) for system in (free, held))
+    for name in ("q0", "v0"):
+        assert np.allclose(a.fields[name], b.fields[name], rtol=1e-9)
+    assert 1e-4 < np.max(np.abs(np.array(a.fields["q0"]) - 1.0)) <= 2e-3
+    assert 1e-3 < np.max(np.abs(a.fields["v0"])) <= 1e-3 * np.sqrt(2.0 * G) * 1.01
+
+
+@pytest.mark.parametrize("name", ["bouncing-ball", "kelvin-voigt", "hertz", "hunt-crossley", "bouncing-bar"])
+def test_problems_without_stiffness_have_scales(name):
+    found = scales(sb.problem(name).system, 10.0)
+    assert 0.0 < found.speed < np.inf
+    assert 0.0 < found.period <= 10.0
+
+
+def test_scales_of_free_bodies_bodies_between_stops_and_beams(table10):
+    """Without forces a body crosses the gap of 2 with speed 3; a free one has the run's length alone. A table of
+    amplitude 0.1 and frequency 20 throws with a speed of 2, a spring compressed by 0.1 with sqrt(kappa/m) of it."""
+    for time in (1.0, 1e-6):
+        body = one_mass(0.0, sb.Stops(-1.0, 1.0, stiffness=np.inf, restitution=1.0), v=3.0 * time)
+        assert scales(body, 100.0 / time).rates == pytest.approx(3.0 * time)
+        assert scales(one_mass(0.0, v=3.0 * time), 7.0 / time).period == pytest.approx(7.0 / time)
+    beam = sb.semidiscretise(table10, 25)
+    assert np.array_equal(scales(beam, 1.0).rates, undamped_modes(beam).omega)
+    table = one_mass(0.0, FLOORS["rigid"], load=sb.Constant(-G), offset=sb.Harmonic(0.1, 20.0))
+    assert scales(table, 10.0).speed == pytest.approx(2.0)
+    assert scales(table, 10.0).rates == pytest.approx(G / 2.0)
+    pressed = one_mass(0.0, sb.Stops(upper=0.0, stiffness=400.0), q=0.1)
+    assert scales(pressed, 10.0).speed == pytest.approx(20.0 * 0.1)
+
+
+def test_a_push_that_a_stop_ends_has_the_speed_with_which_it_arrives():
+    """sqrt(2 f (d + depth) - 2 U): f = 3 over a gap of 2, and as deep as the stop holds it."""
+    pushed = one_mass(0.0, sb.Stops(upper=2.0, stiffness=100.0), load=sb.Constant(3.0))
+    assert scales(pushed, 100.0).speed == pytest.approx(np.sqrt(2.0 * (3.0 * 2.03 - 0.5 * 100.0 * 0.03**2)))
+
+
+# ------------------------------------------------------------------ equilibria
+
+
+def test_a_body_held_by_stops_alone_has_an_equilibrium():
+    """Mass 100 on two springs of 1e5: 981/2e5; by Hertz's law (490.5/1e5)^(2/3)."""
+    for exponent, depth in ((1.0, 4.905e-3), (1.5, (490.5 / 1e5) ** (2.0 / 3.0))):
+        stops = sb.Stops(lower=0.0, stiffness=1e5, exponent=exponent)
+        contacts = [sb.Contact([1.0, arm], stops) for arm in (-0.5, 0.5)]
+        load = ([1.0, 0.0], sb.Constant(-981.0))
+        body = sb.System.from_matrices(np.diag([100.0, 8.0]), np.zeros((2, 2)), loads=[load], contacts=contacts)
+        assert np.allclose(sb.static_equilibrium(body), [-depth, 0.0], rtol=1e-12, atol=1e-15)
+
+
+def test_only_the_stops_that_close_hold_an_equilibrium():
+    """A free chain on two stops: the first carries all the weight, as the second is too far."""
+    spring = 1e3 * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    contacts = [sb.Contact(np.eye(3)[i], sb.Stops(lower=g, stiffness=1e4)) for i, g in ((0, -0.1), (2, -0.5))]
+    hung = sb.System.from_matrices(np.eye(3), spring, loads=[(-G * np.ones(3), sb.Constant(1.0))], contacts=contacts)
+    lowest = -0.1 - 3.0 * G / 1e4
+    expected = [lowest, lowest - 2.0 * G / 1e3, lowest - 3.0 * G / 1e3]
+    assert np.allclose(sb.static_equilibrium(hung), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [0, 94, 105, 179, 217, 232])
+def test_a_motion_without_strain_is_no_stiffness_where_rounding_makes_it_one(seed):
+    """A free body in turned axes: the least eigenvalue of K is some 1e-16, and a stop holds it or nothing does."""
+    rng, n = np.random.default_rng(seed), 4
+    free = rng.normal(size=n)
+    free /= np.linalg.norm(free)
+    across, root = np.eye(n) - np.outer(free, free), rng.normal(size=(n, n))
+    K, load = across @ (root @ root.T + 0.1 * np.eye(n)) @ across, rng.normal(size=n)
+    load *= np.sign(load @ free)
+    stop, loads = sb.Stops(upper=0.1, stiffness=1e3), [(load, sb.Constant(2.0))]
+    K, row = 0.5 * (K + K.T), free + 0.1 * rng.normal(size=n)
+    held = sb.System.from_matrices(np.eye(n), K, loads=loads, contacts=[sb.Contact(row, stop)])
+    q = sb.static_equilibrium(held)
+    assert row @ q > 0.1
+    assert np.max(np.abs(2.0 * load - K @ q + row * stop.force(row @ q))) < 1e-8
+    with pytest.raises(sb.InputError, match="hold the system"):
+        sb.static_equilibrium(sb.System.from_matrices(np.eye(n), K, loads=loads, observe=row))
+
+
+def test_three_stops_on_one_body_have_one_equilibrium():
+    """Hertz, square and linear stops of one mass; the forces of two are zero."""
+    laws = [(-0.0932, 0.3012, 26248.0, 1.5, -1.4917), (None, 0.8344, 892.7, 2.0, 0.4189),
+            (0.1178, 0.7586, 36803.4, 1.0, -1.3053)]  # fmt: skip
+    stops = [(sb.Stops(low, up, stiffness=k, exponent=p), row) for low, up, k, p, row in laws]
+    contacts = [sb.Contact([row], x) for x, row in stops]
+    system = sb.System.from_matrices([[1.0]], [[0.3723]], loads=[([1.0], sb.Constant(1.3425))], contacts=contacts)
+    (q,) = sb.static_equilibrium(system)
+    assert abs(1.3425 - 0.3723 * q + sum(row * float(x.force(row * q)) for x, row in stops)) < 1e-9
+
+
+def test_a_soft_spring_beside_a_stiff_one_holds():
+    held = sb.System.from_matrices(
+        np.eye(2), np.diag([1e16, 1.0]), loads=[([1.0, 1.0], sb.Constant(1.0))], observe=[0, 1]
+    )
+    assert np.allclose(sb.static_equilibrium(held), [1e-16, 1.0], rtol=1e-14, atol=0.0)
+    with pytest.raises(sb.InputError, match="a rigid motion"):
+        sb.static_equilibrium(system_of(np.eye(3), np.array([[1e16, 0, 0], [0, 1.0, -1.0], [0, -1.0, 1.0]])))

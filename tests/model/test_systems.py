@@ -1,0 +1,334 @@
+"""A system and what is made of it: replaced, pickled, saved, shown, moved; nothing derived outlives its data."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+import xarray
+from systems import bouncing_chain, one_mass, two_contacts
+
+import stiffbeam as sb
+from stiffbeam.files.cases import parse_case
+from stiffbeam.model.modes import modes
+from stiffbeam.references import solve
+from stiffbeam.studies import study
+
+PROBLEM = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))
+SYSTEMS = {form: sb.semidiscretise(PROBLEM, 8, form) for form in ("displacement", "velocity-curvature")}
+BEAM = SYSTEMS["displacement"]
+CHANGES = {
+    "stiffness": lambda s: 4.0 * s.stiffness, "mass": lambda s: 2.0 * s.mass, "damping": lambda s: 1e-5 * s.stiffness,
+}  # fmt: skip
+
+
+def again(value):
+    return pickle.loads(pickle.dumps(value))
+
+
+# ------------------------------------------------------------------ replaced
+
+
+@pytest.mark.parametrize("form", SYSTEMS)
+@pytest.mark.parametrize("field", CHANGES)
+@pytest.mark.fast(3)
+def test_every_solver_sees_a_replaced_matrix(form, field):
+    """Exact, DOP853 and a scheme, each beside the same equations that never had a factor or a beam."""
+    changed = replace(SYSTEMS[form], **{field: CHANGES[field](SYSTEMS[form])})
+    fresh = sb.System.from_matrices(
+        np.array(changed.mass), np.array(changed.stiffness), np.array(changed.damping), changed.loads,
+        changed.contacts, changed.observe, changed.q0, changed.v0,
+    )  # fmt: skip
+    assert np.allclose(modes(changed).omega, modes(fresh).omega, rtol=1e-6)
+    t = np.linspace(0.0, 0.02, 21)
+    for method in ("exact", "dop853"):
+        own, wanted, before = (sb.reference(s, 0.02, method, t).tip for s in (changed, fresh, SYSTEMS[form]))
+        assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
+        assert np.max(np.abs(wanted - before)) > 1e-3 * np.max(np.abs(wanted))
+    own, wanted = (sb.integrate(s, sb.BDF2(), 1e-4, 0.02).tip for s in (changed, fresh))
+    assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
+    assert (changed.problem, changed.form) == (None, "matrices")
+    with pytest.raises(sb.InputError, match="beam"):
+        changed.displacement([0.0], changed.q0[None], 1.0)
+
+
+def test_the_beam_follows_its_stops_and_leaves_with_its_loads():
+    stops = sb.Stops(upper=0.2, stiffness=1e5)
+    assert BEAM.problem is BEAM.origin.problem
+    assert replace(BEAM, contacts=[sb.Contact(BEAM.contacts[0].row, stops)]).problem.stops == stops
+    assert replace(BEAM, contacts=(), observe=BEAM.contacts[0].row).problem.stops is None
+    for elsewhere in (sb.Contact(np.eye(8)[3], stops), replace(BEAM.contacts[0], offset=sb.Constant(0.1))):
+        assert replace(BEAM, contacts=[elsewhere]).problem is None
+    assert replace(BEAM, loads=()).problem is None
+    assert replace(BEAM, loads=()).stiffness_factor is BEAM.stiffness_factor
+    later = [(vector, replace(f, phase=f.phase + 0.3)) for vector, f in BEAM.loads]
+    with pytest.raises(sb.InputError, match="beam"):  # its base is elsewhere by now
+        sb.integrate(replace(BEAM, loads=later), sb.BDF2(), 1e-3, 0.01).displacement(0.5)
+    varied = sb.varied_members(BEAM, frequency=[11.0])[0]
+    assert varied.problem.base.frequency == 11.0
+    assert varied.fingerprint == sb.semidiscretise(varied.problem, 8).fingerprint
+    with pytest.raises(sb.InputError, match="initial data"):
+        sb.varied_members(replace(BEAM, q0=BEAM.q0 + 1e-3), frequency=[11.0])
+
+
+def test_arrays_cannot_be_changed_in_place():
+    """Nor through a view made before: an array that says it is read-only may still be written to through it."""
+    mass, row, load = np.eye(2), np.ones(2), np.ones(2)
+    view = mass[:]
+    mass.setflags(write=False)
+    contact = sb.Contact(row, sb.Stops(upper=1.0, stiffness=1.0))
+    system = sb.System.from_matrices(mass, np.diag([1.0, 4.0]), loads=[(load, sb.Constant(1.0))], contacts=[contact])
+    before = system.fingerprint
+    view[0, 0], row[:], load[:] = 9.0, 9.0, 9.0
+    assert replace(system).fingerprint == before
+    for copy in (system, replace(system), again(system), BEAM):
+        arrays = [copy.mass, copy.damping, copy.stiffness, copy.q0, copy.v0, copy.loads[0][0], copy.contacts[0].row]
+        for array in arrays + ([copy.stiffness_factor] if copy.origin else []):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0.0
+
+
+def test_equal_numbers_are_equal_systems_and_callables_only_themselves():
+    kinds = [sb.Harmonic(1, 10), sb.Harmonic(1.0, 10.0), sb.Harmonic(np.float64(1.0), np.float64(10.0))]
+    assert len({one_mass(4.0, load=f).fingerprint for f in kinds}) == 1
+    assert len({one_mass(4.0, load=eval(f"lambda t: {k} * t")).fingerprint for k in range(6)}) == 6
+
+
+# ------------------------------------------------------------------ in another process
+
+
+def same(a, b) -> None:
+    """Equal contents, whatever they are made of."""
+    assert type(a) is type(b)
+    if isinstance(a, np.ndarray):
+        assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    elif isinstance(a, (tuple, list)):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            same(x, y)
+    elif is_dataclass(a):
+        for field in fields(a):
+            same(getattr(a, field.name), getattr(b, field.name))
+    elif not (isinstance(a, float) and np.isnan(a)):
+        assert a == b
+
+
+OUTPUTS = ("t", "tip", "tip_velocity", "contacts", "work", "provenance", "fingerprint", "energy", "states")
+STEEL = """
+[[case]]
+name = "steel"
+cells = 6
+dt = 1e-4
+t_end = 0.02
+runs = ["hht"]
+[case.problem]
+length = 0.4
+bending_stiffness = 4.2
+mass_per_length = 0.16
+stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5 }
+loads = [{ shape = [0, 1.5], amplitude = 3.0, frequency = 60.0 }]
+initial_displacement = [0, 0, 0.1]
+initial_velocity = [0, 0.5]
+"""
+
+
+def test_systems_cases_and_profiles_arrive():
+    for system in (*SYSTEMS.values(), replace(BEAM, stiffness=2.0 * BEAM.stiffness)):
+        copy = again(system)
+        assert (copy.fingerprint, copy.form, copy.problem) == (system.fingerprint, system.form, system.problem)
+        runs = [sb.integrate(x, sb.HHT(), 1e-4, 0.01).tip for x in (copy, system)]
+        assert np.array_equal(*runs)
+    pushed = replace(BEAM, loads=[(np.ones(8), np.sin)])  # a callable has no content to hash
+    assert again(pushed).fingerprint == pushed.fingerprint
+    steel = parse_case(STEEL, "steel.toml")
+    assert again(steel).problem == steel.problem
+    assert len({sb.semidiscretise(x.problem, 6).fingerprint for x in (steel, again(steel))}) == 1
+    one, other = sb.PolynomialProfile((0, 1.5)), sb.PolynomialProfile([0.0, 1.5])
+    assert one == other == again(one) != sb.PolynomialProfile((0.0, 1.6))
+    assert hash(one) == hash(other)
+    assert repr(one) == "PolynomialProfile(coefficients=(0.0, 1.5))"
+    assert np.array_equal(one(np.array([0.0, 2.0])), [0.0, 3.0])
+    for wrong in ((), ("a",), (np.nan,)):
+        with pytest.raises(sb.InputError, match="coefficients"):
+            sb.PolynomialProfile(wrong)
+
+
+@pytest.mark.slow
+def test_a_run_arrives_whole():
+    """Past the horizon, where the states made there would not be those of the run if a bit were another."""
+    run = sb.integrate(BEAM, sb.BDF2(), 1e-4, 0.6, every=50)
+    copy = again(run)
+    for name in OUTPUTS:
+        same(getattr(run, name), getattr(copy, name))
+    assert np.array_equal(copy.displacement(1.0), run.displacement(1.0))
+
+
+@pytest.mark.parametrize("method", ["exact", "cvode", "dop853", "multiprecision"])
+def test_a_reference_arrives_with_its_horizon_and_can_be_compared_with(method):
+    system, t = sb.semidiscretise(PROBLEM, 6), np.arange(201) * 1e-4
+    found = sb.reference(system, 0.02, method, t)
+    copy, run = again(found), sb.integrate(system, sb.HHT(), 1e-4, 0.02)
+    for name in (*OUTPUTS, "horizon"):
+        same(getattr(found, name), getattr(copy, name))
+    mine, theirs = sb.compare(run, found), sb.compare(again(run), copy)
+    for other in (theirs, again(mine)):
+        same(mine.to_dict(), other.to_dict())
+        same(mine.error, other.error)
+    for contact in (None, 0):
+        same(found.at(t[5:9], contact), copy.at(t[5:9], contact))
+    if method == "exact":
+        same(found.at([1.234e-2]), copy.at([1.234e-2]))
+        assert copy.impacts_sampled(1e-4).count == found.impacts_sampled(1e-4).count
+
+
+@pytest.mark.parametrize("kind", ["schemes", "exact"])
+def test_an_ensemble_arrives_with_its_members_and_ledgers(kind):
+    system = two_contacts()
+    members = sb.perturbed_members(system, 3, 1e-6)
+    if kind == "exact":
+        found = sb.reference_ensemble(system, 1.0, members, np.linspace(0.0, 1.0, 5))
+    else:
+        found = sb.integrate_ensemble(system, sb.HHT(), 2e-3, 1.0, members, every=100)
+    copy = again(found)
+    for name in ("t", "tip", "tip_velocity", "contacts", "diverged", "work", "provenance"):
+        same(getattr(found, name), getattr(copy, name))
+    same(found.ledger(1), copy.ledger(1))
+    assert copy.members[2].fingerprint == found.members[2].fingerprint
+
+
+ERRORS = [
+    sb.InputError("dt", 0.3, "divide t_end", "use 0.25"), sb.Diverged("hht", 1.5, "use a smaller dt"),
+    sb.SolverFailure("exact", 0.0, "the balance is open", "shorten t_end"),
+]  # fmt: skip
+
+
+def test_records_and_errors_arrive_whole():
+    """An error that does not breaks the whole pool of workers."""
+    records = study("modes", schemes=["bdf2"], steps=100)
+    assert again(records).table.equals(records.table)
+    assert again(records).to_dict() == records.to_dict()
+    for error in ERRORS:
+        arrived = again(error)
+        assert (type(arrived), str(arrived), vars(arrived)) == (type(error), str(error), vars(error))
+
+
+# ------------------------------------------------------------------ shown and saved
+
+
+@pytest.fixture(scope="module")
+def things(table10):
+    system = sb.semidiscretise(table10, 25)
+    run, reference = sb.integrate(system, sb.HHT(), 1e-4, 0.1), sb.reference(system, 0.1)
+    members = sb.perturbed_members(system, 8)
+    return {
+        "case": sb.paper_case(10), "system": system, "run": run, "reference": reference, "members": members,
+        "comparison": sb.compare(run, reference), "ledger": run.energy, "contact": system.contacts[0],
+        "many": sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.1, members, every=100), "modes": sb.modes(system),
+        "origin": system.origin, "problem": table10, "growth": sb.lyapunov(system, 0.1),
+        "amplification": sb.amplification(sb.HHT(), np.linspace(0.01, 1.0, 500)), "solution": reference.solution,
+        "records": sb.study("modes", schemes=["bdf2"], steps=100),
+    }  # fmt: skip
+
+
+def test_nothing_shows_more_than_a_screen(things):
+    for name, thing in things.items():
+        assert len(repr(thing)) <= 24 * 80, name
+        assert len(repr(thing).splitlines()) <= 26, name
+    html = things["comparison"]._repr_html_()
+    assert html.count("<table") == html.count("</table>") == 2  # the numbers, and one line for each contact
+    assert "<pre" not in html
+    assert "pair" not in things["comparison"].to_dict()
+
+
+def test_a_run_draws_itself(things):
+    """Every panel has what its label says: the curves are the run's own arrays."""
+    for run in (things["run"], things["reference"]):
+        tip, force, portrait, energy = run.plot().axes
+        np.testing.assert_array_equal(tip.lines[0].get_ydata(), run.tip)
+        np.testing.assert_array_equal(portrait.lines[0].get_xdata(), run.tip)
+        np.testing.assert_array_equal(force.lines[0].get_ydata(), run.contact_force)
+        assert {"kinetic", "loss"} <= {line.get_label() for line in energy.lines}
+        assert all(axis.get_xlabel() and axis.get_ylabel() for axis in (tip, force, portrait, energy))
+    assert len(things["comparison"].figure().axes) == 4
+
+
+@pytest.mark.parametrize("scheme", [sb.HHT(alpha=-0.1), sb.SDIRK(nystrom=True)])
+@pytest.mark.fast(1)
+def test_a_loaded_run_has_its_field_with_its_system(things, tmp_path, scheme):
+    """To the bit: states are made again by the same march; and not without the system."""
+    system, reference, coupled = things["system"], things["reference"], bouncing_chain(damping=np.diag([0.5, 0.0, 0.2]))
+    run = sb.integrate(system, scheme, 1e-4, 0.1, every=10)
+    back = sb.load(run.save(tmp_path / "run.nc"), system)
+    for made, wanted in ((back, run), (sb.load(reference.save(tmp_path / "exact.nc"), system), reference)):
+        np.testing.assert_array_equal(made.displacement(0.37), wanted.displacement(0.37))
+    np.testing.assert_array_equal(back.moment(0.0), run.moment(0.0))
+    with pytest.raises(sb.InputError, match=r"sb.load\(file, system\)"):
+        sb.load(tmp_path / "run.nc").displacement(0.5)
+    dense = sb.integrate(coupled, scheme, 1e-2, 1.0)
+    np.testing.assert_array_equal(sb.load(dense.save(tmp_path / "dense.nc"), coupled).states[0], dense.states[0])
+
+
+def test_an_ensemble_is_saved_whole(things, tmp_path):
+    many = things["many"]
+    with xarray.open_dataset(many.save(tmp_path / "many.nc"), engine="h5netcdf", decode_times=False) as found:
+        np.testing.assert_array_equal(found.tip, many.tip)
+        np.testing.assert_array_equal(found.impact_count[0], many.impact_count)
+        np.testing.assert_array_equal(found.contact_peak_force[0], many.peak_force)
+        third = found.impact_time[(found.impact_member == 3) & (found.impact_contact == 0)]
+        np.testing.assert_array_equal(third, many.contacts[0].impacts_of(3).times)
+        assert found.tip.attrs["units"] == "1"
+    assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
+    with pytest.raises(sb.InputError, match=r"end in \.nc or "):
+        many.save(tmp_path / "many.xlsx")
+
+
+# ------------------------------------------------------------------ moved
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1])
+@pytest.mark.parametrize("lower", [None, -0.5])
+@pytest.mark.fast(1)
+def test_the_exact_motion_is_the_same_wherever_zero_is(damping, lower):
+    """A stop at 0 and the whole problem moved by 1: u + 1 under the constant load k. The gap of a stop that
+    is met is zero; nothing may be measured by the position of the stop itself."""
+    rng = np.random.default_rng(7)
+    for _ in range(25):
+        k, kappa = 10.0 ** rng.uniform(-1.0, 2.0), 10.0 ** rng.uniform(1.0, 4.0)
+        drive, q0 = sb.Harmonic(rng.uniform(0.5, 5.0), rng.uniform(0.5, 8.0)), rng.uniform(-0.45, 0.0)
+        runs = []
+        for shift, load in ((0.0, drive), (1.0, sb.Superposition(drive, sb.Constant(k)))):
+            stops = sb.Stops(None if lower is None else lower + shift, shift, stiffness=kappa)
+            system = one_mass(k, stops, damping=damping, load=load, q=q0 + shift)
+            runs.append(solve(system, 5.0, "exact", np.linspace(0.0, 5.0, 11), 0.0, None))
+        a, b = runs
+        first = min(4, a.impacts.count, b.impacts.count)  # before rounding has grown
+        assert np.max(np.abs(a.impacts.times[:first] - b.impacts.times[:first]), initial=0.0) < 1e-8
+        had = np.max(np.abs(a.energy.input)) + np.max(a.energy.energy)
+        assert abs(a.energy.loss[-1]) < 1e-10 * had  # 1e3 switches of rounding at most
+
+
+def test_members_may_have_different_numbers_of_frequencies(monkeypatch):
+    """A load at 6 beside a base at 5, 6, 7: two, one and two frequencies, on one thread and on two."""
+    system = sb.semidiscretise(replace(PROBLEM, loads=(sb.PointLoad(0.5, sb.Harmonic(1.0, 6.0)),)), 8)
+    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
+    for threads in ("1", "2"):
+        monkeypatch.setenv("STIFFBEAM_THREADS", threads)
+        many = sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.3, members, every=10)
+        for i, member in enumerate(members):
+            assert np.array_equal(many.tip[i], sb.integrate(member, sb.HHT(), 1e-4, 0.3, every=10).tip)
+
+
+def test_a_callable_offset_is_asked_for_times_inside_the_run_only():
+    asked = []
+
+    def offset(t):
+        asked.extend(np.ravel(t))
+        return 0.1 * np.sqrt(t)
+
+    run = sb.integrate(one_mass(4.0, sb.Stops(upper=0.3, stiffness=1e3), offset=offset, v=1.0), sb.HHT(), 1e-2, 1.0)
+    assert min(asked) >= 0.0
+    assert max(asked) <= 1.0 + 1e-12
+    mass_rate = run.tip_velocity[20:] - 0.05 / np.sqrt(run.t[20:])
+    assert np.max(np.abs(mass_rate - run.states[1][20:, 0])) < 1e-6  # of the difference quotient

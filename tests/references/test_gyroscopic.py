@@ -1,0 +1,134 @@
+"""Damping matrices that are not symmetric, or give energy: schemes and solvers against DOP853 of SciPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from adaptive_systems import rotor
+from scipy.integrate import solve_ivp
+
+import stiffbeam as sb
+from stiffbeam.schemes import registered
+
+TIMES = np.linspace(0.0, 3.0, 301)
+GAP, KAPPA, SIDES = 0.05, 2e3, 8
+
+
+def witness(system: sb.System) -> np.ndarray:
+    """x at TIMES, from the equation written down once more."""
+    rows, inverse, n = np.array([c.row for c in system.contacts]), np.linalg.inv(system.mass), system.size
+
+    def rate(t, y):
+        force = sum(p * f.value(t) for p, f in system.loads) - system.damping @ y[n:] - system.stiffness @ y[:n]
+        return np.concatenate([y[n:], inverse @ (force - rows.T @ (KAPPA * np.maximum(rows @ y[:n] - GAP, 0.0)))])
+
+    start = np.concatenate([system.q0, system.v0])
+    return solve_ivp(rate, (0.0, 3.0), start, "DOP853", TIMES, rtol=1e-10, atol=1e-13, max_step=5e-3).y[0]
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    return witness(rotor())
+
+
+@pytest.mark.parametrize("method", ["exact", "dop853"])
+def test_solvers_follow_the_rotor(method, truth):
+    """The others are compared with the exact solution in test_solvers."""
+    run = sb.reference(rotor(), 3.0, method, t_eval=TIMES)
+    assert sum(c.impacts.count for c in run.contacts) == 19
+    assert np.max(np.abs(run.tip - truth)) < 1e-6 * np.max(np.abs(truth))
+    assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)  # gyroscopic forces do no work
+
+
+@pytest.mark.parametrize("scheme", list(registered()), ids=str)
+def test_every_scheme_converges_on_the_rotor(scheme, truth):
+    """The error falls by 4 for each halving in smooth motion, by less where the force has a kink."""
+    errors = []
+    for dt in (1e-3, 2.5e-4):
+        run = sb.integrate(rotor(), scheme, dt, 3.0, every=round(0.01 / dt))
+        errors.append(np.max(np.abs(run.tip - truth)))
+        balance = run.energy
+        closed = balance.energy[0] + balance.input - balance.viscous - balance.loss - balance.energy
+        assert np.max(np.abs(closed)) < 1e-12 * np.max(balance.energy)
+    assert errors[1] < 2e-3 * np.max(np.abs(truth))
+    assert errors[1] < errors[0] / 8.0
+
+
+def test_several_pressed_stops_take_the_compliance_as_it_is():
+    """Pressed by a load against three stops at once. A step so coarse that C turns forces: one step of the trapezoidal
+    rule is written down."""
+    system = replace(rotor(), loads=(([3.0, 1.0, 0.0, 0.0], sb.Constant(40.0)),), v0=np.zeros(4))
+    dt, steps, n = 0.05, 40, 4
+    rows = np.array([c.row for c in system.contacts])
+    M, C, K, load = system.mass, system.damping, system.stiffness, np.array([120.0, 40.0, 0.0, 0.0])
+    left, pressed = M + 0.5 * dt * C + 0.25 * dt**2 * K, 0
+    q, v, path = np.zeros(n), np.zeros(n), [0.0]
+    force = load - rows.T @ (KAPPA * np.maximum(rows @ q - GAP, 0.0))
+    for _ in range(steps):
+        a = np.linalg.solve(M, force - C @ v - K @ q)
+
+        def end(reaction, q=q, v=v, a=a):
+            """q, v and the force at the end of a step in which the stops push back."""
+            ahead, speed = q + dt * v + 0.25 * dt**2 * a, v + 0.5 * dt * a
+            new = np.linalg.solve(left, load - rows.T @ reaction - C @ speed - K @ ahead)
+            return ahead + 0.25 * dt**2 * new, speed + 0.5 * dt * new
+
+        active = np.zeros(SIDES, bool)
+        while True:  # the linear system of the stops that press, until these are the same
+            unit = np.array([rows @ (end(e)[0] - end(0.0 * e)[0]) for e in np.eye(SIDES)]).T
+            free = rows @ end(np.zeros(SIDES))[0]
+            own = np.where(active, KAPPA, 0.0)
+            reaction = np.linalg.solve(np.eye(SIDES) - own[:, None] * unit, own * (free - GAP))
+            found = rows @ end(reaction)[0] > GAP
+            if np.array_equal(found, active):
+                break
+            active = found
+        q, v = end(reaction)
+        force = load - rows.T @ reaction
+        pressed = max(pressed, int(np.sum(active)))
+        path.append(q[0])
+    assert pressed >= 2
+    run = sb.integrate(system, sb.HHT(alpha=0.0), dt, steps * dt)
+    assert np.max(np.abs(run.tip - path)) < 1e-9 * np.max(np.abs(path))
+
+
+def test_natural_modes_are_those_of_the_first_order_form():
+    system = rotor()
+    inverse = np.linalg.inv(system.mass)
+    A = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ system.stiffness, -inverse @ system.damping]])
+    values = np.linalg.eigvals(A)
+    values = values[values.imag > 0.0]
+    values = values[np.argsort(np.abs(values))]
+    natural = sb.modes(system)
+    assert natural.coupled
+    np.testing.assert_allclose(natural.omega, np.abs(values), rtol=1e-12)
+    np.testing.assert_allclose(natural.damping_ratio, -values.real / np.abs(values), rtol=1e-9)
+
+
+def test_what_needs_a_symmetric_or_passive_damping_refuses_another():
+    free = replace(rotor(), contacts=(), loads=())
+    from stiffbeam.measures.amplification import free_mode_errors
+
+    with pytest.raises(sb.InputError, match=r"damping must have a symmetric .*for the errors of each mode"):
+        free_mode_errors(sb.integrate(free, sb.HHT(), 1e-3, 1.0))
+    for damping in ([[np.nan]], [[1.0, 0.0]]):
+        with pytest.raises(sb.InputError, match="damping must"):
+            sb.System.from_matrices([[1.0]], [[1.0]], damping, observe=[1.0])
+
+
+def test_damping_that_gives_energy_is_marched_and_refused_or_solved_exactly():
+    """x'' - .2 x' + 40 x = 0 grows until it meets both stops: the adaptive solvers agree, and so do the schemes."""
+    stops = sb.Contact([1.0], sb.Stops(-0.1, 0.1, stiffness=500.0))
+    system = sb.System.from_matrices([[1.0]], [[40.0]], [[-0.2]], contacts=[stops], initial_velocity=[0.5])
+    assert not system.passive
+    ref = sb.reference(system, 3.0, "dop853", t_eval=TIMES)
+    assert ref.impacts.count > 0
+    assert ref.horizon == 3.0
+    assert ref.energy.viscous[-1] < 0.0
+    run = sb.integrate(system, sb.HHT(), 1e-3, 3.0, every=10)
+    assert np.max(np.abs(run.tip - ref.tip)) < 1e-3 * np.max(np.abs(ref.tip))
+    assert run.energy.viscous[-1] == pytest.approx(ref.energy.viscous[-1], rel=1e-2)
+    with pytest.raises(sb.InputError, match=r"damping must take energy .*use dop853"):
+        sb.reference(system, 3.0)

@@ -1,0 +1,271 @@
+"""Schemes for rigid stops: plain loops, the energy of every step, closed forms, order one through an impact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bouncing_bar import bouncing_bar, pressure
+from rigid_chain import INF, chain
+from rigid_loops import Loop
+from systems import one_mass
+
+import stiffbeam as sb
+from stiffbeam.files.cases import parse_case
+
+LOOPS = {
+    "moreau_jean": sb.MoreauJean(),
+    "paoli_schatzman": sb.PaoliSchatzman(),
+    "contact_stabilised": sb.ContactStabilisedNewmark(),
+    "nonsmooth_alpha": sb.NonsmoothGeneralisedAlpha(),
+    "backward_euler": sb.Theta(1.0),
+}
+
+
+@pytest.mark.fast(14)
+@pytest.mark.parametrize(
+    ("contacts", "damping", "moving"),
+    [(1, "none", False), (1, "stiffness", True), (1, "coupling", False), (2, "none", True), (2, "coupling", False)],
+)
+@pytest.mark.parametrize("name", LOOPS)
+def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
+    """The reactions by trying every set of closed contacts; a file and an ensemble keep them."""
+    e = 0.6 if getattr(LOOPS[name], "restitutes", False) else None
+    system, loop = chain(contacts, damping, moving, e)
+    dt, steps = 0.02, 250
+    run = sb.integrate(system, LOOPS[name], dt, steps * dt)
+    wanted = getattr(loop, name)(system.q0, system.v0, dt, steps)
+    q, v = run.states
+    assert np.max(np.abs(q - [x for x, _, _ in wanted])) < 1e-10
+    assert np.max(np.abs(v[1:] - [x for _, x, _ in wanted[1:]])) < 1e-8
+    for c, contact in enumerate(run.contacts):
+        R = np.array([x[c] for _, _, x in wanted])
+        assert contact.impacts.count >= 2
+        assert np.max(np.abs(contact.force - R)) < 1e-6 * np.max(np.abs(contact.force))
+        assert contact.impulse == pytest.approx(dt * np.sum(np.abs(R)), rel=1e-9)
+    many = sb.integrate_ensemble(system, LOOPS[name], dt, steps * dt, [system, system])
+    assert np.array_equal(many.impulse, [run.contacts[0].impulse] * 2)
+
+
+def energy_of(system, scheme, run, q, v, R, dt):
+    """(E, what the docstring says that each step changes of it), both of an undamped system."""
+    M, K, B = system.mass, system.stiffness, np.array([c.row for c in system.contacts])
+    f, dq, dv = system.load(run.t), np.diff(q, axis=0), np.diff(v, axis=0)
+    E = 0.5 * np.sum(v * (v @ M) + q * (q @ K), axis=1)
+    if isinstance(scheme, sb.MoreauJean):
+        theta, e = scheme.theta, system.contacts[0].stops.restitution
+        squares = np.sum(dv * (dv @ M) + dq * (dq @ K), axis=1)
+        of_impacts = (1.0 - theta * (1.0 + e)) * np.sum((v @ B.T)[:-1] * dt * R, axis=1)
+        work = np.sum(((1.0 - theta) * f[:-1] + theta * f[1:]) * dq, axis=1)
+        return E, work + (0.5 - theta) * squares + of_impacts
+    if isinstance(scheme, sb.PaoliSchatzman):
+        e, middle = system.contacts[0].stops.restitution, q[1:] - 0.5 * dt * v[1:]
+        E = 0.5 * np.sum(v[1:] * (v[1:] @ (M + (scheme.beta - 0.25) * dt**2 * K)) + middle * (middle @ K), axis=1)
+        bounds = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts])
+        with np.errstate(invalid="ignore"):
+            gap = np.where(R[1:] != 0.0, (q @ B.T)[:-2] - np.where(R[1:] < 0.0, *bounds.T[::-1]), 0.0)
+        return E, 0.5 * np.sum(f[1:-1] * (q[2:] - q[:-2]), axis=1) - (1.0 + e) * np.sum(R[1:] * gap, axis=1) / 2.0
+    if isinstance(scheme, sb.ContactStabilisedNewmark):
+        a = dv / dt
+        put_back = (dq - dt * v[:-1] - 0.5 * dt**2 * a) @ M  # B^T nu
+        assert np.any(np.abs(put_back) > 1e-6)
+        assert np.max(np.abs(np.delete(put_back, [3, 1], axis=1))) < 1e-13  # at the contacts only
+        work = np.sum(0.5 * (f[1:] + f[:-1]) * dq, axis=1)
+        return E, work + np.sum(R * (dq @ B.T), axis=1) - np.sum(put_back * a, axis=1)
+    if isinstance(scheme, sb.NonsmoothGeneralisedAlpha):
+        mean_q, mean_f = 0.5 * (q[1:] + q[:-1]), 0.5 * (f[1:] + f[:-1])
+        a = np.linalg.solve(M, (mean_f - mean_q @ K).T).T
+        nu = ((dq - dt * v[:-1] - 0.5 * dt**2 * a) @ M) @ B.T
+        U, P = 0.5 * (v[1:] + v[:-1]) @ B.T, dt * R
+        return E, np.sum(mean_f * dq, axis=1) + np.sum(P * U + (0.5 * dt * P - nu) * (a @ B.T), axis=1)
+    basis = sb.modes(system)
+    shapes = basis.shapes / np.sqrt(np.sum(basis.shapes * (M @ basis.shapes), axis=0))
+    x, y = (np.linalg.solve(shapes, z[1:].T).T for z in (q, v))
+    w = basis.omega
+    phi = 4.0 * np.sin(0.5 * w * dt) ** 2 / (w * dt) ** 2
+    E = 0.5 * np.sum(y**2 / phi + (w * x) ** 2 - dt * y * w**2 * x, axis=1)
+    return E, dt * np.sum((f[1:-1] + R[1:] @ B) * 0.5 * (v[2:] + v[1:-1]), axis=1)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "e"),
+    [*((sb.MoreauJean(theta), e) for theta in (0.5, 0.6, 1.0) for e in (0.0, 0.3, 1.0)),
+     *((sb.PaoliSchatzman(0.3), e) for e in (0.0, 0.5, 1.0)), (sb.ContactStabilisedNewmark(), None),
+     *((sb.NonsmoothGeneralisedAlpha(1.0), e) for e in (0.0, 0.7)),
+     *((sb.MoreauJeanBilbao(), e) for e in (0.0, 0.5, 1.0))],
+    ids=str,
+)  # fmt: skip
+def test_every_step_changes_the_energy_by_what_its_docstring_says(scheme, e):
+    system, dt = chain(2, e=e)[0], 0.02
+    run = sb.integrate(system, scheme, dt, 400 * dt)
+    q, v = run.states
+    R = np.stack([c.force[1:] for c in run.contacts], axis=1)
+    assert np.any(R)
+    E, change = energy_of(system, scheme, run, q, v, R, dt)
+    assert np.max(np.abs(np.diff(E) - change)) < 1e-12 * np.max(E)
+
+
+def test_moreau_and_jean_lose_what_newtons_law_takes_and_nothing_else():
+    E = sb.integrate(chain(2, e=0.4)[0], sb.MoreauJean(), 0.01, 5.0).energy
+    assert abs(E.loss[-1]) < 1e-12 * np.max(E.energy)
+    assert E.stop_dissipation[-1] > 0.1 * np.max(E.energy)
+    moved = sb.integrate(chain(2, moving=True, e=0.4)[0], sb.MoreauJean(), 0.001, 5.0).energy
+    assert abs(moved.loss[-1]) < 1e-2 * np.max(moved.energy)  # the stop's work is a sum over steps
+    assert np.all(sb.integrate(chain(2)[0], sb.BDF2(), 0.01, 5.0).energy.stop_dissipation == 0.0)
+
+
+@pytest.mark.parametrize("damping", ["none", "stiffness"])
+def test_free_motion_under_a_constant_load_is_exact_for_moreau_jean_and_bilbao(damping):
+    system, load = chain(1, damping, e=0.5)[0], [(np.array([1.0, 0.0, 2.0, 0.0]), sb.Constant(0.7))]
+    free = sb.System.from_matrices(
+        system.mass, system.stiffness, system.damping, load, observe=np.eye(4)[3], initial_velocity=system.v0
+    )
+    run = sb.integrate(free, sb.MoreauJeanBilbao(), 0.3, 30.0)
+    assert np.max(np.abs(run.tip - sb.reference(free, 30.0, t_eval=run.t).tip)) < 1e-12
+
+
+@pytest.mark.fast(4)
+@pytest.mark.parametrize(
+    ("scheme", "e", "gained", "rms", "deepest"),
+    [
+        (sb.MoreauJean(), 1.0, (-1e-12, 1e-12), (400.0, 404.0), (0.03, 0.04)),
+        (sb.MoreauJean(), 0.0, (-0.05, -0.02), (0.2, 0.7), (0.01, 0.03)),
+        (sb.PaoliSchatzman(), 1.0, (0.85, 0.87), (20.0, 21.5), (0.05, 0.06)),
+        (sb.PaoliSchatzman(), 0.0, (-0.04, -0.02), (0.2, 1.1), (0.0, 1e-13)),
+        (sb.ContactStabilisedNewmark(), None, (-0.045, -0.03), (0.2, 0.7), (0.0, 1e-13)),
+        (sb.NonsmoothGeneralisedAlpha(), 0.0, (-0.06, -0.05), (0.2, 0.7), (0.0, 1e-13)),
+        (sb.NonsmoothGeneralisedAlpha(1.0), 0.0, (-0.025, -0.015), (0.2, 0.7), (0.0, 1e-13)),
+        (sb.Trapezoidal(), None, (50.0, 500.0), (300.0, INF), (0.0, 1e-13)),
+    ],
+)
+def test_the_bouncing_bar(scheme, e, gained, rms, deepest):
+    """Energy gained over three periods over m g h, rms of the pressure on [300, 500], deepest penetration.
+
+    The last digits are chaos: measured, the intervals say what is known of each.
+    """
+    cells = 100
+    dt = 10.0 / cells / 30.0
+    run = sb.integrate(bouncing_bar(cells, **({} if e is None else {"restitution": e})), scheme, dt, 16.0)
+    inside = (run.t > 1.05) & (run.t < 5.0 / 3.0 - 0.05)
+    error = run.contact_force[inside] - pressure(run.t[inside] - 0.5 * dt)
+    gain = (run.energy.energy[-1] - run.energy.energy[0] - run.energy.input[-1]) / 500.0
+    found = gain, np.sqrt(np.mean(error**2)), max(0.0, -np.min(run.tip))
+    for value, (low, high) in zip(found, (gained, rms, deepest), strict=True):
+        assert low <= value <= high
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
+def test_contacts_that_close_together_keep_their_gaps_under_damping_that_couples_the_modes(rho):
+    """The positions of nonsmooth generalised-alpha react by (M + a C + b K)^-1 (M + a C) M^-1, which is not symmetric:
+    as if it were, gaps were violated by 1e-3 of the motion."""
+    pull, n = np.random.default_rng(1).normal(size=3), 3
+    M, K = np.diag([1.0, 2.0, 0.5]), 4.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    C, B = 2.0 * np.outer(pull, pull), np.array([[1.0, 0.4, 0.0], [0.0, 1.0, 0.3], [0.2, 0.0, 1.0]])
+    upper, e, load = np.array([0.1, 0.05, 0.0]), np.array([0.0, 0.5, 0.8]), np.array([3.0, 4.0, 1.0])
+    stops = [sb.Stops(upper=g, stiffness=INF, restitution=x) for g, x in zip(upper, e, strict=True)]
+    contacts = [sb.Contact(*x) for x in zip(B, stops, strict=True)]
+    system = sb.System.from_matrices(M, K, C, loads=[(load, sb.Harmonic(1.0, 2.0, 0.5))], contacts=contacts)
+    run = sb.integrate(system, sb.NonsmoothGeneralisedAlpha(rho), 0.1, 10.0)
+    assert np.count_nonzero(np.sum([contact.force != 0.0 for contact in run.contacts], axis=0) >= 2) >= 5
+    still = np.zeros(n)
+    drive = lambda t: load * np.sin(2.0 * t + 0.5)  # noqa: E731
+    loop = Loop(M, C, K, B, np.full(n, -INF), upper, e, drive, lambda t: still, lambda t: still)
+    wanted = loop.nonsmooth_alpha(still, still, 0.1, 100, rho)
+    assert np.max(np.abs(run.states[0] - [q for q, _, _ in wanted])) < 1e-12
+    assert all(np.max(contact.position) - upper[c] < 1e-14 for c, contact in enumerate(run.contacts))
+
+
+@pytest.mark.parametrize("scheme", [sb.MoreauJean(), sb.Trapezoidal(), sb.ContactStabilisedNewmark()], ids=str)
+def test_a_body_that_rests_on_its_stop_stays_there(scheme):
+    """Weight 3 on a spring-free mass: the reaction is the weight from the first step on. Moreau and Jean's lets go
+    where rounding leaves a gap, for a step."""
+    e = 0.5 if isinstance(scheme, sb.MoreauJean) else None
+    stops = sb.Stops(lower=0.0, stiffness=INF, restitution=e)
+    run = sb.integrate(one_mass(0.0, stops, load=sb.Constant(-3.0)), scheme, 0.01, 1.0)
+    assert np.max(np.abs(run.tip)) < (1e-15 if e is None else 3.0 * 0.01**2)
+    assert run.contacts[0].impulse == pytest.approx(3.0, rel=1e-12 if e is None else 0.02)
+    if e is None:
+        assert np.allclose(run.contact_force[1:], 3.0, rtol=1e-12)
+        assert run.impacts.count == 0  # it was there before
+
+
+def test_an_equilibrium_on_a_stop_is_no_motion():
+    """Held at a gap that is not zero, several unknowns: the predicted position is short of the stop by its rounding."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        n = int(rng.integers(2, 5))
+        B, load, row = rng.normal(size=(n, n)), np.ones(n), np.eye(n)[n - 1]
+        K, M = B @ B.T + np.eye(n), np.diag(rng.uniform(0.5, 2.0, n))
+        g = 0.5 * np.linalg.solve(K, load)[-1]
+        held = np.block([[K, -row[:, None]], [row[None], np.zeros((1, 1))]])
+        *q, R = np.linalg.solve(held, np.append(load, g))
+        if g <= 0.0 or R >= 0.0:
+            continue
+        contact = sb.Contact(row, sb.Stops(upper=g, stiffness=INF, restitution=0.5))
+        system = sb.System.from_matrices(
+            M, K, loads=[(load, sb.Constant(1.0))], contacts=[contact], initial_displacement=[*q[:-1], g]
+        )
+        run = sb.integrate(system, sb.MoreauJean(), 1e-2, 5.0)
+        assert np.max(np.abs(run.contacts[0].position - g)) < 1e-12
+        assert run.impacts.count == 0
+        assert run.contacts[0].impulse == pytest.approx(5.0 * abs(R), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha(1.0), sb.MoreauJeanBilbao()],
+    ids=lambda scheme: scheme.name,
+)
+@pytest.mark.fast(2)
+def test_through_an_impact_every_scheme_is_of_first_order(scheme):
+    """x'' + x = 0 from x = 0 with speed 1 meets the stop at 1/2 after pi/6 and comes back with e times its speed.
+
+    A single run's slope is noise, since where in the step the impact lies is chance: 12 starts for each step.
+    """
+    e, stops = 0.6, sb.Stops(upper=0.5, stiffness=INF, restitution=0.6)
+    dts, errors = [], []
+    for steps in (100, 200, 400, 800):
+        dt = 1.2 / steps
+        for start in np.arange(12) / 12.0 * dt:
+            run = sb.integrate(one_mass(1.0, stops, q=np.sin(start), v=np.cos(start)), scheme, dt, 1.2)
+            after = run.t[-1] + start - np.pi / 6.0
+            dts.append(dt)
+            errors.append(abs(run.tip[-1] - 0.5 * np.cos(after) + e * np.sqrt(0.75) * np.sin(after)))
+    slope = np.polyfit(np.log(dts), np.log(errors), 1)[0]
+    assert 0.75 < slope < 1.25  # the scatter over starts is a factor of ten
+    assert max(errors[-12:]) < 2.0 * dts[-1]
+
+
+def test_a_comparison_and_a_file_keep_the_impacts(tmp_path):
+    system, _ = chain(1, e=0.5)
+    run, reference = sb.integrate(system, sb.MoreauJean(), 0.002, 2.0), sb.reference(system, 2.0)
+    found = sb.compare(run, reference)
+    (contact,) = found.contacts
+    assert contact.run.impacts == run.contacts[0].impacts.until(found.window).count
+    assert contact.reference.impacts == reference.contacts[0].impacts.until(found.window).count
+    assert np.isnan(contact.run.peak_force)
+    assert contact.run_totals.impulse == run.contacts[0].impulse
+    assert found.tip_error_to(found.matched_until) < 0.02
+    assert abs(contact.matching.first_error) < 0.02
+    again = sb.load(run.save(tmp_path / "run.nc"))
+    assert again.contacts[0].stops == system.contacts[0].stops
+    assert np.array_equal(again.contacts[0].impacts.impulses, run.contacts[0].impacts.impulses, equal_nan=True)
+
+
+def test_a_case_file_can_have_rigid_stops():
+    text = """
+[[case]]
+name = "wall"
+cells = 6
+dt = 1e-4
+t_end = 0.1
+runs = ["moreau-jean", "NonsmoothGeneralisedAlpha(rho=0.8)"]
+[case.problem]
+stiffness = 300.0
+stops = { lower = -0.1, upper = 0.1, stiffness = inf, restitution = 0.5 }
+base = { amplitude = 0.2, frequency = 10.0 }
+"""
+    case = parse_case(text, "wall.toml")
+    assert case.problem.stops == sb.Stops(lower=-0.1, upper=0.1, stiffness=INF, restitution=0.5)
+    assert [str(scheme) for scheme, _ in case.runs] == ["MoreauJean(theta=0.5)", "NonsmoothGeneralisedAlpha(rho=0.8)"]
+    for scheme, form in case.runs:
+        assert sb.integrate(sb.semidiscretise(case.problem, 6, form), scheme, case.dt, case.t_end).impacts.count > 0
