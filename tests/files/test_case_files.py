@@ -162,7 +162,7 @@ FAULTS = [  # text, field, value, rule
     (LINE % "initial_velocity = ['fast']", f"{BEAM}.initial_velocity", ["fast"], "be a list of polynomial"),
     (LINE % "initial_displacement = [0.0, 1.0]", f"{BEAM}.initial_displacement", 1.0, "have zero slope"),
     (PHYSICAL.replace("875.0", "-1.0"), f"{BEAM}.bending_stiffness", -1.0, "be > 0"),
-    (PHYSICAL + "units = { length = 'mile' }", f"{BEAM}.units.length", "mile", "be the name of a unit"),
+    (PHYSICAL + "units = { length = 3 }", f"{BEAM}.units", [3, "s", "N"], "be the names of the units"),
     (PHYSICAL + "stiffness = 1.0", f"{BEAM}.stiffness", 1.0, "be a known field"),
     (PLAIN + "[case.published]\nimpacts = 3", "mine.published.impacts", 3, "be a table"),
     (PLAIN + '[case.uncertain]\nviscosity = [2, 1]', "mine.uncertain.viscosity", [2.0, 1.0], "be a range of two"),
