@@ -7,26 +7,27 @@ step it needs: the seconds to a tip error of 1e-3 and of 1e-4 through the first 
 impacts follow the exact ones at the finest step tried.
 """
 
-import numpy as np
-from stiffbeam.studies.precision import cheapest
+from collections import Counter
 
+from stiffbeam.schemes import SCHEMES
 from stiffbeam.studies import study
+from stiffbeam.studies.converge import cheapest
 
 ERRORS = (1e-3, 1e-4)
 
 if __name__ == "__main__":
-    first: list[str] = []
+    first: Counter[str] = Counter()
     for table in ("table10", "table11", "table12", "table13"):
         out = f"stiffbeam-output/{table}"
-        records = study("precision", table, folder=f"{out}/journal", methods=["exact"])
+        options = {"integrators": list(SCHEMES), "views": ["time", "matched"], "kinds": ["contact"]}
+        records = study("converge", table, folder=f"{out}/points", **options)
         records.save(out)
-        schemes = [row for row in records.rows if row["method"] != "exact"]
         for error in ERRORS:
-            ranked = cheapest(schemes, error, "seconds")
-            print(f"{table}, error {error:g}: " + ", ".join(f"{name} {1e3 * cost:.2g} ms" for cost, name in ranked))
-            first += [name.removesuffix(" at most") for _, name in ranked[:1]]
-        tracked = {row["method"]: row["tracked"] for row in schemes}  # the finest step is the last
-        best = max(tracked, key=lambda name: tracked[name] if np.isfinite(tracked[name]) else 0.0)
-        print(f"{table}, longest: {best} to t = {tracked[best]:.3g} of {schemes[0]['horizon']:.3g}")
-    counts = {name: first.count(name) for name in dict.fromkeys(first)}
-    print("First at equal error: " + ", ".join(f"{name} {count} of {len(first)}" for name, count in counts.items()))
+            ranked = sorted(cheapest(records.found, error, "seconds").items(), key=lambda each: each[1])
+            print(f"{table}, error {error:g}: " + ", ".join(f"{name} {1e3 * cost:.2g} ms" for name, cost in ranked))
+            first.update(name for name, _ in ranked[:1])
+        finest = records.found.sort_values("dt").groupby("integrator").first()
+        best = finest.matched_until.idxmax()
+        print(f"{table}, longest: {best} to t = {finest.matched_until[best]:.3g} of {finest.horizon[best]:.3g}")
+    of = f"of {4 * len(ERRORS)}"
+    print("First at equal error: " + ", ".join(f"{name} {count} {of}" for name, count in first.items()))

@@ -30,7 +30,7 @@ def strip() -> sb.BeamProblem:
         mass_per_length=LINE_MASS,
         stops=sb.Stops(lower=-2.0, upper=2.0, stiffness=20.0),  # mm, mm, N/mm
         base=sb.Harmonic(amplitude=1.5, frequency=2.0 * np.pi * 12.0),  # mm, rad/s
-        units=sb.Units("mm", "s", "N"),
+        units=("mm", "s", "N"),
     )
 
 

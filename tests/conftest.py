@@ -25,12 +25,14 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics import storage
+from stiffbeam.basics import progress, storage
 
 # The same examples in every run, so that a failure comes again; ``--hypothesis-profile=default`` makes fresh ones. On a
 # busy machine one takes longer than the 200 ms that Hypothesis allows.
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
+
+progress.WAIT = 600.0  # however busy the machine, no test prints a line about its work
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,6 +1,5 @@
 """Public names of the package, loaded on first use."""
 
-from .basics.units import Units as Units
 from .basics.validation import InputError as InputError
 from .figures.paper import paper_figure as paper_figure
 from .figures.runs import mode_shapes as mode_shapes

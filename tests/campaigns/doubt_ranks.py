@@ -139,18 +139,15 @@ def sizes_of(rows: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, dict[str
 
 
 def verdict(budget: Budget, sizes: dict[str, float]) -> tuple[str, str]:
-    """Right, alike, wrong or open, and the largest by brute force; several where the advice names them as alike.
+    """Right, alike or wrong, and the largest by brute force, or the sources that are named together.
 
-    Sources that are named as alike have to be within a factor ALIKE of the largest, which is one of them. A ranking may
-    be left open only between two within that factor.
+    Sources are named together only if the largest is one of them and the second is within a factor ALIKE of it.
     """
     first, second, _ = sorted(sizes, key=lambda x: -sizes[x])
-    if budget.alike:
-        near = first in budget.alike and all(ALIKE * sizes[x] >= sizes[first] for x in budget.alike)
-        return "alike" if near else "wrong", " and ".join(sorted(budget.alike))
     if budget.dominant:
         return "right" if budget.dominant == first else "wrong", first
-    return "open" if sizes[first] < ALIKE * sizes[second] else "wrong", first
+    near = first in budget.largest and sizes[first] < ALIKE * sizes[second]
+    return "alike" if near else "wrong", " and ".join(sorted(budget.largest))
 
 
 def judged(seed: int, index: int) -> Counter[str]:
@@ -166,7 +163,7 @@ def judged(seed: int, index: int) -> Counter[str]:
     doubt = sb.doubt(beam.case(), run.scheme, run.dt, MEMBERS, contact=run.contact)
     budgets = [x for x in doubt.budgets if x.quantity in sizes]
     uncertain = [x for x in budgets if x.uncertain]
-    if any(verdict(x, sizes[x.quantity])[0] in ("wrong", "open") for x in uncertain):
+    if any(verdict(x, sizes[x.quantity])[0] == "wrong" for x in uncertain):
         sizes = brute(beam, run, MORE)
     for budget in budgets:
         if not budget.uncertain:  # a stop that no beam touches
@@ -175,9 +172,9 @@ def judged(seed: int, index: int) -> Counter[str]:
         outcome, first = verdict(budget, sizes[budget.quantity])
         outcomes[f"{outcome}, {first}"] += 1
         words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
-        named = " and ".join(budget.largest) + " alike" * bool(budget.alike) if budget.sure else "open"
+        named = " and ".join(budget.largest)
         print(f"{index} {budget.quantity}: {named}, {outcome}; {words}", flush=True)
-        if outcome in ("wrong", "open"):
+        if outcome == "wrong":
             print(f"    {budget.shares}")
     return outcomes
 

@@ -65,7 +65,7 @@ OTHERS: list[Any] = [
     object(), Unfriendly(), Ellipsis, float, sb.Stops, sb.Harmonic, sb.InputError, _nothing, _text, _of_two, _raising,
     lambda x: x, lambda x: x / 0.0, lambda x: np.full(np.shape(x), np.nan), lambda x: None, lambda x: [1.0],
     sb.Harmonic(1.0, 2.0), sb.Constant(0.0), sb.Constant(1e300), sb.Stops(upper=0.1, stiffness=1e3), sb.HHT(), sb.HHT,
-    sb.Sampled([0.0, 1.0], [0.0, 1.0]), sb.PolynomialProfile((0.0,)), sb.Units("mm", "s", "N"), np, sb,
+    sb.Sampled([0.0, 1.0], [0.0, 1.0]), sb.PolynomialProfile((0.0,)), ("mm", "s", "N"), np, sb,
 ]  # fmt: skip
 
 

@@ -442,7 +442,6 @@ def test_a_study_prints_its_answer_and_writes_table_text_and_picture(command, tm
         (["study", "space", "table10", "--cells", "1"], "cells must be an integer >= 2, got 1"),
         (["study", "spaces"], "Did you mean"),
         (["sweep", "--values", "8:9:x"], "read start:stop:count"),
-        (["sweep", "--couple", "cells=x+", "--count", "2"], "be coupled by numbers"),
     ],
 )
 def test_bad_options_of_a_study_are_one_line(command, arguments, message):

@@ -116,7 +116,7 @@ def test_the_case_file_runs(tmp_path):
     toml, bolted = re.findall(r"```toml\n(.*?)```", TEXTS["beam"], re.DOTALL)
     (file := tmp_path / "my-beam.toml").write_text(toml, encoding="utf-8")
     case = load_cases(file)["steel"]
-    assert str(case.problem.units) == "m, s, N"
+    assert case.problem.units == ("m", "s", "N")
     assert len(case.runs) == 3
     # the commented lines are part of the documentation: they have to be right as well
     loads = re.sub(r"^# (?=loads = \[\{ position = 0.1, a)", "", toml, flags=re.MULTILINE)

@@ -114,11 +114,3 @@ def test_every_command_has_an_example_that_it_understands():
         (line,) = re.findall(r"Example: stiffbeam (.*)$", text, re.MULTILINE)
         function, _, _ = app.parse_args(shlex.split(line), exit_on_error=False, print_error=False)
         assert callable(function)
-
-
-def test_a_phase_begins_where_it_is_another():
-    from stiffbeam.basics.resources import _Phases
-
-    phases = _Phases()
-    calls = [("a", 0, 10), ("a", 5, 10), ("b", 6, 10), ("c", 0, 10), ("cvode", 0, 0), ("cvode", 0, 0), ("exact", 0, 0)]
-    assert [phases.begins(*call) for call in calls] == [True, False, False, True, True, False, True]

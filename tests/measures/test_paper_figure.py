@@ -29,7 +29,7 @@ def curves(axis) -> dict[str, np.ndarray]:
 def test_every_panel_of_a_case_holds_what_its_runs_hold():
     figure = sb.paper_figure(CASE)
     head = " ".join(figure.get_suptitle().split())
-    assert head.startswith("table10 (non-dimensional): exact, HHT(alpha=-0.1), SDIRK")
+    assert head.startswith("table10: exact, HHT(alpha=-0.1), SDIRK")
     assert head.endswith("t = 0 to 1.5")
     assert tuple(axis.get_title(loc="left").partition(") ")[2] for axis in figure.axes) == TITLES
     displacement, portrait, contact, shear, delayed, spectrum = map(curves, figure.axes)

@@ -175,7 +175,7 @@ def test_the_name_of_a_run_stays_on_one_line():
         sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.7),
         load=sb.Constant(-9.81),
         q=1.0,
-        units=sb.Units(),
+        units=("m", "s", "N"),
     )
     text = str(sb.compare(sb.integrate(ball, sb.MoreauJean(), 1e-3, 4.0), sb.reference(ball, 4.0)))
     assert sum(line.startswith("MoreauJean(theta=0.5) ") for line in text.splitlines()) == 2

@@ -118,11 +118,3 @@ def test_a_beam_that_starts_straight_and_level_with_its_clamp_is_accepted(noise)
     )
     system = sb.semidiscretise(problem, 8)
     assert np.max(np.abs(system.q0 - amplitude * np.sin(phase) * (np.arange(1, 9) / 8.0) ** 2)) < 1e-15
-
-
-def test_a_model_of_rotations_has_its_units():
-    units = sb.Units("rad", "s", "N m")
-    names = [units.of(x) for x in ("velocity", "stop stiffness", "impulse", "energy")]
-    assert names == ["rad/s", "N m/rad", "N m s", "J"]
-    with pytest.raises(sb.InputError, match=r"one of N, .*kN m"):
-        sb.Units(force="rad")

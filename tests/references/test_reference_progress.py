@@ -2,13 +2,53 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
+import pytest
+import threadpoolctl
 
 import stiffbeam as sb
+from stiffbeam.basics import progress
 
 STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
+
+
+@pytest.mark.parametrize("colour", ["", "1"])  # to rich, standard error is then a terminal
+def test_work_of_seconds_shows_itself_once(colour, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "WAIT", 0.05)
+    monkeypatch.setenv("FORCE_COLOR", colour) if colour else monkeypatch.delenv("FORCE_COLOR", raising=False)
+    for asked in (None, False):
+        with progress.working("counting", asked), progress.working("inside") as show:
+            time.sleep(0.3)
+            show("never", 0, 0)
+        said = capsys.readouterr().err
+        assert ("counting" in said) == (asked is None)
+        assert "inside" not in said
+        assert "never" not in said
+        if asked is None and not colour:
+            assert said == "stiffbeam: counting, for 0.05 s so far\n"
+
+
+def test_blas_has_one_thread_inside_and_its_own_outside():
+    def threads():
+        info = threadpoolctl.threadpool_info()
+        return [x["num_threads"] for x in info if "numpy" in x["filepath"] or "scipy.libs" in x["filepath"]]
+
+    with threadpoolctl.threadpool_limits(2, "blas"):
+        with progress.working("one"), progress.working("two"):
+            assert set(threads()) == {1}
+        assert set(threads()) == {2}
+
+
+def test_a_verbose_command_prints_a_line_for_each_phase(monkeypatch, capsys):
+    monkeypatch.setattr(progress.TALK, "verbose", True)
+    calls = [("a", 0, 10), ("a", 5, 10), ("b", 6, 10), ("c", 0, 10), ("cvode", 0, 0), ("cvode", 0, 0), ("exact", 0, 0)]
+    with progress.progress() as show:
+        for call in calls:
+            show(*call)
+    assert [line.split()[2] for line in capsys.readouterr().err.splitlines()] == ["a", "c", "cvode", "exact"]
 
 
 def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(table10, capsys):
@@ -48,14 +88,14 @@ def test_an_advice_past_the_horizon_shows_its_exact_motions(table10):
 
 
 def test_a_printed_reference_states_its_error():
-    units = sb.Units("mm", "ms", "N")
+    units = ("mm", "ms", "N")
     system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[STOP], initial_velocity=[2.0], units=units)
     exact = sb.reference(system, 3.0)
     first, statement = str(exact).splitlines()
     assert first == repr(exact)
     tolerance = exact.provenance["horizon_tolerance"]
-    assert statement.startswith(f"Valid to t = 3 ms: {tolerance} ms. Compared with 4 copies perturbed by")
-    assert str(sb.reference(system, 3.0, "dop853")).endswith("ms. Compared with the exact solution.")
+    assert statement.startswith(f"Valid to t = 3: {tolerance}. Compared with 4 copies perturbed by")
+    assert str(sb.reference(system, 3.0, "dop853")).endswith(". Compared with the exact solution.")
     more = str(sb.reference(system, 3.0, "multiprecision"))
     assert " the same events. Compared with itself with " in more
     assert str(replace(exact, horizon=float("nan"))).endswith("Its error is not known: it was compared with nothing.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from dataclasses import replace
@@ -10,17 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import invoke
 from doubt_ranks import Beam, judged
 from noise import noise
 from scipy.stats import norm
-from systems import one_mass, thrown_case
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.measures.rates import stationary_mean, windows
-from stiffbeam.references import solve
-from stiffbeam.references.ensemble import energies
 from stiffbeam.studies.budget import bootstrap, budget_of, of_span, ranked, scatter, share, shift
 from stiffbeam.studies.doubt import agreement_horizon, drawn_members, finer_mesh
 
@@ -59,21 +55,9 @@ def test_the_interval_of_a_mean_shift_covers_the_known_one(law):
     rng, inside = np.random.default_rng(7), 0
     for _ in range(CASES):
         error = 0.05 + 0.02 * (rng.normal(size=48) if law == "normal" else rng.exponential(size=48) - 1.0)
-        low, high = bootstrap(lambda x: np.mean(x, axis=1), error)
+        low, high = bootstrap(lambda x, axis=1: np.mean(x, axis=axis), error)
         inside += low <= 0.05 <= high
     assert LEAST <= inside / CASES <= MOST
-
-
-def test_a_shift_is_of_either_sign_and_0_where_it_cannot_be_seen():
-    wanted = np.full(30, 4.0)
-    noise = np.random.default_rng(3).normal(size=30)
-    for sign in (1.0, -1.0):
-        part = share(shift(wanted + sign * (0.4 + 0.01 * noise), wanted), 4.0)
-        assert part.low < 0.1 < part.high < 0.11
-        assert part.low > 0.09
-    assert share(shift(wanted + noise - np.mean(noise), wanted), 4.0).low == 0.0
-    assert share(shift(wanted, wanted), 4.0) == share(shift(wanted, wanted), 0.0)
-    assert np.isinf(share(shift(wanted, 0.0 * wanted), 0.0).value)
 
 
 def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
@@ -81,34 +65,26 @@ def test_the_source_that_is_named_is_the_largest_in_nearly_all_resamples():
     noise = np.random.default_rng(5).normal(size=(3, 40))
     small, large = 0.05 + 0.02 * noise[0], 0.08 + 0.02 * noise[1]
     zero = np.zeros(40)
-    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == (("mesh",), True)
-    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == (("data",), True)
-    assert not ranked({"scheme": shift(zero, zero), "data": scatter(zero)})[1]
+    assert ranked({"scheme": shift(small, zero), "mesh": shift(-large, zero)}) == ("mesh",)
+    assert ranked({"scheme": shift(zero, zero), "data": scatter(np.append(zero[1:], 1.0))}) == ("data",)
     scatters = {"rounding": scatter(noise[0]), "scheme": shift(small, zero), "data": scatter(1.02 * noise[1])}
-    assert ranked(scatters) == (("rounding",), True)
-    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == (("data",), True)
+    assert ranked(scatters) == ("rounding",)
+    assert ranked(scatters | {"data": scatter(3.0 * noise[1])}) == ("data",)
 
 
-def test_sources_are_alike_where_they_are_surely_within_a_factor_of_2():
+def test_sources_that_may_be_the_largest_are_named_together():
     """Errors whose sizes are known but for 1 %, with a bracket of the mesh that is narrow or wide."""
     noise, zero = 0.01 * np.random.default_rng(5).normal(size=(3, 40)), np.zeros(40)
     one, near, less = (shift(size * (1.0 + part), zero) for size, part in zip((1.0, 1.05, 0.3), noise, strict=True))
     mesh = near.between((0.9, 1.1))
-    assert ranked({"scheme": one, "mesh": near}) == (("mesh",), True)
-    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == (("mesh", "scheme"), True)
-    assert ranked({"scheme": one, "mesh": near.between((0.4, 1.5)), "data": less}) == (("mesh", "scheme"), False)
-    third = shift(0.98 + noise[2], zero).between((0.9, 1.1))
-    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": third})
-    assert (budget.dominant, budget.alike) == ("", ("mesh", "scheme", "data"))
-    assert budget.verdict == "tip: mesh, scheme and data alike, 10 %, 10 % and 9.8 %: all must be improved."
-    # Few and scattered members leave open what more of them would decide.
-    wide = shift(np.array([0.2, 2.0, 0.4, 1.6, 0.1, 2.4, 1.2, 0.3]), np.zeros(8))
-    half = shift(np.full(8, 0.8), np.zeros(8))
-    assert ranked({"scheme": wide, "mesh": half})[1] is False
-    assert budget_of("tip", 1.0, {"scheme": wide, "mesh": half}).rankable
+    assert ranked({"scheme": one, "mesh": near}) == ("mesh",)
+    assert ranked({"scheme": one, "mesh": mesh, "data": less}) == ("mesh", "scheme")
+    budget = budget_of("tip", 10.0, {"scheme": one, "mesh": mesh, "data": less})
+    assert budget.dominant == ""
+    assert budget.verdict == "tip: mesh (10 %) and scheme (10 %) may be the largest: improve all of them."
     # Rounding takes the place of the data whose scatter it may be.
     scatters = {"rounding": scatter(noise[0]), "data": scatter(1.02 * noise[1])}
-    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == (("scheme", "rounding"), True)
+    assert ranked(scatters | {"scheme": shift(0.01 + noise[2] / 20.0, zero)}) == ("scheme", "rounding")
 
 
 def test_the_energy_of_members_that_swing_freely():
@@ -182,37 +158,6 @@ def test_the_source_that_is_large_by_construction_is_named(source):
         assert shares["data"].value == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)
 
 
-@pytest.mark.slow
-def test_the_column_of_the_mesh_is_the_distance_to_cubic_elements():
-    """Twice the cells leave open here whether scheme or mesh is larger; single runs beside 64 cells know."""
-    case, scheme = beam(8, 6e-3, 1e-3), sb.HHT(-0.1)
-    budget = sb.doubt(case, scheme, members=8)["time in contact"]
-    exact, fine, elements = (
-        sb.reference(sb.semidiscretise(case.problem, cells, form), 0.6).contacts[0].fraction
-        for cells, form in ((8, "displacement"), (64, "displacement"), (8, "hermite"))
-    )
-    run = sb.integrate(case.system(), scheme, 6e-3, 0.6).contacts[0].fraction
-    assert abs(run - exact) > abs(fine - exact)
-    assert budget.dominant == "scheme"
-    mesh = budget.shares["mesh"]
-    assert mesh.value == pytest.approx(abs(elements / exact - 1.0), rel=0.05)
-    assert mesh.low < abs(fine / exact - 1.0) < mesh.high < 1.4 * mesh.low
-
-
-@pytest.mark.slow
-def test_scheme_and_mesh_that_are_as_large_as_each_other_are_alike():
-    """At this step the scheme's error of the tip is that of the mesh but for a few per cent."""
-    case, scheme = beam(8, 1.2e-2, 1e-3), sb.HHT(-0.1)
-    budget = sb.doubt(case, scheme, members=8)["tip"]
-    t = np.linspace(0.0, 0.6, 51)
-    coarse, fine = (sb.reference(sb.semidiscretise(case.problem, n), 0.6).at(t)[0] for n in (8, 64))
-    run = sb.integrate(case.system(), scheme, 1.2e-2, 0.6).tip
-    errors = [np.sqrt(np.mean((x - coarse) ** 2)) / np.max(np.abs(coarse)) for x in (run, fine)]
-    assert 0.9 < errors[0] / errors[1] < 1.1
-    assert (budget.dominant, set(budget.alike)) == ("", {"scheme", "mesh"})
-    assert budget.verdict == "tip: scheme and mesh alike, 4.3 % and 4.1 %: both must be improved."
-
-
 INSIDE = 0.9  # least share, for every quantity, of exact motions whose mesh error is inside the bracket, on 8 cells
 
 
@@ -277,69 +222,6 @@ def test_the_span_of_a_rate_is_its_deviation_over_other_records():
     assert np.mean([x.low <= wanted <= x.high for x in each]) >= 0.84  # 0.87
 
 
-@pytest.mark.slow
-def test_the_rate_has_the_shares_of_the_impacts_and_its_span():
-    case = replace(case_of(oscillator(3), 4e-3, 80.0), uncertain={"stops.stiffness": around(400.0, 0.05)})
-    result = sb.doubt(case, sb.Trapezoidal(), members=8)
-    impacts, rate = result["impacts"], result["impact rate"]
-    assert rate.mean == pytest.approx(impacts.mean / 80.0)
-    for name, part in impacts.shares.items():
-        assert rate.shares[name].value == pytest.approx(part.value)
-    members = drawn_members(case.system(), case.uncertain, 8)
-    edges = windows(case.system(), 0.0, 80.0)
-    variances = [
-        stationary_mean(np.histogram(sb.reference(x, 80.0).impacts.times, edges)[0] / (edges[1] - edges[0])).deviation
-        for x in members
-    ]
-    wanted = np.sqrt(np.mean(np.square(variances))) / rate.mean
-    assert rate.shares["span"].value == pytest.approx(wanted, rel=1e-6)
-    assert rate.shares["span"].low < wanted < rate.shares["span"].high
-    assert "impact rate" in str(result)
-    thrown = sb.doubt(beam(8, 1e-3, 0.2), sb.HHT(-0.1), members=8)
-    assert "impact rate" not in [x.quantity for x in thrown.budgets]  # it comes to rest: no rate of a run without end
-
-
-def test_energies_of_exact_members_are_those_of_their_ledgers():
-    case = beam(8, 1e-3, 0.2)
-    t = np.linspace(0.0, 0.6, 7)
-    many = sb.reference_ensemble(case.system(), 0.6, drawn_members(case.system(), case.uncertain, 3), t)
-    for i, each in enumerate(energies(many, range(3))):
-        np.testing.assert_allclose(each, many.ledger(i).energy, rtol=1e-12)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [105, 109])
-def test_no_random_system_has_another_largest_source_than_the_one_named(seed):
-    """Brute force: 16 other draws, each beam built by hand, run and solved by itself; no intervals."""
-    rng = np.random.default_rng(seed)
-    stiffness, tolerance, cells = rng.uniform(1.0, 5.0), 10 ** rng.uniform(-6.0, -1.0), int(rng.choice([4, 6, 10, 16]))
-    steps = round(0.9 / 10 ** rng.uniform(-3.6, -2.2))
-    record = sb.Sampled(np.linspace(0.0, 1.0, 41), 0.4 * rng.normal(size=41), "cubic")
-    kappa, gap = 10 ** rng.uniform(2.0, 3.3), rng.uniform(0.002, 0.01)
-
-    def build(factor: float, cells: int) -> sb.System:
-        problem = sb.BeamProblem(
-            stiffness=stiffness * factor, viscosity=0.01, stops=sb.Stops(-gap, gap, stiffness=kappa),
-            loads=(sb.PointLoad(0.7, record),),
-        )  # fmt: skip
-        return sb.semidiscretise(problem, cells)
-
-    case = case_of(build(1.0, cells), 0.9 / steps, 0.9)
-    result = sb.doubt(replace(case, uncertain={"stiffness": around(stiffness, tolerance)}), sb.HHT(-0.1), members=16)
-    factors = rng.uniform(1.0 - tolerance, 1.0 + tolerance, 16)
-    exact, fine = ([solve(build(x, n), 0.9, "exact", None, 0.0, None).contacts[0] for x in factors]
-                   for n in (cells, 2 * cells))  # fmt: skip
-    runs = [sb.integrate(build(x, cells), sb.HHT(-0.1), 0.9 / steps, 0.9).contacts[0] for x in factors]
-    told = 0
-    for quantity, name in {"largest force": "peak_force", "impulse": "impulse", "time in contact": "fraction"}.items():
-        q, q_fine, q_run = (np.array([getattr(x, name) for x in each]) for each in (exact, fine, runs))
-        shifts = {"mesh": abs(np.mean(q_fine - q)), "scheme": abs(np.mean(q_run - q)), "data": np.std(q, ddof=1)}
-        if result[quantity].dominant:
-            told += 1
-            assert result[quantity].dominant == max(shifts, key=lambda x: shifts[x]), (quantity, shifts)
-    assert told >= 2
-
-
 def test_rigid_stops_have_no_largest_force():
     """A mass thrown at 3 from 0 onto a stop at g, e = 1/2: the impulse is 2 (3 + 3/2), whatever the gap."""
     stops = sb.Stops(None, 0.1, stiffness=np.inf, restitution=0.5)
@@ -351,50 +233,15 @@ def test_rigid_stops_have_no_largest_force():
     assert result["tip"].dominant == "data"
 
 
-@pytest.mark.slow
-def test_the_command_says_what_the_function_finds(tmp_path: Path):
-    file = tmp_path / "thrown.toml"
-    file.write_text(thrown_case(0.2))
-    options = ["doubt", str(file), "--scheme", "HHT(alpha=-0.1)", "--members", "10"]
-    said, text = (invoke([*options, *more]) for more in (["--json", "-"], []))
-    assert (said.exit_code, text.exit_code) == (0, 0), said.output
-    result = sb.doubt(beam(8, 1e-3, 0.2), sb.HHT(-0.1), members=10)
-    record = json.loads(said.stdout)
-    assert record["data_horizon"] == result.data_horizon < record["horizon"] == 0.6
-    for line, budget in zip(record["budgets"], result.budgets, strict=True):
-        assert line["verdict"] == budget.verdict
-        assert line["data"]["low"] == budget.shares["data"].low
-    assert " ".join(result["tip"].verdict.split()) in " ".join(text.stdout.split())
-    bare = tmp_path / "bare.toml"
-    bare.write_text(thrown_case(0.2).partition("[case.uncertain]")[0])
-    stated = invoke([options[0], str(bare), *options[2:], "--uncertain", "stiffness=2.4:3.6", "--json", "-"])
-    assert json.loads(stated.stdout)["budgets"] == record["budgets"]
-    wrong = invoke([*options, "--uncertain", "stiffness"])
-    assert isinstance(wrong.exception, sb.InputError)
-    assert "path=low:high" in str(wrong.exception)
-
-
 def test_tables_name_the_units_of_the_means():
     stops = sb.Stops(None, 0.1, stiffness=1e4)
-    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=sb.Units("mm"))
+    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=("mm", "s", "N"))
     case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.stiffness": (9e3, 1.1e4)})
     text = str(sb.doubt(case, sb.HHT(-0.1), members=8))
     values = drawn_members(system, case.uncertain, 8).values
-    assert re.search(rf"largest force +{np.mean(3.0 * np.sqrt(2.0 * values)):.4g} N ", text)
-    assert re.search(r"impulse +12 N s ", text)
-    assert re.search(r"energy +9 N mm ", text)
-    assert "t = 0.2 s" in text
-
-
-def test_the_table_of_a_budget_holds_its_shares():
-    result = sb.doubt(replace(beam(4, 1e-3, 0.2), t_end=0.3), sb.HHT(-0.1), members=8)
-    frame = result.to_dataframe()
-    assert list(frame.index) == [x.quantity for x in result.budgets]
-    for x in result.budgets:
-        assert frame.loc[x.quantity, "mean"] == x.mean
-        assert frame.loc[x.quantity, "mesh_low"] == x.shares["mesh"].low
-        assert frame.loc[x.quantity, "data"] == x.shares["data"].value
-        assert str(x.shares["data"]) in result._repr_html_()
+    assert re.search(rf"largest force \(N\) +{np.mean(3.0 * np.sqrt(2.0 * values)):.4g} ", text)
+    assert re.search(r"impulse \(N s\) +12 ", text)
+    assert re.search(r"energy \(N mm\) +9 ", text)
 
 
 def matrices(cells: int) -> sb.System:
@@ -403,15 +250,6 @@ def matrices(cells: int) -> sb.System:
     return sb.System.from_matrices(
         system.mass, system.stiffness, system.damping, contacts=system.contacts, initial_velocity=system.v0
     )  # fmt: skip
-
-
-@pytest.mark.parametrize("n", [4, 8])
-def test_a_model_that_is_not_finer_is_refused(n):
-    options = {"dt": 1e-3, "t_end": 0.1, "members": 8, "uncertain": {"stops.stiffness": (396.0, 404.0)}}
-    with pytest.raises(
-        sb.InputError, match=f"finer must have more than the 8 unknowns of the system, got '{n} unknowns'"
-    ):
-        sb.doubt(matrices(8), sb.HHT(-0.1), finer=matrices(n), **options)
 
 
 @pytest.mark.slow
@@ -453,24 +291,6 @@ stiffness = {}
         sb.doubt(beam(8, 1e-3, 0.2), finer=matrices(16))
 
 
-@pytest.mark.slow
-def test_a_reduced_model_has_the_mesh_of_a_model_with_twice_its_modes():
-    """A chain of 60 masses in 12 modes: the distance to 24, whose bracket holds that to the whole chain."""
-    n = 60
-    chain = n * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    chain[-1, -1] = n
-    stop = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.05, stiffness=40.0))
-    parts = {"loads": [(np.ones(n) / n, sb.Harmonic(1.0, 3.0))], "contacts": [stop]}
-    small, more = (sb.reduce_model(np.eye(n) / n, chain, modes=k, **parts)[0] for k in (12, 24))
-    options = {"dt": 1e-3, "t_end": 2.0, "members": 8, "uncertain": {"stops.stiffness": (39.6, 40.4)}}
-    result = sb.doubt(small, sb.HHT(-0.1), finer=more, **options)
-    systems = (small, more, sb.System.from_matrices(np.eye(n) / n, chain, **parts))
-    exact, twice, whole = (sb.reference(x, 2.0).contacts[0].peak_force for x in systems)
-    mesh = result["largest force"].shares["mesh"]
-    assert mesh.value == pytest.approx(abs(twice / exact - 1.0), rel=0.05)
-    assert mesh.low < abs(whole / exact - 1.0) < mesh.high
-
-
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     case = case_of(ball(), 1e-4, 0.2)
     with pytest.raises(sb.InputError, match=r"have uncertain parameters.*case.uncertain"):
@@ -480,7 +300,7 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
     assert "The case has matrices and no finer model" in str(result)
     assert "no finer model" in result._repr_html_()
     assert result["largest force"].dominant == "data"
-    assert result["largest force"].verdict.endswith("%: the step is good enough.")
+    assert result["largest force"].verdict.endswith(": the step is good enough.")
     assert result["impacts"].verdict.startswith("impacts: no uncertainty, 1 in all members")
 
 
@@ -512,4 +332,3 @@ def test_it_names_the_largest_source_of_uncertainty(systems):
     outcomes = sum((judged(1, k) for k in systems), Counter())
     assert not [name for name in outcomes if name.startswith("wrong")]
     assert sum(n for name, n in outcomes.items() if name.startswith(("right", "alike"))) >= len(systems)
-    assert not [name for name in outcomes if name.startswith("open")]

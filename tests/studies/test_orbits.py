@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from commands import invoke
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.studies import find_study, study
-from stiffbeam.studies.orbits import named_plainly
+from stiffbeam.studies import study
 from stiffbeam.studies.sweep import sections
 
 STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.0, stiffness=400.0))
@@ -36,14 +32,6 @@ def test_the_section_lies_on_the_stable_branch(records):
     for value, tips in settled.items():
         tip = np.interp(value, w, [row["tip"] for row in orbits])
         assert abs(tip - tips[-1]) < 1e-3
-
-
-def test_its_answer_names_the_flip(records):
-    assert records.answer.verdict.endswith("flip at 2.59107: stable below, unstable above.")
-    assert records.answer.table.bifurcation[0] == "flip"
-    assert records.answer.table.frequency[0].startswith("2.59106955")
-    _, plane = records.figure().axes
-    assert plane.get_aspect() == 1.0
 
 
 def test_orbits_of_two_periods_are_followed_from_the_motion():
@@ -81,38 +69,12 @@ def test_a_branching_is_one_of_the_beams_changes():
     assert abs(change["frequency"] - 49.5998487551) < 1e-3
 
 
-def test_couplings_and_paths_reach_the_branch():
-    """A load that grows with the square of the frequency, of a linear system: its response in closed form."""
-    load = ([1.0], sb.Harmonic(1.0, 2.0))
-    system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], observe=[1.0])
-    found = study(
-        "orbits", system, parameter="loads[0].time.frequency", values=[1.5, 2.5], periods=2, transient=1,
-        couple={"loads[0].time.amplitude": "0.1*x**2"}, **OPTIONS,
-    )  # fmt: skip
-    orbits = [row for row in found.table.to_dict("records") if row["kind"] == "orbit"]
-    w = np.array([row["loads[0].time.frequency"] for row in orbits])
-    assert w.min() == pytest.approx(1.5)
-    assert w.max() == pytest.approx(2.5)
-    assert np.allclose([row["tip"] for row in orbits], (0.1 * w**2 / (1.0 - w**2 + 0.2j * w)).imag, atol=1e-9)
-    assert "stable all along" in str(found)
-
-
-@pytest.mark.slow
-def test_no_orbit_is_an_answer():
-    """Of Table 10 neighbours part within a period by more than float64 holds."""
-    case = replace(sb.paper_case(10), cells=8)
-    found = study("orbits", case, **find_study("orbits").smoke)
-    assert found.answer.verdict.startswith("No orbit was found: neighbouring motions diverge by")
-    assert not found.lost
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"parameter": "dt", "values": [1e-3, 2e-3]}, "be one of the system"),
         ({"values": [2.0, 2.0]}, "span a range"),
         ({"length": 0}, "be an integer >= 1"),
-        ({"couple": {"amplitude": abs}}, "be a text here"),
     ],
 )
 def test_what_the_study_refuses(options, words):
@@ -127,18 +89,3 @@ def test_laws_and_drives_without_an_exact_period_are_refused():
         system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.2]], loads=[load], contacts=[contact])
         with pytest.raises(sb.InputError, match=words):
             study("orbits", system, **OPTIONS)
-
-
-@pytest.mark.slow
-def test_the_command_names_its_files(tmp_path):
-    options = ["--values", "2:2.2:4", "--periods", "2", "--transient", "1", "--count", "4"]
-    case = tmp_path / "case.toml"
-    case.write_text(
-        '[[case]]\nname = "strip"\ndt = 1e-3\nt_end = 1.0\ncells = 4\n[case.problem]\nstiffness = 300.0\n'
-        "viscosity = 3.0\nbase = { amplitude = 0.2, frequency = 2.0 }\n"
-    )
-    result = invoke(["study", "orbits", str(case), "--out", str(tmp_path / "out"), "--jobs", "1", *options])
-    assert result.exit_code == 0, result.output
-    assert "stable all along" in " ".join(result.output.split())
-    assert (tmp_path / "out" / "orbits-frequency.png").is_file()
-    assert named_plainly("stop-stiffness") == "stop stiffness"

@@ -11,13 +11,12 @@ import pytest
 
 import stiffbeam as sb
 from dumont2002.claims import CLAIMS
-from dumont2002.make import LONGEST_FIRST, TABLES
+from dumont2002.make import TABLES
 from dumont2002.misprints import MISPRINTS, measured
-from dumont2002.motion import motion
 from dumont2002.no_contact import GRIDS, error_curves, problem, tip_exact
 from dumont2002.peaks import even_over_odd, find_peaks, multiple_amplitudes, share_off_multiples
-from dumont2002.reading import Reading, reading
-from dumont2002.table import drive_of, equation_of, make_table
+from dumont2002.reading import Reading
+from dumont2002.table import drive_of, make_table
 from dumont2002.verdicts import FAILS, HOLDS, OPEN, PARTLY, SCHEME_ONLY, verdict
 from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.model.beam import mode, roots
@@ -186,15 +185,6 @@ def test_a_narrow_clearance_is_crossed_with_every_half_period(table, hht):
     assert len(changes) >= int(case.t_end / half) - 1
 
 
-@pytest.mark.parametrize("table", [8])
-def test_the_two_writings_of_one_scheme_agree_until_rounding_is_amplified(table):
-    case = sb.paper_case(table)
-    system = sb.semidiscretise(case.problem, case.cells)
-    a, b = (sb.integrate(system, sb.SDIRK(1.0, nystrom=n), case.dt, 0.02) for n in (False, True))
-    # eps (w_max dt)^2 per step of 2000: 1e-12.
-    assert np.max(np.abs(a.tip - b.tip)) < 1e-9 * np.max(np.abs(a.tip))
-
-
 @pytest.mark.parametrize("table", [15, 16])
 def test_a_load_on_the_beam_gives_stress_on_both_sides(table, hht):
     case, run = hht(table)
@@ -234,27 +224,6 @@ def test_the_errors_of_section_5_1_are_those_of_the_grid():
 # ---------------------------------------------------------------- numbers, claims, misprints
 
 
-def test_the_measures_of_a_motion_know_a_periodic_one_from_noise():
-    made = make_table(replace(sb.paper_case(10), t_end=1e-2), Reading())
-    t = np.arange(0.0, 5.0, 1e-4)
-    u, v = np.sin(10 * t), 10 * np.cos(10 * t)
-    regular = motion(t, u, v, made)
-    assert regular["aperiodicity"] < 1e-3  # T is not a whole number of steps
-    assert regular["fast_share"] < 1e-3
-    assert [p["name"] for p in regular["peaks"]][:1] == ["a"]
-    # 400 rad per time lies above the second natural frequency 22.03 sqrt(300) = 382, 350 below.
-    assert motion(t, u, v + 3.0 * np.cos(400 * t), made)["fast"] == pytest.approx(3.0 / np.sqrt(2), rel=0.02)
-    assert motion(t, u, v + 3.0 * np.cos(350 * t), made)["fast"] < 0.05
-    # Mode 6 = M/4 of the beam at sqrt(300) (5.5 pi)^2 = 5171: below it is resolved, above beyond.
-    for rate, here, there in ((4000, "resolved", "beyond"), (7000, "beyond", "resolved")):
-        mixed = motion(t, u, v + 3.0 * np.cos(rate * t), made)
-        assert mixed[here] == pytest.approx(3.0 / np.sqrt(2), rel=0.02)
-        assert mixed[there] < 0.05
-        assert mixed["fast"] == pytest.approx(np.hypot(mixed["resolved"], mixed["beyond"]))
-    noise = np.random.default_rng(0).normal(size=len(t))
-    assert motion(t, noise, v, made)["aperiodicity"] == pytest.approx(1.0, abs=0.05)
-
-
 def test_a_verdict_tells_the_scheme_from_the_beam():
     assert [verdict(a, b) for a in (True, False) for b in (True, False)] == [HOLDS, SCHEME_ONLY, PARTLY, FAILS]
     assert {verdict(None, True), verdict(False, None), verdict(None, None)} == {OPEN}
@@ -282,21 +251,3 @@ def test_misprints_are_measured():
     assert "of order 1.00 instead of 2" in found["(4.11), M_d"]
     assert "it would not vibrate" in found["(4.12)"]
     assert "overflows" in found["Table 11"]
-
-
-def test_a_reading_says_what_it_is_and_refuses_what_it_cannot_be(tmp_path):
-    assert Reading("extrapolated", True).name == "extrapolated-printed"
-    assert str(Reading(printed=True).scheme(sb.HHT(-0.1))) == "HHT(alpha=-0.1).printed(unweighted)"
-    assert str(Reading(printed=True).scheme(sb.BDF2())) == "BDF2"
-    assert str(Reading().scheme(sb.HHT(-0.1))) == "HHT(alpha=-0.1)"
-    with pytest.raises(sb.InputError, match="contact"):
-        Reading("explicit")
-    with pytest.raises(sb.InputError, match="MANIFEST"):
-        reading("implicit", False, tmp_path)
-    assert reading("implicit", False, STORE).references == str(STORE)
-
-
-def test_every_equation_of_the_paper_has_its_number():
-    numbers = {equation_of(*run) for table in TABLES for run in sb.paper_case(table).runs}
-    assert numbers == {"(4.5)", "(4.10)", "(4.11)", "(4.12)", "(4.13)", "(4.14)"}
-    assert sorted(LONGEST_FIRST) == list(TABLES)

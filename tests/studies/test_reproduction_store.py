@@ -34,20 +34,6 @@ def test_finished_tables_are_taken_from_the_store(counted, tmp_path):
     assert sorted(counted) == [2, 2, 2, 10, 14]
 
 
-def test_a_table_of_other_code_is_made_again(counted, tmp_path, monkeypatch):
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    monkeypatch.setattr(making, "SOURCE", "edited")
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    assert counted == [2, 2]
-
-
-def test_a_table_whose_picture_is_gone_is_made_again(counted, tmp_path):
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    (tmp_path / "implicit-corrected" / "table2" / "panel-a.svg").unlink()
-    make_tables([2], Reading(), tmp_path, jobs=1)
-    assert counted == [2, 2]
-
-
 def test_a_kill_loses_the_running_table_only(counted, tmp_path, monkeypatch):
     whole = making.make
 

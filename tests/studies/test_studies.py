@@ -16,8 +16,7 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.studies import STUDIES, Answer, Study, option, studies
 from stiffbeam.studies.base import NOTHING, evaluate
-from stiffbeam.studies.converge import cheapest, orders
-from stiffbeam.studies.ensemble import half_time
+from stiffbeam.studies.converge import orders
 
 SPRING = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e4), load=sb.Harmonic(8.0, 5.0))
 SPAN = {"dt": 2e-3, "t_end": 1.0}
@@ -177,19 +176,6 @@ def test_impacts_are_right_at_small_steps_and_errors_fall():
     assert (finest.tip_error < 1e-4).all()
     assert {"extrapolated"} <= set(table.contact)
     assert records.figure().axes
-
-
-def test_the_cheapest_run_counts_from_where_all_dearer_ones_keep_the_error():
-    table = pd.DataFrame({"integrator": "a", "solves": [1.0, 2.0, 4.0, 8.0], "tip_error": [1e-4, 4e-3, 1e-3, 2.5e-4]})
-    assert cheapest(table, 1e-3, "solves") == {"a": 4.0}
-    assert cheapest(table, 1e-5, "solves") == {}
-    assert cheapest(table[:1], 1e-3, "solves") == {"a": 1.0}
-
-
-def test_half_of_the_time_in_contact():
-    assert half_time(np.array([3.0, 1.0, 1.0, 1.0])) == 1.0
-    assert half_time(np.array([4.0, 1.0, 1.0, 1.0])) == 4.0
-    assert half_time(np.array([2.0])) == 2.0
 
 
 def test_durations_of_contacts_are_those_of_the_spring():

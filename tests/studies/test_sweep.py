@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import Case
-from stiffbeam.studies import find_study, study
+from stiffbeam.studies import study
 from stiffbeam.studies.sweep import repeats_after, sections
 
 SHORT = {"periods": 3, "transient": 2}
@@ -108,19 +107,6 @@ def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
         assert seen["peak_force"] == np.max(np.abs(late))
 
 
-@pytest.mark.slow
-def test_an_exact_sweep_is_the_exact_solution():
-    values = [0.08, 0.1]
-    records = study("sweep", TABLE10, parameter="clearance", values=values, method="exact", **SHORT)
-    period = 2.0 * np.pi / 10.0
-    for value in values:
-        system, _, _ = by_hand("clearance", value)
-        whole = sb.reference(system, 5 * period, t_eval=period * np.arange(6))
-        assert np.array_equal(sections(records.found, "clearance")[value], whole.tip[3:])
-        seen = next(r for r in records.table.to_dict("records") if r["clearance"] == value and r["kind"] == "contact")
-        assert seen["count"] == np.sum(whole.impacts.times > 2 * period)
-
-
 @pytest.mark.parametrize(("first", "second"), [("clearance", "frequency"), ("frequency", "stop-stiffness")])
 def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
     values = {"clearance": [0.08, 0.1, 0.12], "frequency": [9.0, 10.0], "stop-stiffness": [1e6, 5e6]}
@@ -151,28 +137,6 @@ def test_what_repeats_itself():
     assert repeats_after(np.tile([0.3, -0.2, 0.1], 14), 1.0) == 3
     assert repeats_after(np.tile([0.3, 0.3004], 14), 1.0) == 1
     assert repeats_after(chaos, 1.0) == 0
-
-
-def test_the_smoke_configuration_answers_and_draws(tmp_path):
-    records = study("sweep", TABLE10, **find_study("sweep").smoke)
-    assert "4 values" in str(records)
-    assert [path.name for path in records.save(tmp_path)] == [
-        "sweep-frequency.csv",
-        "sweep-frequency.txt",
-        "sweep-frequency.png",
-    ]
-    axes = records.figure().axes
-    assert len(axes) == 3
-    x, y = axes[0].get_lines()[0].get_data()
-    drawn = {(a, b) for a, b in zip(x, y, strict=True)}
-    assert drawn == {(r["frequency"], r["tip"]) for r in records.table.to_dict("records") if r["kind"] == "section"}
-
-
-def test_a_value_that_a_scheme_refuses_is_a_row_and_the_others_stand():
-    """gamma = 0.29289 is a pole of sigma."""
-    records = study("sweep", TABLE10, parameter="gamma", values=[0.25, 0.29289, 0.4], method="sdirk", **SHORT)
-    assert records.table.gamma[records.table.lost.notna()].tolist() == [0.29289]
-    assert set(sections(records.found, "gamma")) == {0.25, 0.4}
 
 
 def test_a_value_that_overflows_is_a_row_and_the_others_stand():
@@ -240,30 +204,8 @@ def test_a_drop_without_a_drive_is_swept_from_its_start_to_its_end(method):
     assert "Single runs, t = 0 to 1" in str(records)
 
 
-def test_several_drives_have_no_period_unless_one_is_named():
-    mass = replace(dropped(0.0), loads=[([1.0], sb.Superposition(sb.Harmonic(5.0, 3.0), sb.Harmonic(7.0, 8.1)))])
-    options = {"dt": 1e-3, "t_end": 2.0, "method": "BDF2"}
-    whole = sb.study("sweep", mass, parameter="contacts[0].stops.stiffness", values=[1e3, 2e3], **options)
-    assert {row["kind"] for row in whole.table.to_dict("records")} == {"contact"}
-
-
 def run_cli(*arguments: str):
     return invoke(["sweep", *arguments])
-
-
-@pytest.mark.slow
-def test_the_command_writes_records_and_picture(tmp_path):
-    result = run_cli(
-        "table10", "--parameter", "stop-stiffness", "--values", "1e6:1e7:3:log", "--method", "SDIRK(gamma=0.5)",
-        "--dt", "5e-4", "--periods", "3", "--transient", "1", "--jobs", "1", "--out", str(tmp_path), "--json", "-",
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
-    records = json.loads(result.stdout)
-    assert {row["method"] for row in records["rows"]} == {"SDIRK(gamma=0.5)"}
-    found = sorted({row["stop-stiffness"] for row in records["rows"]})
-    assert np.allclose(found, [1e6, 10**6.5, 1e7], rtol=1e-12)
-    assert (tmp_path / "sweep-stop-stiffness.png").stat().st_size > 10_000
-    assert not any(isinstance(value, (list, dict)) for row in records["rows"] for value in row.values())
 
 
 @pytest.mark.parametrize("values", ["8:14", "8:14:x", "8:14:0", "8:14:3:cubic", "0:14:3:log", "8,nine", "8:14:3:log:2"])
@@ -271,16 +213,6 @@ def test_values_that_cannot_be_read_are_refused(values):
     result = run_cli("table10", "--values", values)
     assert isinstance(result.exception, sb.InputError)
     assert "numbers with commas between them" in str(result.exception)
-
-
-def test_lists_and_ranges_of_values():
-    from stiffbeam.studies.common import read_values as values_of
-
-    assert values_of("8:14:4") == [8.0, 10.0, 12.0, 14.0]
-    assert values_of("1e-4, 2e-4") == [1e-4, 2e-4]
-    assert np.allclose(values_of("1:100:3:log"), [1.0, 10.0, 100.0])
-    assert values_of("2*pi*50,1/4") == [100.0 * np.pi, 0.25]  # as in a case file
-    assert values_of("28*2*pi:38*2*pi:3") == pytest.approx([56.0 * np.pi, 66.0 * np.pi, 76.0 * np.pi])
 
 
 def bistable() -> sb.System:
@@ -353,45 +285,6 @@ def driven(stop: sb.Stops, damping: float) -> sb.System:
     return one_mass(1.0, stop, damping=damping, load=sb.Harmonic(1.0, 2.6))
 
 
-def test_a_rigid_stop_has_no_largest_force():
-    stop = sb.Stops(upper=0.5, stiffness=float("inf"), restitution=0.8)
-    records = study("sweep", driven(stop, 0.5), values=[2.5, 3.5], method="exact", dt=1e-2, t_end=1.0, **SHORT)
-    assert records.answer.table["over all values"].tolist() == ["impacts per period", "time in contact, %"]
-    assert [axis.get_title(loc="left") for axis in records.figure().axes][1:] == ["(b) impacts"]
-
-
-@pytest.mark.parametrize(("transient", "left"), [(100, "2.8 %"), (400, "")])
-def test_a_transient_that_is_too_short_is_said(transient, left):
-    """exp(-c/2 T n) of a free vibration: e^(-0.025 n 2 pi/4.4) after n periods of the fastest drive."""
-    options = {"values": [4.2, 4.4], "method": "exact", "periods": 10, "dt": 1e-2, "t_end": 1.0}
-    answer = study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), 0.05), transient=transient, **options).answer
-    assert f"{100 * np.exp(-0.025 * transient * 2 * np.pi / 4.4):.2g} %" == left or not left
-    assert (f"Without contact {left} of a free vibration" in answer.notes) == bool(left)
-
-
-def test_what_a_transient_leaves_is_that_of_the_values_varied():
-    """Not of the case: e^(-decay T n) at the worst value, with the slower root of an overdamped motion."""
-    options = {"method": "exact", "periods": 3, "transient": 4, "dt": 1e-2, "t_end": 1.0}
-    period = 2.0 * np.pi / 2.6
-
-    def notes(damping: float, **varied) -> str:
-        return study("sweep", driven(sb.Stops(upper=0.5, stiffness=9.0), damping), **options, **varied).answer.notes
-
-    def left(decay: float, length: float = period) -> str:
-        return f"Without contact {100 * np.exp(-4 * decay * length):.2g} % of a free vibration"
-
-    never = "Nothing damps this system"
-    assert left(0.05) in notes(0.5, parameter="damping.scale", values=[0.2, 1.0])
-    assert left(0.5 * (5.0 - np.sqrt(21.0))) in notes(5.0, parameter="stops[0].upper", values=[0.5])
-    faster = {"parameter": "stops[0].upper", "values": [2.6, 5.2], "couple": {"loads[0].time.frequency": "x"}}
-    assert left(0.05, 0.5 * period) in notes(0.1, **faster)
-    assert never not in notes(0.0, parameter="stops[0].damping", values=[0.1, 1.0])
-    assert never not in notes(0.0, parameter="damping[0][0]", values=[1.0, 2.0])
-    assert f"{never} at 1 of 2 values" in notes(0.0, parameter="stops[0].damping", values=[0.0, 1.0])
-    assert f"{never}, so" in notes(0.0, parameter="stops[0].upper", values=[0.5, 0.6])
-    assert f"{never} at 1 of 2 values" in notes(0.1, parameter="damping.scale", values=[0.0, 1.0])
-
-
 def test_the_period_of_a_motion_is_that_of_its_size():
     """With its stop at 0 a mass moves in proportion to the load, so that its period is the same at all amplitudes."""
     stops = sb.Stops(upper=0.0, stiffness=25.0)
@@ -401,16 +294,6 @@ def test_the_period_of_a_motion_is_that_of_its_size():
     assert "every period of the drive at 1 of 3 values, every 2 to 8 periods at 2" in answer.verdict
 
 
-def test_a_section_near_zero_is_compared_with_the_motion():
-    """What is left of the start, 4e-4 of the motion, is 2 % of a section that the drive passes near 0."""
-    system = one_mass(1.0, damping=0.004, load=sb.Harmonic(amplitude=1.0, frequency=0.37))
-    options = {"method": "exact", "periods": 12, "transient": 230, "dt": 1e-2, "t_end": 1.0}
-    records = study("sweep", system, values=[0.37], **options)
-    (section,) = sections(records.found, "frequency").values()
-    assert np.ptp(section) > 1e-3 * np.max(np.abs(section))
-    assert "every period of the drive at 1 of 1 values" in str(records)
-
-
 def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
     """Not for a field of the ensemble beneath it, at every value anew."""
     options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}
@@ -418,19 +301,3 @@ def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
     with pytest.raises(sb.InputError, match=r"a linear law, .* name a scheme as method, or transient=0"):
         study("sweep", hertz, transient=2, **options)
     assert study("sweep", hertz, transient=0, **options).answer.verdict.startswith("exact over frequency")
-
-
-def test_a_rigid_stop_that_is_hit_at_some_values_has_no_largest_force():
-    """It is 0 where nothing touches the stop, and not a number elsewhere."""
-    system = one_mass(1.0, sb.Stops(upper=0.7, stiffness=np.inf, restitution=0.8), load=sb.Harmonic(1.0, 2.8))
-    for method in ("moreau-jean", "exact"):
-        records = study(
-            "sweep", system, dt=1e-2, t_end=20.0, parameter="loads[0].time.frequency", values=[1.1, 3.0],
-            method=method, periods=5, transient=3,
-        )  # fmt: skip
-        assert {row["count"] for row in records.found.to_dict("records") if row["kind"] == "contact"} == {0, 5}
-        assert records.answer.table["over all values"].tolist() == [
-            "impacts per period",
-            "time in contact, %",
-        ]
-        assert len(records.figure().axes) == 2  # section and impacts

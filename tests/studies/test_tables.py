@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import stiffbeam as sb
@@ -22,57 +21,6 @@ def test_all_seventeen_tables_load_in_order():
 
 
 # table: k^2, a, h, dt, g2, kappa, alpha (None: no HHT run), gamma (None: no SDIRK run)
-PARAMETERS = {
-    1: (8000.0, 10.0, 0.04, 1e-4, 0.1, 4e6, -0.1, None),
-    3: (300.0, 10.0, 0.02, 2e-5, 0.001, 2e7, -0.1, None),
-    4: (300.0, 60.0, 0.02, 1e-5, 0.001, 3e7, -0.3, None),
-    6: (300.0, 10.0, 0.04, 1e-4, 0.1, 5e6, None, 1.0),
-    10: (300.0, 10.0, 0.04, 1e-4, 0.1, 5e6, -0.1, 0.435866521508459),
-    11: (300.0, 10.0, 0.025, 2.5e-5, 0.001, 2e7, -0.1, 0.435866521508459),
-    12: (300.0, 60.0, 0.02, 1e-5, 0.001, 6e7, -0.1, 0.435866521508459),
-    13: (300.0, 60.0, 0.02, 2e-5, 0.01, 4e7, -0.1, 0.435866521508459),
-    17: (300.0, 60.0, 0.025, 2e-5, 0.1, 5e7, -0.1, None),
-}
-
-
-@pytest.mark.parametrize("table", PARAMETERS)
-def test_a_table_has_the_papers_parameters(table):
-    k2, a, h, dt, g2, kappa, alpha, gamma = PARAMETERS[table]
-    case = sb.paper_case(table)
-    problem = case.problem
-    assert (problem.stiffness, problem.viscosity, case.dt) == (k2, 0.0, dt)
-    assert 1.0 / case.cells == h
-    assert problem.stops == sb.Stops(-g2, g2, stiffness=kappa)
-    assert problem.base == sb.Harmonic(0.2, a)
-    assert problem.loads == ()
-    assert {s.alpha for s, _ in case.runs if isinstance(s, sb.HHT)} == ({alpha} if alpha is not None else set())
-    assert {s.gamma for s, _ in case.runs if isinstance(s, sb.SDIRK)} == ({gamma} if gamma is not None else set())
-
-
-def test_table_6_runs_sdirk_on_all_three_discretisations():
-    runs = [(s.name, s.nystrom, form) for s, form in sb.paper_case(6).runs]
-    assert runs == [
-        ("sdirk", False, "velocity-curvature"),
-        ("sdirk", False, "displacement"),
-        ("sdirk", True, "displacement"),
-    ]
-
-
-def test_table_14_has_a_lower_stop_only():
-    case = sb.paper_case(14)
-    assert case.problem.stops == sb.Stops(lower=-0.001, stiffness=7e6)
-    assert [s.alpha for s, _ in case.runs] == [-0.01]
-
-
-@pytest.mark.parametrize(("table", "position"), [(15, 0.23), (16, 0.70)])
-def test_tables_15_and_16_have_a_point_load_and_a_clamp_at_rest(table, position):
-    problem = sb.paper_case(table).problem
-    assert problem.stiffness == 282.84
-    assert problem.base is None
-    (load,) = problem.loads
-    assert load.position == position
-    t = np.linspace(0.0, 2.0, 9)
-    assert np.max(np.abs(load.time.value(t) - 67.024 * np.cos(6.0 * t))) < 67.024 * 1e-14
 
 
 @pytest.mark.parametrize(

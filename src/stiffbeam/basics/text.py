@@ -83,12 +83,6 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def cells_of(lines: Sequence[Mapping[str, str]], empty: str = "\N{EN DASH}") -> tuple[list[str], list[list[str]]]:
-    """Headings of lines, text by heading, and the cells of each line."""
-    heads = list(dict.fromkeys(head for line in lines for head in line))
-    return heads, [[line.get(head, empty) for head in heads] for line in lines]
-
-
 def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
     """A DataFrame of the columns; attributes of the whole table are in ``attrs``."""
     import pandas

@@ -11,7 +11,7 @@ import sys
 from types import FrameType
 from typing import Any, NoReturn
 
-from ..basics.resources import TALK
+from ..basics.progress import TALK
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 FLAGS = {"-q": "quiet", "--quiet": "quiet", "-v": "verbose", "--verbose": "verbose"}
@@ -36,8 +36,6 @@ def main() -> None:
     if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper) and not out.isatty():
         writer = io.BufferedWriter(_Output(out.fileno(), "w", closefd=False))
         sys.stdout = io.TextIOWrapper(writer, out.encoding, out.errors, None, out.line_buffering, out.write_through)
-    if "OMP_NUM_THREADS" not in os.environ:  # before NumPy is there: on small matrices BLAS threads only wait
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
     from cyclopts import CycloptsError
 

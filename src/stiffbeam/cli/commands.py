@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.resources import TALK, cores, progress
+from ..basics.progress import TALK, progress
+from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
 
 if TYPE_CHECKING:
-    from ..basics.resources import Show
+    from ..basics.progress import Show
     from ..studies.base import Study
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
@@ -129,8 +130,8 @@ _SHARED = """
 
 def advise(
     case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
-    t_end: float | None = None, most_steps: int | None = None, members: int = 48, out: Path | None = None,
-    json: Json = None,
+    t_end: float | None = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
+    out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
 
@@ -144,7 +145,7 @@ def advise(
     case
         table1 .. table17, a case file, or file.toml:name.
     want
-        Admissible relative errors: tip (rms), impacts, peak_force, impulse, normal_work, force_rms; by default
+        Admissible relative errors: tip (rms), impacts, peak_force, impulse; by default
         tip=1e-3,impacts=0.05,peak_force=0.05.
     schemes
         Comma-separated; by default all.
@@ -156,6 +157,8 @@ def advise(
         Largest number of steps of a run; the search ends there.
     members
         Perturbed runs per mean, past the horizon.
+    seconds
+        CPU seconds after which the search ends with what it knows by then.
     out
         Folder of finished runs; by default stiffbeam-output/CASE.
     json
@@ -179,7 +182,7 @@ def advise(
     with progress() as show:
         advice = find(
             chosen.system(form), wanted, chosen.t_end if t_end is None else t_end, parsed, most_steps=most_steps,
-            members=members, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
+            members=members, seconds=seconds, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
         )  # fmt: skip
     if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json):
         say(str(advice))
@@ -346,7 +349,7 @@ def _reference(
     solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
         "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
-        "units": str(solution.units), "against": solution.provenance["horizon_against"],
+        "units": list(solution.units), "against": solution.provenance["horizon_against"],
         "impacts": len(impact_times(solution)), "seconds": round(solution.work.seconds, 3),
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
@@ -476,7 +479,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     for row in rows:
         table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
     console().print(table)
-    say("All are non-dimensional.")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 

@@ -9,7 +9,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..basics.resources import TALK, progress
+from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
@@ -196,7 +196,6 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     from ..measures.report import WIDTH
 
     written = []
-    units = result.case.units
     forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
     for form in forms:
         from ..figures.chart import save_figure
@@ -204,8 +203,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
 
         runs = [run for run in result.runs if run.provenance["form"] == form]
         references = [one for one in result.references if one.provenance["form"] == form]
-        dt = units.measure(f"{result.case.dt:g}", "time")
-        details = ", ".join(filter(None, [form, f"dt = {dt}", result.case.grid, units.note]))
+        details = ", ".join(filter(None, [form, f"dt = {result.case.dt:g}", result.case.grid]))
         name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
         comparisons = [c for c in result.comparisons if c.reference == references[0].label] if references else []
         own = [c for c in comparisons if c.label in {run.label for run in runs}]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from ..basics.resources import TALK
+from ..basics.progress import TALK
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path
 

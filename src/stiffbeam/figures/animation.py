@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.progress import Show, silent
 from ..basics.storage import write_whole
+from ..basics.units import with_unit
 from ..basics.validation import InputError, file_path, instance, integer, positive
 from ..model.system import System
 from ..model.time_functions import offset_values
@@ -152,13 +153,15 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
     if beam is None:
         names = [f"contact {i + 1}" for i in range(len(system.contacts))] + ["tip"] * (system.observe is not None)
         above.set_xticks(films[0].x, names)
-        above.set(ylabel=units.label("position", "length"))
+        above.set(ylabel=with_unit(units, "position", "length"))
     else:
-        place, moved = units.label("place along the beam $x$", "length"), units.label("$u(x, t)$", "length")
+        place, moved = with_unit(units, "place along the beam $x$", "length"), with_unit(units, "$u(x, t)$", "length")
         above.set(xlabel=place, ylabel=moved)
     high = 1.1 * max(float(np.max(np.abs(film.tip))) for film in films) or 1.0
     below.set(xlim=(0.0, t[-1]), ylim=(-high, high))
-    below.set(xlabel=units.label("time $t$", "time"), ylabel=units.label(f"{tip_name(beam)} {symbol}", "length"))
+    below.set(
+        xlabel=with_unit(units, "time $t$", "time"), ylabel=with_unit(units, f"{tip_name(beam)} {symbol}", "length")
+    )
     above.legend(loc="upper left", frameon=False, ncols=len(films))
     clock = above.text(0.99, 0.97, "", transform=above.transAxes, ha="right", va="top")
     cursor = below.axvline(0.0, color="0.5", lw=0.8)
@@ -184,7 +187,7 @@ def _stage(system: System, films: list[_Film], t: Array) -> tuple[Any, Any]:
             for mark, edge in zip(pair, edges, strict=True):
                 mark.set_data([x - width, x + width], [edge[k], edge[k]])
         past = " (past the horizon)" if any(t[k] > film.horizon for film in films) else ""
-        clock.set_text(f"$t$ = {units.measure(t[k], 'time', '.4g')}{past}")
+        clock.set_text(f"$t$ = {t[k]:.4g}{past}")
         cursor.set_xdata([t[k], t[k]])
 
     draw(0)

@@ -219,10 +219,9 @@ def shared_legend(
 
 
 def heading(case: Case, text: str) -> str:
-    """A picture's title: the case, the note on units where its axes name none, and ``text``."""
-    note = case.units.note
+    """A picture's title: the case and ``text``."""
     name = case.name.replace("$", r"\$")  # no formula of matplotlib's
-    return f"{name}{f' ({note})' if note else ''}: {text}"
+    return f"{name}: {text}"
 
 
 def in_lines(title: str, width: int) -> str:
@@ -236,7 +235,7 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
     matrices."""
     if problem is None:
         return f"$u({t})$"
-    end = "1" if problem.length == 1.0 and not problem.units.known else "L"
+    end = "1" if problem.length == 1.0 and not problem.units else "L"
     return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
 
 

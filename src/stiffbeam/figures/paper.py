@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
+from ..basics.units import with_unit
 from ..basics.validation import InputError, instance, numbers, one_of, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -123,9 +124,8 @@ def paper_figure(
     lines = (len(plan) + 1) // 2
     width = 10.5 if len(plan) > 1 else 5.6
     methods = dict.fromkeys(short(x.provenance["method"]) for x in solutions)
-    title = f"{', '.join(methods)}, t = {system.units.measure(f'{start:g} to {end:g}', 'time')}"
-    note = f" ({system.units.note})" if system.units.note else ""
-    title = f"{title}{note}" if case is None else heading(case, title)
+    title = f"{', '.join(methods)}, t = {start:g} to {end:g}"
+    title = title if case is None else heading(case, title)
     figure = new_figure(3.7 * lines + 0.6, in_lines(title, round(9 * width)), width)
     axes = figure.subplots(lines, min(2, len(plan)), squeeze=False).ravel()
     # An odd number of panels leaves one place empty.
@@ -255,7 +255,7 @@ def displacement(axis: Axes, traces: Sequence[Trace], system: System, start: flo
         trace.draw(axis, t, t, u)
     _tip_stops(axis, system, horizontal=True)
     mark_horizon(axis, traces, end)
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(start, end))
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=tip_label(system), xlim=(start, end))
 
 
 def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float) -> None:
@@ -265,7 +265,7 @@ def portrait(axis: Axes, traces: Sequence[Trace], system: System, start: float, 
         trace.draw(axis, t, u, v, 0.4, **{"linestyle": "-", "alpha": 0.3} if trace.exact else {})
     _tip_stops(axis, system, horizontal=False)
     velocity = f"{tip_name(system.problem)} velocity {tip_symbol(system.problem).replace('u(', 'u_t(')}"
-    axis.set(xlabel=tip_label(system), ylabel=system.units.label(velocity, "velocity"))
+    axis.set(xlabel=tip_label(system), ylabel=with_unit(system.units, velocity, "velocity"))
 
 
 def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact: int, end: float) -> None:
@@ -278,7 +278,7 @@ def first_contacts(axis: Axes, traces: Sequence[Trace], system: System, contact:
     draw_stops(axis, system.contacts[contact].stops, horizontal=True)
     zoom_on_stop(axis, main, begin, until, contact)
     label = position_label(system, contact)
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=label, xlim=(begin, until))
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=label, xlim=(begin, until))
     mark_horizon(axis, traces, until)
 
 
@@ -295,8 +295,8 @@ def shear(axis: Axes, traces: Sequence[Trace], system: System, contact: int, sta
             force = stops.force(u, v)
         trace.draw(axis, t, t, force)
     mark_horizon(axis, traces, end)
-    sigma = system.units.label(r"contact force $\sigma$", "force")
-    axis.set(xlabel=system.units.label("time $t$", "time"), ylabel=sigma, xlim=(start, end))
+    sigma = with_unit(system.units, r"contact force $\sigma$", "force")
+    axis.set(xlabel=with_unit(system.units, "time $t$", "time"), ylabel=sigma, xlim=(start, end))
 
 
 def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, end: float, delay: float) -> None:
@@ -313,7 +313,7 @@ def delayed(axis: Axes, traces: Sequence[Trace], system: System, start: float, e
         )
     for horizontal in (False, True):
         _tip_stops(axis, system, horizontal)
-    later_label = system.units.label(tip_symbol(system.problem).replace("t)", "t + T)"), "length")
+    later_label = with_unit(system.units, tip_symbol(system.problem).replace("t)", "t + T)"), "length")
     axis.set(xlabel=tip_label(system), ylabel=later_label)
 
 
@@ -331,7 +331,7 @@ def spectrum(axis: Axes, traces: Sequence[Trace], system: System, drive: float) 
         shown = (omega > 0.0) & ((omega <= (MULTIPLES + 0.5) * drive) | (not drive))
         look = {} if trace.whole == trace.label else REALISATION
         style: dict[str, Any] = trace.style | trace.line(0.9) | look
-        axis.plot(system.units.cycles(omega[shown])[0], amplitude[shown], label=trace.whole, **style)
+        axis.plot(omega[shown], amplitude[shown], label=trace.whole, **style)
         top = max(top, float(np.max(amplitude[shown], initial=0.0)))
     axis.set_xlabel(drive_axis(axis, system.units, drive))
     log_scale(axis, x=False)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.text import several
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import Units, with_unit
 from ..basics.validation import InputError, integer
 from ..measures.comparison import Comparison, compare
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+OMEGA = r"angular frequency $\omega$"
 TICKS = 6  # of an axis of times: more would run into each other
 CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
 
@@ -70,18 +71,17 @@ def four_panels(
         _draw(displacement, t, u, index, run)
     for contact in (contact.stops for i, contact in enumerate(system.contacts) if system.reads_tip(i)):
         draw_stops(displacement, contact, horizontal=True)
-    displacement.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(system), xlim=(0.0, window))
-    to = units.measure(window, "time", ".3g")
-    displacement.set_title(f"(a) displacement to the horizon t = {to}", loc="left")
+    displacement.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(system), xlim=(0.0, window))
+    displacement.set_title(f"(a) displacement to the horizon t = {window:.3g}", loc="left")
     _draw_errors(errors, runs, [compare(x, main) for x in runs] if comparisons is None else comparisons, window)
-    errors.set(xlabel=units.label("time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
+    errors.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=f"largest error so far / max |{symbol}|")
     marked = "; lines: horizons" if any(x.horizon < window for x in references[1:]) else ""
     errors.set_title(f"(b) error; dot: impacts differ{marked}", loc="left")
     *letters, last = ascii_lowercase[2 : 3 + zooms]
     for axis, contact, letter in zip(axes[2 : 2 + zooms], contacts or [None], letters, strict=True):
         _zoom(axis, main, runs, window, contact)
         label = tip_label(system) if contact is None else position_label(system, contact)
-        axis.set(xlabel=units.label("time $t$", "time"), ylabel=label)
+        axis.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=label)
         first = "contact" if len(system.contacts) == 1 else f"impact at contact {(contact or 0) + 1}"
         axis.set_title(f"({letter}) first {'oscillations' if contact is None else first}", loc="left")
     for axis in axes[: 2 + zooms]:
@@ -100,8 +100,8 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
-    beam, units = system and system.problem, units or (system and system.units) or UNKNOWN
-    return units.label(f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length")
+    beam, units = system and system.problem, units or (system and system.units) or ()
+    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}", "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -110,7 +110,7 @@ def position_label(system: System, contact: int) -> str:
         return tip_label(system)
     moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
     name = "displacement relative to the moving stop" if moving else f"position at contact {contact + 1}"
-    return system.units.label(name, "length")
+    return with_unit(system.units, name, "length")
 
 
 def _curves(
@@ -245,15 +245,15 @@ def _draw_spectra(
         if isinstance(run, Reference):
             continue  # ends at the horizon
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
-        label, across = short(run.provenance["method"]), units.cycles(omega)[0]
-        axis.plot(across, amplitude, lw=0.9, label=label, zorder=2 + i, **line_of(run))
+        label = short(run.provenance["method"])
+        axis.plot(omega, amplitude, lw=0.9, label=label, zorder=2 + i, **line_of(run))
         whole = min(whole, float(run.t[-1]))
     if runs and references:
         t = runs[0].t
         if references[0].solution is not None and float(references[0].provenance["t_end"]) >= t[-1] * (1 - 1e-9):
             u, v = references[0].at(t)
             omega, amplitude = amplitude_spectrum(t, u, drive, v)
-            axis.plot(units.cycles(omega)[0], amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
+            axis.plot(omega, amplitude, color="black", lw=2.2, alpha=0.38, zorder=1)
     axis.set_xlabel(drive_axis(axis, units, drive))
     # The logarithmic axis shows four decades below the largest visible amplitude.
     curves = [(np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.get_lines()]
@@ -262,24 +262,22 @@ def _draw_spectra(
     if top > 0.0:  # a beam that stays at rest has no logarithm
         axis.set_yscale("log")
         axis.set_ylim(top * 1e-4, top * 2.0)
-    axis.set_ylabel(units.label(f"amplitude of {tip_symbol(system.problem)}", "length"))
-    to = units.measure(whole, "time", "g")
-    span = f" to t = {to}, one realisation each" if np.isfinite(whole) else ""
+    axis.set_ylabel(with_unit(units, f"amplitude of {tip_symbol(system.problem)}", "length"))
+    span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
     axis.set_title(f"({letter}) spectrum{span}", loc="left")
 
 
 def drive_axis(axis: Axes, units: Units, drive: float) -> str:
     """Label of an axis of frequencies: with ticks at the odd multiples of a drive, else as long as its curves have
     content."""
-    at, label, quantity = units.cycles(drive)
     if not drive:
         if end := _end_of_content(axis):
             axis.set_xlim(0.0, 1.5 * end)
-        return units.label(label, quantity)
+        return with_unit(units, OMEGA, "frequency")
     odd = range(1, 16, 2)
-    axis.set_xlim(0.0, 15.5 * float(at))
-    axis.set_xticks([k * float(at) for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
-    return f"{label}, in multiples of the drive a = {units.measure(float(at), quantity, 'g')}"
+    axis.set_xlim(0.0, 15.5 * drive)
+    axis.set_xticks([k * drive for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
+    return f"{OMEGA}, in multiples of the drive a = {drive:g}"
 
 
 def _end_of_content(axis: Axes) -> float:
@@ -302,10 +300,9 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     units, beam = run.units, run.system.problem if run.system else None
     method = run.provenance["method"]
     horizon = run.horizon if isinstance(run, Reference) else np.nan
-    note = f" ({units.note})" if units.note else ""
-    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}: {largest(run)}{note}")
+    figure = new_figure(7.6, f"{short(method)}, {run.provenance['form']}: {largest(run)}")
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    time, velocity = units.label("time $t$", "time"), f"velocity {tip_symbol(beam).replace('u(', 'u_t(')}"
+    time, velocity = with_unit(units, "time $t$", "time"), f"velocity {tip_symbol(beam).replace('u(', 'u_t(')}"
     plot_run(run, tip, **kwargs)
     portrait.plot(run.tip, run.tip_velocity, **{"color": look(method)["color"], "lw": 0.9} | kwargs)
     for record in run.contacts:
@@ -327,9 +324,10 @@ def run_figure(run: Trajectory, **kwargs: Any) -> Figure:
     label = r"contact force $\sigma$"
     if any(record.stops.rigid for record in run.contacts):
         label += ", without impulses" if isinstance(run, Reference) else ", mean per step"
-    force.set(xlabel=time, ylabel=units.label(label, "force"))
-    portrait.set(xlabel=tip_label(run.system, units), ylabel=units.label(f"{tip_name(beam)} {velocity}", "velocity"))
-    energy.set(xlabel=time, ylabel=units.label("energy", "energy"))
+    force.set(xlabel=time, ylabel=with_unit(units, label, "force"))
+    portrait.set_xlabel(tip_label(run.system, units))
+    portrait.set_ylabel(with_unit(units, f"{tip_name(beam)} {velocity}", "velocity"))
+    energy.set(xlabel=time, ylabel=with_unit(units, "energy", "energy"))
     if run.has_energy:
         names = ["kinetic", "elastic", "stops", "input", "loss"]
         names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
@@ -353,14 +351,13 @@ def verdict(comparisons: Sequence[Comparison]) -> str:
 
     Of several runs the first and the last to part from the reference are named.
     """
-    units = comparisons[0].units
     known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
     ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
     if not ends:
         errors = sorted(c.tip_error_rms for c in comparisons)
         span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {units.measure(comparisons[0].window, 'time', '.3g')}"
-    (first, early), (last, late) = ([units.measure(t, "time", ".3g"), name] for t, name in (ends[0], ends[-1]))
+        return f"tip error {span} rms to t = {comparisons[0].window:.3g}"
+    (first, early), (last, late) = ((f"{t:.3g}", name) for t, name in (ends[0], ends[-1]))
     if len(ends) == 1:
         return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
     return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
@@ -373,9 +370,8 @@ def comparison_figure(result: Comparison) -> Figure:
     """
     assert result.pair is not None
     names = " against ".join(short(solution.provenance["method"]) for solution in result.pair)
-    title, note = f"{names}: {verdict([result])}", result.units.note
     run, reference = result.pair
-    return four_panels(f"{title} ({note})" if note else title, [run], [reference], [result])
+    return four_panels(f"{names}: {verdict([result])}", [run], [reference], [result])
 
 
 POINTS = 200  # along a beam
@@ -402,7 +398,7 @@ def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | F
             draw_stops(ax, record.stops, horizontal=True)
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
         ax.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-    ax.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(run.system, units))
+    ax.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(run.system, units))
     return ax
 
 
@@ -421,7 +417,7 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
         x = np.linspace(0.0, beam.length, 201)
         axis.plot(x, system.displacement([0.0], system.q0[None], x)[0], **style)
         places = [float(beam.place(stops)) for stops in beam.all_stops]
-        axis.set_xlabel(units.label("position $x$", "length"))
+        axis.set_xlabel(with_unit(units, "position $x$", "length"))
     for i, (place, contact) in enumerate(zip(places, system.contacts, strict=True)):
         for stop, marker in ((contact.stops.upper, 7), (contact.stops.lower, 6)):  # carets that point at the beam
             if stop is not None and np.isfinite(stop):
@@ -429,7 +425,7 @@ def plot_system(system: System, ax: Axes | None = None, **kwargs: Any) -> Axes |
         if len(places) > 1:
             axis.annotate(str(i + 1), (place, 0.0), xytext=(4, 4), textcoords="offset points", fontsize=8)
     panel_legend(axis)
-    axis.set_ylabel(units.label("displacement", "length"))
+    axis.set_ylabel(with_unit(units, "displacement", "length"))
     return returned
 
 
@@ -460,7 +456,7 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
     if len(many.t):
         style |= {"lw": 0.7, "alpha": max(0.1, len(many) ** -0.5)} | kwargs
         axis.plot(many.t, many.tip.T, **style)
-        axis.set(xlabel=units.label("time $t$", "time"), ylabel=tip_label(many.members.system, units))
+        axis.set(xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label(many.members.system, units))
         return returned
     if not many.contacts:
         remedy = "integrate with every=, so that the tip is kept"
@@ -471,7 +467,7 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
     style |= {"ls": "", "marker": "o", "ms": 4} | kwargs
     axis.plot(values, bearing, **style)
     axis.set_xlabel("member" if many.values is None else many.members.parameter)
-    axis.set_ylabel(units.label("impulse", "impulse") if rigid else units.label("largest force", "force"))
+    axis.set_ylabel(with_unit(units, "impulse", "impulse") if rigid else with_unit(units, "largest force", "force"))
     return returned
 
 
@@ -489,14 +485,14 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: An
     ax.plot(*parted, "o", ms=5.0, mfc="white", color=style["color"])
     if len(error):
         ax.set_yscale("log")
-    ax.set_xlabel(comparison.units.label("time $t$", "time"))
+    ax.set_xlabel(with_unit(comparison.units, "time $t$", "time"))
     ax.set_ylabel("largest error so far / max |u|")
     return ax
 
 
 def plot_advice(advice: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
     """The worst error over the wanted one of every run that was tried, against its cost; the advised run is black."""
-    axis, returned = _axes(ax, f"Runs tried to t = {advice.system.units.measure(advice.t_end, 'time', 'g')}")
+    axis, returned = _axes(ax, f"Runs tried to t = {advice.t_end:g}")
     runs: dict[str, list[Any]] = {}
     for probe in advice.candidates:
         runs.setdefault(probe.label, []).append(probe)
@@ -584,11 +580,10 @@ def mode_shapes(system: System, count: int = 4) -> Figure:
         axis.axhline(0.0, color="0.7", lw=0.8)
         for place in places:
             axis.axvline(place, color="0.7", lw=0.8, ls=":")
-        omega = units.measure(natural.omega[j], "frequency", ".5g")
         ratio = natural.damping_ratio[j]
         damping = f", damping ratio {ratio:.3g}" if np.isfinite(ratio) and ratio else ""
-        axis.set_title(f"mode {j + 1}: $\\omega$ = {omega}{damping}", loc="left", fontsize=9)
+        axis.set_title(f"mode {j + 1}: $\\omega$ = {natural.omega[j]:.5g}{damping}", loc="left", fontsize=9)
         axis.set_yticks([])
-    label = "unknown" if beam is None else units.label("place along the beam $x$", "length")
+    label = "unknown" if beam is None else with_unit(units, "place along the beam $x$", "length")
     axes[-1].set_xlabel(f"{label}; dotted: stops" if places else label)
     return figure

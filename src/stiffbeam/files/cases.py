@@ -72,7 +72,7 @@ class Case:
 
     @property
     def units(self) -> Units:
-        """The units of the problem."""
+        """Names of the units of the problem."""
         return self.problem.units
 
     @property
@@ -137,7 +137,7 @@ class SystemCase(Case):
 
     @property
     def units(self) -> Units:
-        """The units of the matrices."""
+        """Names of the units of the matrices."""
         return self.matrices.units
 
     @property

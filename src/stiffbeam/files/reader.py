@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..basics.units import Units
+from ..basics.units import SI, Units, units_labels
 from ..basics.validation import InputError, near
 from ..model.contact import Contact, Stops
 from ..model.contact_law import LINEAR
@@ -226,9 +226,10 @@ class Reader:
             raise InputError(f"{self.where}: {error.field}", error.value, error.rule, error.remedy) from None
 
     def units(self) -> Units:
-        """Names of the units of lengths, times and forces."""
-        self.only({"length", "time", "force"})
-        return self.build(Units, **self.table)
+        """Names of the units of length, time and force."""
+        default = dict(zip(("length", "time", "force"), SI, strict=True))
+        self.only(set(default))
+        return self.build(units_labels, [*(default | self.table).values()])
 
     def time_function(self, besides: set[str]) -> TimeFunction:
         """The sum, samples or harmonic function that this table describes; ``besides`` are fields of others in it."""

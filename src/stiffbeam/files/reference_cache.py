@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.resources import TALK, Show
+from ..basics.progress import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import require_closed_form, times_of
@@ -36,7 +36,8 @@ def cached_reference(
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
+    seconds: float | None = None,
 ) -> Reference:
     """Return ``reference`` with the same arguments and defaults, from the cache where it holds the answer.
 
@@ -51,7 +52,7 @@ def cached_reference(
 
     Parameters
     ----------
-    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, progress
+    system, t_end, method, t_eval, rtol, atol, digits, breakpoints, max_step, progress, seconds
         As in ``reference``.
 
     Returns
@@ -73,7 +74,7 @@ def cached_reference(
     if method == "exact":
         return reference(
             system, t_end, method, t_eval, breakpoints=breakpoints, max_step=max_step,
-            progress=progress,
+            progress=progress, seconds=seconds,
         )  # fmt: skip
     times = None if t_eval is None else numbers("t_eval", t_eval)
     steps = [times_of("breakpoints", breakpoints).tolist(), max_step]
@@ -88,7 +89,9 @@ def cached_reference(
             return result
         except InputError as error:
             warnings.warn(f"remaking a cached reference: {error}", stacklevel=2)
-    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, progress)
+    result = reference(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step, progress, seconds)
+    if "budget" in result.provenance:
+        return result  # more seconds reach further
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
@@ -102,15 +105,6 @@ def cached_reference(
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
     return result
-
-
-def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | None = None) -> bool:
-    """Return True where ``cached_reference``, with its defaults, has a file to read."""
-    times = None if t_eval is None else numbers("t_eval", t_eval)
-    try:
-        return method != "exact" and _file(system, t_end, method, times, RTOL, None, "auto", [[], None, None]).is_file()
-    except InputError:
-        return False  # a bare callable
 
 
 def _file(

@@ -162,12 +162,6 @@ class Stepper:
         """Name of the march in ``provenance["march"]``."""
         return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
 
-    @property
-    def step_seconds(self) -> float:
-        """Rough time of a step of one member on one core."""
-        (D, R), K = self.block.block.reading.shape, self.block.steps
-        return 1e-9 * (2.0 + 0.12 * R * D / K)
-
     @cached_property
     def single(self) -> Propagator:
         """Propagator of single steps with whole states, for all that a march passes over."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from functools import partial
+from time import perf_counter
 
 import numpy as np
 
-from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
+from ..basics.progress import silent, working
+from ..basics.resources import over_slices
 from ..basics.validation import InputError, function
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
@@ -18,9 +19,10 @@ from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Work
 from .integrate import Plan
 
-SLICE_SECONDS = 1e-3  # of stepping, below which a thread takes longer to start
+SLICE_STEPS = 30_000  # below which a thread takes longer to start
 
 
+@working("integrating an ensemble")
 def integrate_ensemble(
     system: System,
     scheme: Scheme,
@@ -31,9 +33,10 @@ def integrate_ensemble(
     every: int | None = None,
     progress: Progress | None = None,
     since: float = 0.0,
-    executor: Executor | None = None,
 ) -> Ensemble:
     """Return the runs of all members of an ensemble, on all cores; each equals its single run to rounding.
+
+    ``joblib.parallel_config`` has processes compute the members, on this machine or on others.
 
     Parameters
     ----------
@@ -53,9 +56,6 @@ def integrate_ensemble(
     since : float
         Contacts are recorded after this time, a whole number of steps. A contact that is there then is no impact.
         Impulses are the sum of dt F over the steps after it, without half weights at the ends.
-    executor : concurrent.futures.Executor, optional
-        Computes the members in its processes, on this machine or on others, such as a ``ProcessPoolExecutor``. The
-        results are the same. Members that are lost with a process are computed here, with a RuntimeWarning.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def integrate_ensemble(
     >>> many.impact_count.shape
     (16,)
     """
-    begun = wall_clock()
+    begun = perf_counter()
     function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every)
@@ -88,15 +88,10 @@ def integrate_ensemble(
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)
     march = partial(_march, plan, every, passed, apart)
-    member_seconds = plan.steps * plan.step_seconds
-    if executor is None:
-        # A slice holds at least as much work as a thread takes to start.
-        least = min(int(SLICE_SECONDS / member_seconds), MEMBERS_PER_SLICE)
-        parts = list(over_slices(march, members, MEMBERS_PER_SLICE, cores(), report, least))
-    else:
-        require_executor(executor)
-        parts = list(on_executor(executor, march, members, member_seconds, report))
-    seconds = wall_clock() - begun
+    # A slice holds at least as much work as a thread takes to start.
+    least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
+    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, report, least))
+    seconds = perf_counter() - begun
     return gathered(
         members,
         parts,

@@ -11,8 +11,8 @@ import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array
-from ..basics.resources import afford, clock, silent
-from ..basics.units import KNOWN
+from ..basics.progress import silent, working
+from ..basics.resources import afford, clock
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
 from ..model.contact import Contact
 from ..model.members import EnsembleMembers
@@ -79,20 +79,13 @@ class Plan:
         return cls(system, scheme, dt, steps, t_end, treatment, omega_max, stepper)
 
     def afford(self, members: int, every: int | None) -> None:
-        """Raise InputError for outputs that exceed the memory and for runs that take too long."""
+        """Raise InputError for outputs that exceed the memory."""
         contacts = len(self.system.contacts)
         kept = 0 if every is None else self.steps // every + 1
         remedy = "give a larger `every`" if every is not None else "take fewer members"
         # For every output: position and velocity of each channel, the force of each contact, the time.
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
-        seconds = self.step_seconds * self.steps * members
-        afford("dt", self.dt, "give a larger dt, or fewer members", seconds=seconds)
-
-    @property
-    def step_seconds(self) -> float:
-        """Rough time of a step of one member on one core."""
-        return 2e-5 + 3e-9 * self.system.size**2 if self.stepper is None else self.stepper.step_seconds
 
     def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
         """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
@@ -112,11 +105,10 @@ class Plan:
 
     def provenance(self, every: int | None) -> dict[str, Any]:
         """Provenance of the run."""
-        units = self.system.units
         return {
             "method": label_of_run(self.scheme),
             "form": self.system.form,
-            "units": {name: getattr(units, name) for name in KNOWN},
+            "units": list(self.system.units),
             "contact": self.treatment.name,
             "dt": float(self.dt),
             "t_end": float(self.t_end),
@@ -180,6 +172,7 @@ def _omega_max(system: System) -> float:
     return float(np.sqrt(max(0.0, squares[-1])))
 
 
+@working("integrating")
 def integrate(
     system: System,
     scheme: Scheme,

@@ -101,7 +101,7 @@ def remark(system: System, reference: Reference) -> str:
         return AT_REST
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
         return ""
-    return f"No impacts: the motion reaches no stop to t = {system.units.measure(reference.t[-1], 'time', 'g')}."
+    return f"No impacts: the motion reaches no stop to t = {reference.t[-1]:g}."
 
 
 SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
@@ -132,7 +132,7 @@ class Comparison:
     Parameters
     ----------
     label, reference : str
-    units : Units
+    units : tuple
         Units of times, forces and impulses.
     dt : float
         The median time step.
@@ -441,4 +441,4 @@ def _place(system: System, i: int) -> str:
     if system.problem is None:
         return f"contact {i + 1}"
     place = float(system.problem.place(system.problem.all_stops[i]))
-    return f"stops at x = {system.units.measure(place, 'length', 'g')}"
+    return f"stops at x = {place:g}"

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.text import table
+from ..basics.units import with_unit
 from ..basics.validation import InputError, instance, number, numbers, sequence
 from ..model.contact import channel_motion
 from ..model.scales import scales
@@ -162,17 +163,13 @@ class ContactRates:
         return _rate_of(one.impacts.times[one.impacts.peaks > force], edges)
 
     def __str__(self) -> str:
-        units, lines = self.run.units, []
-        over = {"power": f" {units.of('energy')}/{units.time}", "": ""} if units.known else {}
+        lines = []
         for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True), 1):
             for name, quantity in RATES.items():
                 x = each[name]
                 if np.isfinite(x.value):
-                    unit = over.get(
-                        quantity, f" {units.of(quantity)}" if quantity in ("rate", "force") else ""
-                    ).rstrip()
-                    label = f"contact {i}: {NAMES[name].replace('_', ' ')}"
-                    lines.append(f"{label} {x.value:.4g}{unit} ({x.low:.4g} to {x.high:.4g}), {source}")
+                    label = with_unit(self.run.units, f"contact {i}: {NAMES[name].replace('_', ' ')}", quantity)
+                    lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {source}")
         return "\n".join(lines)
 
 

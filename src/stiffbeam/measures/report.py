@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..basics.text import html_table, several
+from ..basics.units import with_unit
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference, Trajectory
@@ -57,21 +58,21 @@ def percent(value: float, sign: str = "") -> str:
 def largest(run: Trajectory) -> str:
     """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
     horizon within it."""
-    measure, records = run.units.measure, run.contacts
+    records = run.contacts
     impulses = [x for record in records if record.stops.rigid for x in record.impacts.impulses]
     facts = [
-        f"largest {name} {measure(np.nanmax(values), quantity, '.4g')}"
-        for name, quantity, values in (
-            ("contact force", "force", [record.peak_force for record in records]),
-            ("impulse", "impulse", impulses),
-            ("displacement", "length", np.abs(run.tip)),
+        f"largest {name} {np.nanmax(values):.4g}"
+        for name, values in (
+            ("contact force", [record.peak_force for record in records]),
+            ("impulse", impulses),
+            ("displacement", np.abs(run.tip)),
         )
         if np.any(np.greater(values, 0.0))
     ]
     if records and not any(record.impacts.kind == "unknown" for record in records):
         facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
-        facts.append(f"horizon t = {measure(run.horizon, 'time', '.4g')}")
+        facts.append(f"horizon t = {run.horizon:.4g}")
     return ", ".join(facts) or "at rest"
 
 
@@ -198,8 +199,8 @@ def _inside(comparisons: Sequence[Comparison]) -> Table:
     method, _, form = first.reference.partition("@")
     common = common_window(comparisons)
     table = _table(
-        f"To the horizon t = {units.measure(number(first.window), 'time')}, {form} form",
-        ("match to", "tip error", units.label("lag", "time"), "loss", "impacts", "contact"),
+        f"To the horizon t = {number(first.window)}, {form} form",
+        ("match to", "tip error", with_unit(units, "lag", "time"), "loss", "impacts", "contact"),
     )
     table.add_row(f"{short(method)}, reference", *4 * [DASH], *_impacts(first, "reference", True), style="bold")
     for contact in _several(first):
@@ -253,11 +254,11 @@ def _whole(comparisons: Sequence[Comparison], truth: Reference | None) -> Table:
     beyond = ": one realisation each, compare statistically" if first.window < end * (1 - 1e-9) else ""
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
-        beyond = f"; impacts differ from t = {units.measure(number(parted), 'time')} on"
-    peak = units.label("peak", "force") if units.of("force") else "peak force"
+        beyond = f"; impacts differ from t = {number(parted)} on"
+    peak = with_unit(units, "peak" if units else "peak force", "force")
     table = _table(
-        f"To t = {units.measure(end, 'time', 'g')}, {form} form{beyond}",
-        ("ns/step", "impacts", "contact", peak, units.label("impulse", "impulse"), "loss"),
+        f"To t = {end:g}, {form} form{beyond}",
+        ("ns/step", "impacts", "contact", peak, with_unit(units, "impulse", "impulse"), "loss"),
     )
     if truth is not None:
         table.add_row(f"true, {truth.provenance['digits']} digits", DASH, *_of_truth(truth, first), DASH, style="bold")
@@ -296,14 +297,13 @@ def _of_truth(truth: Reference, comparison: Comparison) -> tuple[str, ...]:
 def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
     """The notes without which the tables would be misread."""
     first = comparisons[0]
-    units, common = first.units, common_window(comparisons)
+    common = common_window(comparisons)
     while_matched = "" if common == first.window else ", while the impacts of all runs match"
-    to = units.measure(number(common), "time")
     events = any(contact.reference_totals.events for c in comparisons for contact in c.contacts)
     by_events = "; of the reference, like force and impulse, by events, not sampled" if events else ""
     lines = [
         "Match to: up to this time, the impacts are those of the reference. "
-        f"Tip error: rms to t = {to}{while_matched}, over max |u|. "
+        f"Tip error: rms to t = {number(common)}{while_matched}, over max |u|. "
         "Lag: positive if late; in brackets, the median delay of the impacts. "
         "Loss: numerical dissipation, over the energy put in. "
         f"Impacts: seen at the time steps, [all by events]. Contact: share of the time{by_events}."
@@ -320,8 +320,6 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
         for r in references
         if "budget" in r.provenance
     ]
-    if units.note:
-        lines.append(f"Times, forces and impulses are {units.note}.")
     if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
         lines.append("A contact that begins at t = 0 counts as contact, not as an impact.")
     if any(map(_several, comparisons)):
@@ -329,7 +327,7 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
     for c in comparisons:
         lengths = np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
-            least, most, median = (c.units.measure(number(x), "time") for x in (lengths.min(), lengths.max(), c.dt))
+            least, most, median = (number(x) for x in (lengths.min(), lengths.max(), c.dt))
             lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
     return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
 
@@ -337,7 +335,7 @@ def _legend(comparisons: Sequence[Comparison], references: Sequence[Reference]) 
 def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
     """Horizons and cost of the references, set-up."""
     lines = [
-        f"{r.label}: horizon {r.units.measure(number(r.horizon), 'time')} "
+        f"{r.label}: horizon {number(r.horizon)} "
         f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
         f"{' in an earlier run' if r.provenance.get('kept') else ''}."
         for r in references

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.units import NON_DIMENSIONAL, SI, Units
+from ..basics.units import SI, Units, units_labels
 from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
@@ -252,8 +252,8 @@ class BeamProblem:
         f.
     initial_displacement, initial_velocity : function or PolynomialProfile, optional
         u0(x) and v0(x), from an array of x in [0, L] to an array. None is at rest: u0 = phi(0), v0 = 0.
-    units : Units
-        Names of the units, for tables and files.
+    units : tuple
+        Names of the units of length, time and force, for axes, tables and files.
     supports : str
         Ends at x = 0 and x = L: "clamped-free" is the paper's; others are for form="hermite". A clamped end holds u and
         u_x, a pinned one u, a free one neither.
@@ -296,7 +296,7 @@ class BeamProblem:
     loads: tuple[Load, ...] = ()
     initial_displacement: Profile | None = None
     initial_velocity: Profile | None = None
-    units: Units = NON_DIMENSIONAL
+    units: Units = ()
     supports: str = "clamped-free"
     tip_mass: float = 0.0
     mass_damping: float = 0.0
@@ -318,8 +318,7 @@ class BeamProblem:
         object.__setattr__(self, "sections", checked(self.sections, self.length))
         if not 1e-60 <= self.length <= 1e60:
             raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
-        if not isinstance(self.units, Units):
-            raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        object.__setattr__(self, "units", units_labels(self.units))
         # Supports, stops, base and loads: their kind, and where they act.
         self._check_supports()
         self._check_stops()
@@ -468,7 +467,7 @@ class BeamProblem:
         PointLoad at X (m) with N(t) newtons, a DistributedLoad with shape(X) N(t) newtons per metre.
         initial_displacement, initial_velocity: m and m/s as functions of X (m). tip_mass: kg. mass_damping: 1/s.
         rotary_inertia: kg m, rho I. tip_inertia: kg m^2. sections: x in m, the rest factors.
-        units: the names of other units that belong together: Units("mm", "s", "N") counts EI in N mm^2,
+        units: the names of other units that belong together: ("mm", "s", "N") counts EI in N mm^2,
         rho A in tonnes per mm and stop stiffnesses in N/mm. Results are in the same units.
         """
         return cls(

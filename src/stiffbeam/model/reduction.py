@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import Units
 from ..basics.validation import InputError, instance, integer, numbers, sequence
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
@@ -49,7 +49,7 @@ def reduce_model(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
     modes: int = 40,
-    units: Units = UNKNOWN,
+    units: Units = (),
     modal_damping: float | Sequence[float] = 0.0,
 ) -> tuple[System, Array]:
     """Return a large system reduced to natural modes and static deflections, and T (n, r) with q = T z.
@@ -65,7 +65,7 @@ def reduce_model(
         As for ``System.from_matrices``.
     modes : int
         Number of natural modes to keep.
-    units : Units, optional
+    units : tuple, optional
         Names for tables, pictures and files.
     modal_damping : float or sequence of float, optional
         Damping ratio of every mode of the reduced system, or of its first ones; added to ``damping``.

@@ -106,9 +106,9 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:
         raise InputError("cells", cells, "be an integer >= 4", "the stencils at both ends must not overlap")
     one_of("form", form, ALL_FORMS)
-    # A dozen dense matrices, and eigenvalues of some of them.
+    # A dozen dense matrices.
     unknowns = float(min(cells, 2**53)) * (2.0 if form == "hermite" else 1.0)
-    afford("cells", cells, "take fewer cells", floats=12.0 * unknowns**2, seconds=3e-9 * unknowns**3)
+    afford("cells", cells, "take fewer cells", floats=12.0 * unknowns**2)
     if form == "hermite":
         return hermite(problem, int(cells))
     if problem.supports != "clamped-free":

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts, several
-from ..basics.units import NON_DIMENSIONAL, UNKNOWN, Units
+from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
@@ -235,8 +235,8 @@ class System:
         Initial displacements and velocities.
     origin : Origin, optional
         The beam and grid that the matrices came from.
-    units : Units, optional
-        Units of t, q, the forces and the energies; by default those of the beam, unknown for matrices.
+    units : tuple, optional
+        Names of the units of length, time and force, such as ("mm", "s", "N"); by default those of the beam.
 
     Raises
     ------
@@ -260,7 +260,7 @@ class System:
     q0: Array
     v0: Array
     origin: Origin | None = field(default=None, repr=False)
-    units: Units = UNKNOWN
+    units: Units = ()
 
     def __post_init__(self) -> None:
         itself("system", self, System)
@@ -289,8 +289,7 @@ class System:
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
             itself("origin", self.origin, Origin)
-        if not isinstance(self.units, Units):
-            raise InputError("units", self.units, "be Units", 'for example Units(length="mm", time="s", force="N")')
+        object.__setattr__(self, "units", units_labels(self.units))
         # The checked copies take the place of the arguments.
         checked: dict[str, Any] = {
             "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
@@ -300,7 +299,7 @@ class System:
         }  # fmt: skip
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self.origin is not None and self.units == UNKNOWN and self.origin.has_matrices_of(self):
+        if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
             object.__setattr__(self, "units", self.origin.problem.units)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -322,7 +321,7 @@ class System:
         observe: ArrayLike | None = None,
         initial_displacement: ArrayLike | None = None,
         initial_velocity: ArrayLike | None = None,
-        units: Units = UNKNOWN,
+        units: Units = (),
     ) -> System:
         """System of any finite-element model: dense or SciPy sparse matrices, any contact row. It is at rest at zero
         without initial data. ``units`` names those of tables, pictures and files. Raises InputError as the class
@@ -353,7 +352,7 @@ class System:
         places = [(f"contact {i + 1}", str(contact.stops)) for i, contact in enumerate(self.contacts)]
         facts = [
             ("unknowns", str(self.size)), ("damped", "yes" if self.damped else "no"), ("loads", str(len(self.loads))),
-            ("units", str(self.units)), *places,
+            ("units", ", ".join(self.units)), *places,
         ]  # fmt: skip
         return html_facts(f"System, {self.form}", facts)
 
@@ -528,7 +527,7 @@ class System:
             "loads": b"".join(loads),
             "contacts": b"".join(contacts),
             "exact parameters": "; ".join(self.exact_parameters).encode(),
-            "units": b"" if self.units in (NON_DIMENSIONAL, UNKNOWN) else repr(self.units).encode(),
+            "units": repr(self.units).encode() if self.units else b"",
         }
 
     def differences(self, other: System) -> list[str]:

@@ -208,7 +208,7 @@ def panels(
     # Equal panels in every interval, refused first if there are too many.
     count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
     total = float(np.sum(count))
-    afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total, seconds=1e-5 * total)
+    afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total)
     count = count.astype(int)
     index = np.repeat(np.arange(len(starts)), count)
     inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array
-from ..basics.resources import Forecast
+from ..basics.resources import afford, in_time
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..trajectory.trajectory import SolverFailure
@@ -67,7 +67,7 @@ class Tracer:
         switched = (np.arange(m) == resting).astype(np.int64)
         places, speeds = np.abs(q), np.abs(v)
         parts: list[Motion] = []
-        forecast, kept, since, events = Forecast(t_end), 0, t, 0
+        kept, since, events = 0, t, 0
         # Room for few events at first, four times as many whenever it is full: short motions allocate little.
         room, why = FIRST_EVENTS, UNKNOWN
         while True:
@@ -84,8 +84,8 @@ class Tracer:
             kept += len(part.times)
             if why == DONE:
                 return parts[0].joined(parts)
-            # Refused early: what would take too much time or memory, and events that accumulate.
-            forecast.check(t, 2.0 * kept * (n + 1))
+            in_time(t)
+            afford("t_end", t_end, "shorten t_end", 2.0 * kept * (n + 1))
             if events >= EVENTS_PER_CALL:
                 refuse_accumulation(since, t, max(x.fastest for x in self.regimes.made), self.drive)
                 since, events = t, 0

@@ -1,4 +1,4 @@
-"""Reference solutions: one call and one Trajectory type for every solver, and an estimate of its time."""
+"""Reference solutions: one call and one Trajectory type for every solver, and a deadline for it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..basics.resources import Show, displayed
+from ..basics.progress import Show, working
+from ..basics.resources import OutOfTime, deadline
 from ..basics.validation import InputError, numbers, positive
 from .registry import (
     ADAPTIVE,
@@ -17,7 +16,6 @@ from .registry import (
     EXACT,
     METHODS,
     MULTIPRECISION,
-    OUTPUTS,
     REFERENCES,
     RTOL,
     Request,
@@ -34,6 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
 
+PASSES = 6.0  # of a reference that a deadline ends: the first, one to its end, and those for its horizon
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
 
@@ -47,7 +46,8 @@ def reference(
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
     max_step: float | None = None,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
+    seconds: float | None = None,
 ) -> Reference:
     """Return a reference solution on [0, t_end], with the horizon to which it can be trusted.
 
@@ -78,8 +78,12 @@ def reference(
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
-        True shows a bar in a terminal or a notebook, by solutions done: the reference itself and those its horizon is
-        measured with. A function is called as show(what, done, total), total 0 where it is not known.
+        By solutions done: the reference itself and those its horizon is measured with. None shows a bar after 3 s, or
+        one line where there is neither a terminal nor a notebook. True shows the bar at once, False nothing. A function
+        is called as show(what, done, total), total 0 where it is not known.
+    seconds : float, optional
+        CPU seconds, horizon included, after which the reference ends at the time that it has reached, as its
+        provenance["budget"] then states.
 
     Returns
     -------
@@ -110,16 +114,40 @@ def reference(
     require_system(system)
     method_of(method)
     t_end = positive("t_end", t_end)
-    with displayed(progress) as show:
+    seconds = math.inf if seconds is None else positive("seconds", seconds)
+    with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
-        solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+        try:
+            with deadline(seconds / PASSES):
+                solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+        except OutOfTime as late:
+            whole = t_end
+            t_end, times = _until(late.t, times, method, seconds)
+            solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+            solution.provenance["budget"] = f"to t = {t_end:.3g} of {whole:.3g}: {seconds:g} s of CPU end there"
         if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
         return with_horizon(solution, system, t_end, steps, solve, show)
 
 
+def _until(t: float, times: NDArray[Any] | None, method: str, seconds: float) -> tuple[float, NDArray[Any] | None]:
+    """End and output times of a solution that the deadline has ended at t."""
+    if times is not None:
+        times = times[times <= t]
+        t = float(times[-1]) if len(times) > 2 else 0.0
+    if t <= 0.0:
+        from ..trajectory.trajectory import SolverFailure
+
+        raise SolverFailure(method, 0.0, f"{seconds:g} s of CPU end before its first outputs", "give more seconds")
+    return t, times
+
+
 def best_reference(
-    system: System, t_end: float, t_eval: ArrayLike | None = None, progress: bool | Show = False
+    system: System,
+    t_end: float,
+    t_eval: ArrayLike | None = None,
+    progress: bool | Show | None = None,
+    seconds: float | None = None,
 ) -> Reference:
     """The exact solution of a system, or else an adaptive one to 1e-12 that restarts at every event; with its horizon.
 
@@ -130,8 +158,8 @@ def best_reference(
     *others, last = BEST[1:] if substitute(system, t_end) else BEST[:1]
     for method in others:
         with suppress(InputError):
-            return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress)
-    return reference(system, t_end, last, t_eval, rtol=BEST_RTOL, progress=progress)
+            return reference(system, t_end, method, t_eval, rtol=BEST_RTOL, progress=progress, seconds=seconds)
+    return reference(system, t_end, last, t_eval, rtol=BEST_RTOL, progress=progress, seconds=seconds)
 
 
 def substitute(system: System, t_end: float) -> str:
@@ -194,74 +222,3 @@ def solve(
             raise
         rule, remedy = f"have its library {missing} installed", f"pip install {entry.libraries[missing]}"
         raise InputError("method", method, rule, remedy) from None
-
-
-PARTS = 64  # a pilot runs over one or two of so many parts of the span
-RISES = 1.5  # from one pilot to one of twice the span, at least: else the start of the motion decides both
-COPIES = 5.0  # exact solutions behind one with its horizon
-CELLS, FASTEST_TIME = 25, 4.3e4 * 0.06  # of the registry's seconds: Table 10, its fastest angular frequency times t
-RADIANS_PER_SAMPLE = 250.0  # of that angle: at least what a restart at a sample of a record costs any method
-NEAR = 0.2  # of the seconds asked for: where the registry's come so near, pilots tell more
-
-
-def expected_seconds(
-    system: System, t_end: float, method: str, rtol: float, atol: float | None, steps: Steps,
-    worth: float, solutions: float | None = None, outputs: int = OUTPUTS,
-) -> float:  # fmt: skip
-    """Return the estimated seconds of a reference, 0.0 if they are far below ``worth``.
-
-    solutions: how often the method solves; by default as often as a reference with its horizon asks for. outputs: at
-    how many times; a pilot has its share of them.
-
-    The registry's seconds, scaled to the size, the fastest period and the samples of the loads, decide first. Only if
-    they come near ``worth`` are there pilot runs. The first pilot over each span compiles its code and is not counted.
-    Set-up time is part of both others and is not multiplied by the span. Pilots that the first steps dominate, as
-    IDA's from rest, take twice the span. A multiprecision solution has no estimate
-    (0.0), because its digits grow with the span. Neither has one that is refused or fails.
-    """
-    from ..model.modes import undamped_modes
-    from ..model.sampled import Sampled
-    from ..model.time_functions import parts_of
-    from ..trajectory.trajectory import SolverFailure
-
-    entry = REFERENCES[method]
-    if entry.kind == MULTIPRECISION:
-        return 0.0
-    if solutions is None:
-        solutions = COPIES if entry.kind == EXACT else _judged(system, t_end)
-    # Work grows with the angle that the fastest motion turns through, and with a restart at every sample.
-    samples = sum(len(part.t) for f in system.time_functions for part in parts_of(f) if isinstance(part, Sampled))
-    angle = float(undamped_modes(system).omega[-1]) * t_end + RADIANS_PER_SAMPLE * samples
-    scale = angle / FASTEST_TIME * max(1.0, system.size / CELLS) ** 2
-    if solutions * entry.seconds * scale < NEAR * worth:
-        return 0.0
-
-    def pilot(parts: int) -> float:
-        times = np.linspace(0.0, parts * t_end / PARTS, 2 + parts * outputs // PARTS)
-        return solve(system, float(times[-1]), method, times, rtol, atol, "auto", steps).work.march_seconds
-
-    try:
-        # Too high where this first pilot compiles: if even so it is short, no other is needed.
-        first = solutions * PARTS * pilot(1)
-        if first < worth:
-            return first
-        parts, once, twice = 0, 1.0, 1.0
-        while twice < RISES * once and 4 * parts < PARTS:
-            parts = max(1, 2 * parts)
-            pilot(2 * parts)  # this run compiles for the longer span
-            once, twice = pilot(parts), pilot(2 * parts)
-    except (InputError, SolverFailure):
-        return 0.0  # the run itself will say
-    # As many parts more cost twice - once; the set-up is part of both and is counted once.
-    return solutions * (once + (PARTS / parts - 1.0) * max(0.0, twice - once))
-
-
-def _judged(system: System, t_end: float) -> float:
-    """Return how often an adaptive solver runs for its horizon: once beside an exact solution, else twice."""
-    from .exact.piecewise import refuse
-
-    try:
-        refuse(system, t_end)
-    except InputError:
-        return 2.0
-    return 1.0

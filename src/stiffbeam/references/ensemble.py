@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.resources import cores, on_executor, over_slices, require_executor, silent, wall_clock
+from ..basics.progress import silent, working
+from ..basics.resources import clock, cores, over_slices
 from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
@@ -28,6 +29,7 @@ from .exact.piecewise import observations, reference_of, solve_exact
 from .exact.rigid_reference import solve_rigid
 
 
+@working("solving an ensemble")
 def reference_ensemble(
     system: System,
     t_end: float,
@@ -35,7 +37,6 @@ def reference_ensemble(
     t_eval: ArrayLike | None = None,
     progress: Progress | None = None,
     since: float = 0.0,
-    executor: Executor | None = None,
 ) -> Ensemble:
     """Return the exact solutions of all members, on all cores; each equals its single solution to rounding.
 
@@ -54,8 +55,6 @@ def reference_ensemble(
         Called with the number of members done.
     since : float
         Contacts are recorded after this time, for exact solutions only.
-    executor : concurrent.futures.Executor, optional
-        As in ``integrate_ensemble``. The processes also share the members of an adaptive solver.
 
     Returns
     -------
@@ -75,7 +74,7 @@ def reference_ensemble(
     >>> sb.reference_ensemble(system, 0.2, sb.perturbed_members(system, 4)).impact_count.shape
     (4,)
     """
-    begun = wall_clock()
+    begun = perf_counter()
     function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
@@ -83,9 +82,7 @@ def reference_ensemble(
     # A Reference has two output times at least, also where none are kept.
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
-    # Times the first member's reference and solution: half of it stands for one member in the executor's slices.
-    begun_with = perf_counter()
-    best = best_reference(members[0], t_end, progress=silent)
+    best = best_reference(members[0], t_end, progress=False)
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
@@ -93,18 +90,12 @@ def reference_ensemble(
     # Modes are shared between members; the first one finds them.
     known: Known | None = None if members.separate else {}
     first = one(members[0], t_end, at, known, since)
-    solving = Solving(method, t_end, at, since, len(times))
+    solving = Solving(method, t_end, at, since, len(times), known)
     report = None if progress is None else lambda done: progress(1 + done)
-    if executor is None:
-        solve = solving.solver(members, known)
-        # SUNDIALS' solvers do not run side by side in one process.
-        threads = cores() if method == "exact" else 1
-        parts = list(over_slices(solve, members[1:], MEMBERS_PER_SLICE, threads, report))
-    else:
-        require_executor(executor)
-        parts = list(on_executor(executor, solving, members[1:], (perf_counter() - begun_with) / 2.0, report))
+    # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
+    parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
     parts = [Runs.of([first], len(times)), *parts]
-    seconds = wall_clock() - begun
+    seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, one, members, t_end, at)
@@ -120,38 +111,31 @@ class Solving:
     at: Array
     since: float
     outputs: int
+    known: Known | None  # modes that the members in this process share
 
     def __call__(self, part: EnsembleMembers) -> Runs:
         """Runs of some of the members."""
-        return self.solver(part, None if part.separate else {})(part)
-
-    def solver(self, members: EnsembleMembers, known: Known | None) -> Callable[[EnsembleMembers], Runs]:
-        """Function that solves some of the members, with modes that they share."""
-        system, t_end, since = members.system, self.t_end, self.since
+        system, t_end, since = part.system, self.t_end, self.since
         one = _solve if self.method == "exact" else partial(_adaptive, self.method)
-
-        def solve(part: EnsembleMembers) -> Runs:
-            return Runs.joined([Runs.of([one(x, t_end, self.at, known, since)], self.outputs) for x in part])
-
         # Members that differ in their starts alone share one tracer.
         exact = self.method == "exact" and not system.rigid
-        if not exact or not set(members.fields) <= {"q0", "v0"}:
-            return solve
-        begun, tracer = wall_clock(), tracer_of(system, known=known, span=t_end)  # one for all
+        if not exact or not set(part.fields) <= {"q0", "v0"}:
+            return Runs.joined([Runs.of([one(x, t_end, self.at, self.known, since)], self.outputs) for x in part])
+        begun, tracer = clock(), tracer_of(system, known=self.known, span=t_end)
+        runs = []
+        for i in range(len(part)):
+            start = part.start(i)
+            with within_float64("exact", t_end):
+                solution = tracer.solve(t_end, start)
+                audit(system, solution, t_end, start=start)
+                observe = partial(observations, start=start)
+                run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
+            runs.append(Runs.of([run], self.outputs))
+        return Runs.joined(runs)
 
-        def solve_starts(part: EnsembleMembers) -> Runs:
-            runs = []
-            for i in range(len(part)):
-                start = part.start(i)
-                with within_float64("exact", t_end):
-                    solution = tracer.solve(t_end, start)
-                    audit(system, solution, t_end, start=start)
-                    observe = partial(observations, start=start)
-                    run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
-                runs.append(Runs.of([run], self.outputs))
-            return Runs.joined(runs)
-
-        return solve_starts
+    def __getstate__(self) -> dict[str, Any]:
+        # Another process finds the modes itself: they hold compiled tables.
+        return self.__dict__ | {"known": None if self.known is None else {}}
 
 
 def _solve(system: System, t_end: float, at: Array, known: Known | None, since: float) -> Reference:

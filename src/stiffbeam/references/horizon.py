@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.progress import Show, silent
 from ..basics.validation import InputError, integer, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
@@ -36,7 +36,7 @@ from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.derivative import path_of_solution
 from .exact.impacting import Tracer as ImpactTracer
-from .exact.piecewise import afford_search, refuse, solve_exact
+from .exact.piecewise import refuse, solve_exact
 from .exact.rigid_motion import RigidMotion
 from .registry import KEEP, OUTPUTS, Steps
 from .rigid_stops import require_rigid
@@ -383,7 +383,6 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
             return growth(system, ImpactTracer(system).solve(t_end), t_end, seed)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
-        afford_search(system, t_end)
         solution = tracer_of(system).solve(t_end)
         audit(system, solution, t_end)
         return growth(system, solution, t_end, seed)

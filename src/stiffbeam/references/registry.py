@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.units import KNOWN
 from ..basics.validation import InputError, near
 
 if TYPE_CHECKING:
@@ -28,8 +27,7 @@ class Method:
 
     name: the name for users. module: in this folder, with ``solve(request) -> Reference``. rigid: the module for
     systems with rigid stops, where that is another one. label: its name in pictures. look: the number of its dashes and
-    marker there, unique and permanent. seconds: time for Table 10 to t = 0.06 at rtol 1e-6, roughly, to run fast
-    methods first or leave slow ones out. kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
+    marker there, unique and permanent. kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
     in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its impacts are events). libraries: import
     name and distribution of its dependencies. solver: the name of its class in a library that has several.
     """
@@ -38,7 +36,6 @@ class Method:
     module: str
     label: str
     look: int
-    seconds: float
     kind: str = ADAPTIVE
     libraries: dict[str, str] = field(default_factory=dict)
     solver: str = ""
@@ -57,20 +54,20 @@ class Method:
 
 _SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}
 _DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}
-# Name, module, label, look and seconds of each. A new one has the next look: pictures keep theirs.
+# Name, module, label and look of each. A new one has the next look: pictures keep theirs.
 REFERENCES = {
     method.name: method
     for method in (
-        Method("exact", "exact.piecewise", "exact", 0, 0.004, EXACT, rigid="exact.rigid_reference"),
-        Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, 0.13, MULTIPRECISION, _FLINT),
-        Method("cvode", "adaptive.sundials", "CVODE BDF", 2, 0.4, libraries=_SUNDIALS),
-        Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, 0.3, libraries=_SUNDIALS),
-        Method("ida", "adaptive.sundials", "IDA", 4, 0.6, libraries=_SUNDIALS),
-        Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, 11.0, libraries=_DIFFRAX, solver="Kvaerno3"),
-        Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, 2.0, libraries=_DIFFRAX, solver="Kvaerno5"),
-        Method("dop853", "adaptive.scipy", "DOP853", 7, 0.45, libraries=_SCIPY, solver="DOP853"),
-        Method("radau", "adaptive.scipy", "Radau", 8, 3.5, libraries=_SCIPY, solver="Radau"),
-        Method("lsoda", "adaptive.scipy", "LSODA", 9, 0.6, libraries=_SCIPY, solver="LSODA"),
+        Method("exact", "exact.piecewise", "exact", 0, EXACT, rigid="exact.rigid_reference"),
+        Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
+        Method("cvode", "adaptive.sundials", "CVODE BDF", 2, libraries=_SUNDIALS),
+        Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, libraries=_SUNDIALS),
+        Method("ida", "adaptive.sundials", "IDA", 4, libraries=_SUNDIALS),
+        Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, libraries=_DIFFRAX, solver="Kvaerno3"),
+        Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, libraries=_DIFFRAX, solver="Kvaerno5"),
+        Method("dop853", "adaptive.scipy", "DOP853", 7, libraries=_SCIPY, solver="DOP853"),
+        Method("radau", "adaptive.scipy", "Radau", 8, libraries=_SCIPY, solver="Radau"),
+        Method("lsoda", "adaptive.scipy", "LSODA", 9, libraries=_SCIPY, solver="LSODA"),
     )
 }
 METHODS = tuple(REFERENCES)
@@ -128,8 +125,14 @@ def provenance_of(system: System, method: str, t_end: float, notes: dict[str, An
     """Provenance of a reference: what all have, and the ``notes`` of its method."""
     from ..trajectory.trajectory import versions
 
-    units = {name: getattr(system.units, name) for name in KNOWN}
-    return {"method": method, "form": system.form, "units": units, "t_end": float(t_end), **notes, **versions()}
+    return {
+        "method": method,
+        "form": system.form,
+        "units": list(system.units),
+        "t_end": float(t_end),
+        **notes,
+        **versions(),
+    }
 
 
 def output_times(t_eval: Array | None, t_end: float) -> Array:

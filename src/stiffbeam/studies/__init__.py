@@ -8,7 +8,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
-from ..basics.resources import Show
+from ..basics.progress import Show
 from ..basics.validation import InputError, one_of
 from ..files.cases import Case, case_of, find_case
 from ..model.system import System
@@ -39,7 +39,7 @@ def study(
     t_end: float | None = None,
     jobs: int | None = None,
     folder: str | Path | None = None,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     **options: Any,
 ) -> Records:
     """Return the records of a study on a case or system.

@@ -4,7 +4,6 @@
     error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
-    error(normal_work) likewise, of the rate of int |sigma| |v| dt; like force_rms measured only if it is wanted
 
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
@@ -21,9 +20,8 @@ follow one motion of that scheme first, and their mean would contain no informat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from html import escape
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
@@ -31,15 +29,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, displayed, silent
-from ..basics.text import DRAW, html_table, table
+from ..basics.progress import Show, working
+from ..basics.resources import clock
+from ..basics.text import DRAW
 from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
 from ..measures.errors import stays_within, tip_error
-from ..measures.rates import contact_rates
 from ..model.members import SPREAD, perturbed_members
 from ..model.modes import modes
 from ..model.scales import scales
@@ -61,10 +59,11 @@ if TYPE_CHECKING:
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
+FEWEST = 8  # members of a mean
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 COLUMNS = (("impacts", "impact_count"), ("peak_force", "peak_force"), ("impulse", "impulse"))  # of an ensemble
-RATES = ("normal_work", "force_rms")  # a run that is asked for them is integrated twice, for the force at every step
-QUANTITIES = ("tip", *(name for name, _ in COLUMNS), *RATES)
+COST = ("scheme", "contact", "dt", "steps", "work", "seconds")
+QUANTITIES = ("tip", *(name for name, _ in COLUMNS))
 
 
 @dataclass(frozen=True)
@@ -89,84 +88,96 @@ class Probe:
         return all(self.errors[name] <= tolerance for name, tolerance in want.items())
 
 
-def search(
-    probe: Callable[[Scheme, str, int], Probe | None], candidates: list[tuple[Scheme, str]], want: dict[str, float],
-    steps: int, most: int, between: int, show: Show, tell: Tell,
-) -> tuple[list[Probe], Probe | None]:  # fmt: skip
-    """Return all trial runs, and the cheapest one that meets the requirements.
+@dataclass(eq=False)
+class Search:
+    """Trial runs of all candidates, refined together until ``until``, a time of ``clock``. tried: all runs so far."""
 
-    All candidates are refined together, from ``steps`` to ``most``, each until two numbers of steps in a row meet the
-    want and so do ``between`` numbers between them, or until it costs more than the best that does.
-    """
-    tried: list[Probe] = []
-    best: Probe | None = None
-    alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
-    while alive and steps <= most:
-        refined, level = [], []
-        for done, (scheme, contact, before) in enumerate(alive):
-            show(f"advise: runs of {steps} steps", done, len(alive))
-            good = before if before is not None and before.meets(want) else None
-            # What costs more than the best run that meets the requirements cannot be chosen.
-            if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
-                continue
-            run = probe(scheme, contact, steps)
-            if run is None:
-                continue  # what this scheme or these stops do not take
-            level.append(run)
-            # Two numbers of steps in a row meet the requirements; runs between them may show that this was chance.
-            if good and run.meets(want):
-                others = _between(good, partial(probe, scheme, contact), want, between)
-                tried += others
-                if all(p.meets(want) for p in others):
-                    best = good
-                    tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
+    system: System
+    t_end: float
+    criterion: Motion | Statistics
+    until: float
+    journal: Store
+    show: Show
+    tell: Tell
+    tried: list[Probe] = field(default_factory=list)
+    ended: str = ""  # number of steps at which the time was over
+
+    def probe(self, scheme: Scheme, contact: str, steps: int) -> Probe | None:
+        """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
+        dt = self.t_end / steps
+        point = {"system": self.system.fingerprint, "t_end": self.t_end, "contact": contact, "steps": steps}
+        point |= {"scheme": scheme, "members": self.criterion.members}
+
+        def measured() -> list[dict[str, Any]]:
+            try:
+                errors, seconds = self.criterion.errors(self.system, scheme, contact, dt, self.t_end)
+            except (Diverged, InputError) as error:
+                if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
+                    return [{"lost": str(error)}]
+                errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
+            return [{"seconds": seconds, "errors": errors}]
+
+        (row,) = self.journal.rows(point, measured)
+        return None if "lost" in row else Probe(scheme, contact, dt, steps, steps * len(scheme.nodes), **row)
+
+    def cheapest(
+        self, candidates: list[tuple[Scheme, str]], want: dict[str, float], steps: int, most: int, between: int
+    ) -> Probe | None:
+        """The cheapest run that meets the want, None where there is none.
+
+        A candidate is refined from ``steps`` to ``most`` until two numbers of steps in a row meet the want and so do
+        ``between`` numbers between them, or until it costs more than the best that does.
+        """
+        best: Probe | None = None
+        alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
+        while alive and steps <= most and not self.ended:
+            refined, level = [], []
+            for done, (scheme, contact, before) in enumerate(alive):
+                self.show(f"advise: runs of {steps} steps", done, len(alive))
+                # A run takes twice as long as the one of half the steps, which has as many members.
+                last = 0.0 if before is None else 2.0 * before.seconds * max(1, self.criterion.members)
+                if clock() + last > self.until and (level or self.tried):
+                    self.ended = f"{steps} steps"
                     continue
-            refined.append((scheme, contact, run))
-        if level:
-            least = {name: min(level, key=lambda p, name=name: p.errors[name]) for name in want}
-            words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
-            tell(f"{steps} steps: {words}")
-        tried, alive, steps = tried + level, refined, 2 * steps
-    return tried, best
+                good = before if before is not None and before.meets(want) else None
+                # What costs more than the best run that meets the requirements cannot be chosen.
+                if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
+                    continue
+                run = self.probe(scheme, contact, steps)
+                if run is None:
+                    continue  # what this scheme or these stops do not take
+                level.append(run)
+                # Runs between two that meet the requirements may show that this was chance.
+                if good and run.meets(want):
+                    self.tried += (others := self._between(good, want, between))
+                    if all(p.meets(want) for p in others):
+                        best = good
+                        self.tell(f"cheapest so far: {best.label}, {best.steps} steps, {best.work} linear solves")
+                        continue
+                refined.append((scheme, contact, run))
+            if level:
+                least = {name: min(level, key=lambda p, name=name: p.errors[name]) for name in want}
+                words = ", ".join(f"{name} {p.errors[name]:.2g} ({p.label})" for name, p in least.items())
+                self.tell(f"{steps} steps: {words}")
+            self.tried += level
+            alive, steps = refined, 2 * steps
+        return best
 
-
-def _between(coarse: Probe, probe: Callable[[int], Probe | None], want: Mapping[str, float], count: int) -> list[Probe]:
-    """``count`` runs of steps between those of ``coarse`` and their half, as far as they meet the want."""
-    runs: list[Probe] = []
-    for k in range(1, count + 1):
-        run = probe(round(coarse.steps * 2.0 ** (k / (count + 1))))
-        if run is not None:
-            runs.append(run)
-            if not run.meets(want):
-                break
-    return runs
+    def _between(self, coarse: Probe, want: Mapping[str, float], count: int) -> list[Probe]:
+        """``count`` runs of steps between those of ``coarse`` and their half, as far as they meet the want."""
+        runs: list[Probe] = []
+        for k in range(1, count + 1):
+            run = self.probe(coarse.scheme, coarse.contact, round(coarse.steps * 2.0 ** (k / (count + 1))))
+            if run is not None:
+                runs.append(run)
+                if not run.meets(want):
+                    break
+        return runs
 
 
 def _period(system: System, t_end: float) -> float:
     """The shorter of the longest time scale and the drives' periods."""
     return min(scales(system, t_end).period, *(2.0 * np.pi / rate for rate in Drive.of(system).frequencies), t_end)
-
-
-def _probe(
-    system: System, t_end: float, criterion: Motion | Statistics, journal: Store | None,
-    scheme: Scheme, contact: str, steps: int,
-) -> Probe | None:  # fmt: skip
-    """The run with this number of steps, from the journal if it is there; None if the scheme refuses it."""
-    dt = t_end / steps
-    point = {"system": system.fingerprint, "t_end": t_end, "contact": contact, "steps": steps, "scheme": scheme}
-    point |= {"members": criterion.members, "rates": criterion.rates is not None}
-
-    def measured() -> list[dict[str, Any]]:
-        try:
-            errors, seconds = criterion.errors(system, scheme, contact, dt, t_end)
-        except (Diverged, InputError) as error:
-            if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
-                return [{"lost": str(error)}]
-            errors, seconds = dict.fromkeys(map(str, QUANTITIES), np.inf), 0.0
-        return [{"seconds": seconds, "errors": errors}]
-
-    rows = (journal or Store(None, "")).rows(point, measured)
-    return None if "lost" in rows[0] else Probe(scheme, contact, dt, steps, steps * len(scheme.nodes), **rows[0])
 
 
 def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
@@ -226,7 +237,7 @@ class Advice:
     scatter : dict of str to float
         Standard deviation of an exact member over the mean, by quantity.
     remark : str
-        States that nothing moves or that nothing touches a stop, else empty.
+        States that nothing moves or touches a stop, and what the time did not suffice for; else empty.
     """
 
     want: dict[str, float]
@@ -250,17 +261,9 @@ class Advice:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
-        run = self.recommendation
-        recommendation = run and {
-            "scheme": str(run.scheme), "contact": run.contact, "dt": run.dt, "steps": run.steps, "work": run.work,
-            "seconds": run.seconds, "errors": dict(run.errors),
-        }  # fmt: skip
-        return {
-            "measured": ["recommendation.seconds"], "want": self.want, "t_end": self.t_end, "horizon": self.horizon,
-            "members": self.members, "recommendation": recommendation, "unattainable": self.unattainable,
-            "trusted_until": self.trusted_until, "scatter": self.scatter, "remark": self.remark,
-            "units": str(self.system.units),
-        }  # fmt: skip
+        run = self.recommendation and vars(self.recommendation) | {"scheme": str(self.recommendation.scheme)}
+        rest = {name: value for name, value in vars(self).items() if name not in ("candidates", "system")}
+        return {"measured": ["recommendation.seconds"], **rest, "recommendation": run, "units": list(self.system.units)}
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
@@ -268,36 +271,31 @@ class Advice:
         return DRAW["advice"](self, ax, **kwargs)
 
     def _repr_html_(self) -> str:
-        heads = ["run", "time step", "linear solves", *(f"error of {name}" for name in self.want)]
-        rows = [
-            [("advised: " if p is self.recommendation else "") + p.label, f"{p.dt:.4g}", str(p.work),
-             *(f"{p.errors[name]:.2g}" for name in self.want)]
-            for p in self.candidates
-        ]  # fmt: skip
-        return "".join(f"<p>{escape(line)}</p>" for line in str(self).splitlines()) + html_table(heads, rows)
+        return f"<p>{'</p><p>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row for each trial run."""
-        columns = {x: [getattr(p, x) for p in self.candidates] for x in ("contact", "dt", "steps", "work", "seconds")}
-        errors = {f"error_{name}": [p.errors.get(name, np.nan) for p in self.candidates] for name in QUANTITIES}
-        return table({"scheme": [str(p.scheme) for p in self.candidates]} | columns | errors)
+        import pandas
+
+        rows = [vars(p) | {"scheme": str(p.scheme)} | {f"error_{x}": p.errors.get(x, np.nan) for x in QUANTITIES}
+                for p in self.candidates]  # fmt: skip
+        return pandas.DataFrame(rows, columns=[*COST, *(f"error_{x}" for x in QUANTITIES)])
 
     def __str__(self) -> str:
-        units = self.system.units
-        end = units.measure(self.t_end, "time", "g")
+        end = f"{self.t_end:g}"
         lines = [self.remark] if self.remark else []
         if self.recommendation is not None:
             p = self.recommendation
             met = ", ".join(f"{name} {p.errors[name]:.2g} (wanted {self.want[name]:g})" for name in self.attainable)
             over = f", means over {self.members} members whose starts differ by {SPREAD:g}" if self.members else ""
-            dt = units.measure(p.dt, "time", ".6g")
+            dt = f"{p.dt:.6g}"
             cost = f"{p.steps} steps to t = {end}, {p.work} linear solves, {p.seconds:.2g} s here"
             lines.append(f"{p.label}, dt = {dt}: {cost}{over}")
             lines.append(f"relative errors, of the tip rms, without those of the mesh: {met}")
             if self.scatter:
                 single = ", ".join(f"{name} {self.scatter[name]:.2g}" for name in self.attainable)
                 lines.append(f"a single motion scatters about its mean by (relative) {single}: run an ensemble")
-            until, least = units.measure(self.trusted_until, "time", ".4g"), self.want.get("tip", WANT["tip"])
+            until, least = f"{self.trusted_until:.4g}", self.want.get("tip", WANT["tip"])
             near = f"within {least:g} max|u| of the exact one"
             to = f"at every moment to t = {until} its tip is {near}"
             lines.append(to if self.trusted_until > 0.0 else f"already after one step its tip is not {near}")
@@ -323,7 +321,8 @@ def advise(
     contacts: Sequence[str] = ("implicit", "conserving"),
     most_steps: int | None = None,
     members: int = 48,
-    progress: bool | Show = False,
+    seconds: float = 60.0,
+    progress: bool | Show | None = None,
     tell: Tell = lambda line: None,
     journal: Store | None = None,
 ) -> Advice:
@@ -338,8 +337,8 @@ def advise(
     system : System or Case
         As for the exact reference.
     want : mapping of str to float, optional
-        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse, normal_work, force_rms. By
-        default 1e-3, 0.05 and 0.05 of the first three; of rigid stops impulse in the place of peak_force.
+        Admissible relative errors: tip (rms, over max|u|), impacts, peak_force, impulse. By default 1e-3, 0.05 and 0.05
+        of the first three; of rigid stops impulse in the place of peak_force.
     t_end : float
         By default that of the case.
     schemes : sequence of Scheme, optional
@@ -350,6 +349,8 @@ def advise(
         Where the search ends: by default 2^20 steps, 2^14 of a march with matrices, 2^11 for means.
     members : int
         Perturbed runs behind each mean past the horizon.
+    seconds : float
+        CPU seconds after which the search ends with what it knows by then, as ``remark`` says.
     progress : as for ``reference``
     tell : callable
         Called with one line of text after every refinement.
@@ -374,10 +375,18 @@ def advise(
     >>> advice.recommendation is not None
     True
     """
-    if progress is True:
-        with displayed(progress) as show:
-            return advise(system, want, t_end, schemes, contacts, most_steps, members, show, tell, journal)
-    show = progress or silent
+    with working("advise", progress) as show:
+        given = (schemes, contacts, most_steps, members, seconds, show, tell, journal or Store(None, ""))
+        return _advise(system, want, t_end, *given)
+
+
+def _advise(
+    system: System | Case, want: Mapping[str, float] | None, t_end: float | None, schemes: Sequence[Scheme] | None,
+    contacts: Sequence[str], most_steps: int | None, members: int, seconds: float, show: Show, tell: Tell,
+    journal: Store,
+) -> Advice:  # fmt: skip
+    """``advise`` with a function that shows its progress."""
+    begun = clock()
     if isinstance(system, Case):
         t_end, system = system.t_end if t_end is None else t_end, system.system()
     system = instance("system", system, System, "make it with semidiscretise or from_matrices")
@@ -389,42 +398,58 @@ def advise(
         one_of("contacts", name, TREATMENTS)
     contacts = contacts if system.contacts else contacts[:1]
     integer("members", members, 2)
-    exact = best_reference(system, positive("t_end", t_end), progress=progress)
-    # One motion up to the horizon; past it means over perturbed members.
+    share = 0.4 * positive("seconds", seconds)  # of the time for the exact motion, and for its ensemble
+    exact = best_reference(system, positive("t_end", t_end), progress=show, seconds=share)
+    remarks = [remark(system, exact)]
+    if "budget" in exact.provenance:
+        t_end = float(exact.t[-1])
+        remarks.append(f"The advice is for the time that the exact motion reached, {exact.provenance['budget']}.")
+    # One motion up to the horizon; past it means over perturbed members, as many as there is time for.
     past = exact.horizon < t_end
-    rates = any(name in wanted for name in RATES)
-    criterion = Statistics(system, t_end, members, rates, show) if past else Motion(exact, rates)
-    until = system.units.measure(exact.horizon, "time", ".4g")
-    cannot = {"tip": PAST.format(until)} if past and "tip" in wanted else {}
+    affordable = int(share / max(exact.work.march_seconds, 1e-9))
+    if past and affordable < members:
+        remarks.append(f"{members} exact motions take some {members * exact.work.march_seconds:.0f} s: ")
+        if past := affordable >= FEWEST:
+            members = affordable
+            remarks[-1] += f"there is time for {members}."
+        else:
+            t_end = exact.horizon
+            remarks[-1] += f"the advice is for one motion to its horizon t = {t_end:.4g}."
+            exact = best_reference(system, t_end, progress=show)
+    criterion = Statistics(system, t_end, members, show) if past else Motion(exact)
+    cannot = {"tip": PAST.format(f"{exact.horizon:.4g}")} if past and "tip" in wanted else {}
     cannot |= too_uncertain(criterion.scatter, members, wanted)
     open_wants = {name: x for name, x in wanted.items() if name not in cannot}
     direct = MOST_MEMBER if past else MOST_DIRECT
-    most = most_steps or (direct if modes(system) is None else MOST_STEPS)
-    candidates, most = _candidates(schemes, contacts), integer("most_steps", most, 1)
+    most = integer("most_steps", most_steps or (direct if modes(system) is None else MOST_STEPS), 1)
+    candidates = _candidates(schemes, contacts)
     coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * t_end / _period(system, t_end) * (1 - 1e-12)))))
-    probe = partial(_probe, system, t_end, criterion, journal)
-    tried: list[Probe] = []
-    chosen: Probe | None = None
+    search = Search(system, t_end, criterion, begun + seconds, journal, show, tell)
+    chosen = None
     if open_wants:
-        tried, chosen = search(probe, candidates, open_wants, coarsest, most, 0 if past else BETWEEN, show, tell)
-    if open_wants and not tried:
-        remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
-        raise InputError("schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy)
+        chosen = search.cheapest(candidates, open_wants, coarsest, most, 0 if past else BETWEEN)
+        if not search.tried:
+            remedy = "pass schemes that take its stops" if system.contacts else "pass other schemes"
+            raise InputError(
+                "schemes", ", ".join(dict.fromkeys(str(s) for s, _ in candidates)), "take the system", remedy
+            )
+    if search.ended:
+        remarks.append(f"The search ended after {seconds:g} s at {search.ended}: more seconds may find more.")
     # Give up what no run reaches, and advise for the rest.
     while chosen is None and open_wants:
-        worst = unreached(tried, open_wants, most)
+        worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))
         # Means carry the scatter of their members, which no step makes smaller.
         more = f"; a mean over more than {criterion.members} members is nearer" if criterion.members else ""
         cannot |= {name: why + more for name, why in worst.items()}
         open_wants = {name: x for name, x in open_wants.items() if name not in worst}
-        chosen = cheapest(tried, open_wants) if open_wants else None
+        chosen = cheapest(search.tried, open_wants) if open_wants else None
     until = 0.0
     if chosen is not None:
         run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
         until = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
     return Advice(
-        wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(tried), system,
-        dict(criterion.scatter), remark(system, exact),
+        wanted, float(t_end), exact.horizon, criterion.members, chosen, cannot, until, tuple(search.tried), system,
+        dict(criterion.scatter), " ".join(filter(None, remarks)),
     )  # fmt: skip
 
 
@@ -442,7 +467,7 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
         if name != "tip" and not system.contacts:
             remedy = "ask for tip only, or give the system contacts"
             raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name in ("peak_force", *RATES) and system.rigid:
+        if name == "peak_force" and system.rigid:
             raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
     return wanted
 
@@ -465,9 +490,8 @@ class Motion:
     members = 0
     scatter: Mapping[str, float] = {}
 
-    def __init__(self, exact: Reference, rates: bool) -> None:
+    def __init__(self, exact: Reference) -> None:
         self.exact = exact
-        self.rates = _rates([exact]) if rates else None
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -479,16 +503,13 @@ class Motion:
         errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
         for name in ("peak_force", "impulse"):
             errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        if self.rates is not None:
-            rates = zip(RATES, _rates([run])[..., 0], self.rates[..., 0], strict=True)
-            errors |= {name: max(map(_relative, of_run, exact)) for name, of_run, exact in rates}
         return errors, run.work.march_seconds
 
 
 class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
-    def __init__(self, system: System, t_end: float, members: int, rates: bool, show: Show) -> None:
+    def __init__(self, system: System, t_end: float, members: int, show: Show) -> None:
         self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
         what = f"advise: {members} exact motions"
@@ -497,9 +518,6 @@ class Statistics:
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS
         }
-        self.rates = _rates(best_reference(x, t_end) for x in self.systems) if rates else None
-        if self.rates is not None:
-            self.scatter |= {x: max(map(_deviation, y)) for x, y in zip(RATES, self.rates, strict=True)}
 
     def errors(
         self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
@@ -507,23 +525,9 @@ class Statistics:
         """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
         a member; Diverged where one overflows."""
         many = run_members(scheme, self.systems, dt, t_end, contact)
-        errors: dict[str, float] = {}
-        for name, column in COLUMNS:
-            pairs = zip(many.contacts, self.exact.contacts, strict=True)
-            errors[name] = max(_mean_error(getattr(a, column), getattr(b, column)) for a, b in pairs)
-        if self.rates is not None:
-            runs = _rates(integrate(x, scheme, dt, t_end, contact) for x in self.systems)
-            with np.errstate(all="ignore"):  # a run may have grown to 1e200
-                worst = [max(map(_mean_error, *pair)) for pair in zip(runs, self.rates, strict=True)]
-            errors |= dict(zip(RATES, np.nan_to_num(worst, nan=np.inf).tolist(), strict=True))
+        pairs = list(zip(many.contacts, self.exact.contacts, strict=True))
+        errors = {name: max(_mean_error(getattr(a, x), getattr(b, x)) for a, b in pairs) for name, x in COLUMNS}
         return errors, many.work.march_seconds / len(self.systems)
-
-
-def _rates(runs: Iterable[Trajectory]) -> Array:
-    """Each of RATES by contact and run, (2, m, k), infinite where the run has grown beyond numbers."""
-    with np.errstate(all="ignore"):
-        rates = [[[each[name].value for name in RATES] for each in contact_rates(run).rates] for run in runs]
-        return np.transpose(np.nan_to_num(rates, nan=np.inf))
 
 
 def _relative(value: float, exact: float) -> float:

@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -20,9 +20,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ..basics.resources import TALK, Show, cores, displayed
+from ..basics.progress import TALK, Show, working
+from ..basics.resources import cores
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
+from ..basics.units import with_unit
 from ..basics.validation import InputError, integer
 from ..files.cases import Case
 from ..model.time_functions import covered, stays_at_rest
@@ -107,7 +109,7 @@ class Study:
 
     def axis_labels(self, case: Case) -> dict[str, str]:
         """Labels of the columns, with the units of the case."""
-        return {column: case.units.label(*label) for column, label in self.labels.items()}
+        return {column: with_unit(case.units, *label) for column, label in self.labels.items()}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -223,7 +225,7 @@ class Records:
         return plain({
             "measured": [f"rows.{column}" for column in self.study.measured],
             "study": self.name, "question": self.study.question(), "case": self.case.name,
-            "units": asdict(self.case.units), "options": options,
+            "units": list(self.case.units), "options": options,
             "answer": answer.verdict, "notes": answer.notes, "table": answer.table.to_dict("records"),
             "rows": self.table.to_dict("records"),
         })  # fmt: skip
@@ -240,7 +242,11 @@ class Records:
 
 
 def perform(
-    study: Study, case: Case, jobs: int | None = None, folder: str | Path | None = None, progress: bool | Show = False
+    study: Study,
+    case: Case,
+    jobs: int | None = None,
+    folder: str | Path | None = None,
+    progress: bool | Show | None = None,
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
@@ -249,7 +255,7 @@ def perform(
     if jobs is not None:
         integer("jobs", jobs, 1)
     name = type(study).__name__.lower()
-    with displayed(progress) as show:
+    with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store = Store(folder, _key(study, case))
         points = list(study.points(case))
@@ -265,7 +271,7 @@ def perform(
                 show(name, len(parts), len(points))
     rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
     table = pd.DataFrame(rows)
-    table.attrs = {"study": name, "case": case.name, "units": asdict(case.units), "labels": study.axis_labels(case)}
+    table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": study.axis_labels(case)}
     return Records(study, case, table)
 
 

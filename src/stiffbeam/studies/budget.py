@@ -2,20 +2,18 @@
 
 Intervals are bootstrap intervals over the members (BCa). Mesh and span have a bracket besides, see ``doubt``. A source
 is the largest if it is in 97.5 % of the resamples, in each of which all columns have the same members and are at the
-unfavourable ends of their brackets. Rounding need not exceed data and span, which contain it.
-
-If no source is the largest, the group of the largest is the smallest one of which a member exceeds all others in the
-same sense. Its members are alike if they are within a factor ALIKE of each other in 97.5 % of the resamples: half the
-step, or twice the cells, changes an error of order 2 by a factor of 4, which reverses their order.
+unfavourable ends of their brackets. If none is, those that may be the largest are named together. Rounding need not
+exceed data and span, which contain it.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
+import scipy.stats
 
 from ..basics.arrays import Array
 from ..measures.rates import Mean
@@ -23,7 +21,6 @@ from ..measures.report import percent
 
 RESAMPLES = 2000
 SURE = 0.975  # of the resamples in which the source that is named is the largest
-ALIKE = 2.0  # largest ratio of sources that count as equally large
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 BRACKET = (2 / 3, 3 / 2)  # of the extrapolated error of the mesh
 MEASURED = (0.9, 1.1)  # of the distance to cubic elements
@@ -70,19 +67,13 @@ class Budget:
         Over the exact members; for the tip its largest |u|.
     shares : dict of str to Share
     largest : sequence of str
-        The source that exceeds all others, or the group of the largest.
-    sure : bool
-        True if one source exceeds all others, or those of the group are alike, in 97.5 % of the resamples.
-    rankable : bool
-        False if more members leave the largest open, because its bracket overlaps that of another.
+        The source that exceeds all others, or those that may be the largest.
     """
 
     quantity: str
     mean: float
     shares: dict[str, Share]
     largest: tuple[str, ...]
-    sure: bool
-    rankable: bool
 
     @property
     def name(self) -> str:
@@ -97,90 +88,54 @@ class Budget:
     @property
     def dominant(self) -> str:
         """The source that exceeds all others, "" if none does."""
-        return self.largest[0] if self.sure and len(self.largest) == 1 else ""
-
-    @property
-    def alike(self) -> tuple[str, ...]:
-        """The largest sources, if they are within a factor ALIKE of each other and none exceeds the others."""
-        return self.largest if self.sure and len(self.largest) > 1 else ()
+        return self.largest[0] if len(self.largest) == 1 else ""
 
     @property
     def verdict(self) -> str:
-        """Sentence with the largest source, or those that are alike, and a remedy."""
+        """Sentence with the largest source, or those that may be the largest, and a remedy."""
         if not self.uncertain:
             return f"{self.quantity}: no uncertainty, {self.mean:g} in all members for {', '.join(self.shares)}."
-        if not self.dominant:
-            sizes = [percent(self.shares[name].value) for name in self.largest]
-            if self.alike:
-                many = "both" if len(sizes) == 2 else "all"
-                heads = f"{self.quantity}: {_listed(self.largest)} alike, {_listed(sizes)}"
-                return f"{heads}: {many} must be improved."
-            large = _listed([f"{name} ({size})" for name, size in zip(self.largest, sizes, strict=True)])
-            members = ": draw more members" if self.rankable else ""
-            return f"{self.quantity}: {large} are too close to rank{members}."
-        first = self.dominant
-        rest = ", ".join(
-            f"{name} {percent(x.value)}"
-            for name, x in self.shares.items()
-            if name != first and not _contains(name, first)
-        )
+        sizes = {name: f"{name} ({percent(x.value)})" for name, x in self.shares.items()}
+        if not (first := self.dominant):
+            names = [sizes[name] for name in self.largest]
+            return f"{self.quantity}: {', '.join(names[:-1])} and {names[-1]} may be the largest: improve all of them."
+        rest = ", ".join(sizes[name] for name in self.shares if name != first and not _contains(name, first))
         parts = "the step and the mesh are" if "mesh" in self.shares else "the step is"
-        cure = CURES[first].format(parts=parts)
-        return f"{self.quantity}: {first} ({percent(self.shares[first].value)}) exceeds {rest}: {cure}."
+        return f"{self.quantity}: {sizes[first]} exceeds {rest}: {CURES[first].format(parts=parts)}."
 
 
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
+Statistic = Callable[..., Array]  # of the values along an axis, by default the second
 
 
-Statistic = Callable[[Array], Array]
-Ends = Mapping[str, Array]
+def resampled(statistic: Statistic, sample: Array) -> Array:
+    """A statistic of RESAMPLES bootstrap resamples of a sample (M,), which are the same rows for every sample of its
+    size."""
+    return statistic(sample[np.random.default_rng(1).integers(0, len(sample), (RESAMPLES, len(sample)))])
 
 
-def resampled(statistic: Statistic, sample: Array, seed: int = 1) -> Array:
-    """A statistic of RESAMPLES bootstrap resamples of a sample (M, ...), which has the same rows for every sample of
-    its size; the statistic works along the second axis."""
-    return statistic(sample[np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))])
+def bootstrap(statistic: Statistic, sample: Array) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of a statistic over a sample (M,). A sample whose values are all equal has an
+    interval without width."""
+    drawn = resampled(statistic, sample)
+    ends = float(np.min(drawn)), float(np.max(drawn))
+    if ends[0] == ends[1]:
+        return ends
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
+        interval = scipy.stats.bootstrap((sample,), statistic, n_resamples=RESAMPLES, rng=1).confidence_interval
+    return (float(interval.low), float(interval.high)) if np.all(np.isfinite(interval)) else ends
 
 
-def bootstrap(statistic: Statistic, sample: Array, seed: int = 1) -> tuple[float, float]:
-    """Ends of the 95 % BCa interval of a statistic over a sample (M, ...), see ``resampled``.
-
-    Bias correction and acceleration as in Efron, Better Bootstrap Confidence Intervals (1987), section 2. A sample
-    whose values are all equal has an interval without width.
-    """
-    estimate = float(statistic(sample[None])[0])
-    drawn = np.sort(resampled(statistic, sample, seed))
-    below = (np.sum(drawn < estimate) + 0.5 * np.sum(drawn == estimate)) / RESAMPLES
-    # Without scatter, or with all resamples on one side of the estimate, the bias has no finite value.
-    if drawn[0] == drawn[-1] or not 0.0 < below < 1.0:
-        return float(drawn[0]), float(drawn[-1])
-    # Acceleration by the jackknife: the statistic without each member in turn.
-    keep = ~np.eye(len(sample), dtype=bool)
-    left_out = statistic(np.array([sample[row] for row in keep]))
-    off = np.mean(left_out) - left_out
-    size = float(np.sum(off**2)) ** 1.5
-    acceleration = float(np.sum(off**3)) / (6.0 * size) if size else 0.0
-    normal = NormalDist()
-    # The ends are quantiles of the resamples, shifted by bias and acceleration.
-    bias = normal.inv_cdf(float(below))
-    ends = []
-    for z in (normal.inv_cdf(0.025), normal.inv_cdf(0.975)):
-        share = normal.cdf(bias + (bias + z) / (1.0 - acceleration * (bias + z)))
-        ends.append(float(np.quantile(drawn, share)))
-    return ends[0], ends[1]
+def _means(x: Array, axis: int = 1) -> Array:
+    return np.mean(x, axis=axis)
 
 
-def _means(x: Array) -> Array:
-    return np.mean(x, axis=1)
+def _deviations(x: Array, axis: int = 1) -> Array:
+    return np.std(x, axis=axis, ddof=1)
 
 
-def _deviations(x: Array) -> Array:
-    return np.std(x, axis=1, ddof=1)
-
-
-def _roots(x: Array) -> Array:
-    return np.sqrt(np.mean(x**2, axis=1))
+def _roots(x: Array, axis: int = 1) -> Array:
+    return np.sqrt(np.mean(x**2, axis=axis))
 
 
 @dataclass(frozen=True)
@@ -243,40 +198,25 @@ def share(column: Column, scale: float) -> Share:
 
 def budget_of(quantity: str, mean: float, columns: dict[str, Column]) -> Budget:
     """The budget of a quantity from its columns, relative to |mean|."""
-    shares = {name: share(x, abs(mean)) for name, x in columns.items()}
-    group, sure = ranked(columns)
-    # Brackets alone, without the scatter of the resamples, are what more members would leave.
-    least, most = ({name: np.array([x.sample_size * x.factors[end]]) for name, x in columns.items()} for end in (1, 2))
-    rankable = _ranked(columns, least, most)[1]
-    return Budget(quantity, mean, shares, group, sure, rankable)
+    return Budget(quantity, mean, {name: share(x, abs(mean)) for name, x in columns.items()}, ranked(columns))
 
 
-def ranked(columns: Mapping[str, Column]) -> tuple[tuple[str, ...], bool]:
-    """The largest source, or the group of the largest, and True if that is sure, see the module. Data and span, which
-    contain the scatter of rounding, do not count against it."""
+def ranked(columns: Mapping[str, Column]) -> tuple[str, ...]:
+    """The largest source, or those that may be the largest. Data and span, which contain the scatter of rounding, do
+    not count against it."""
     # A source at the low end of its bracket is held against all others at their high ends.
     least, most = ({name: x.resampled(x.factors[end]) for name, x in columns.items()} for end in (1, 2))
-    return _ranked(columns, least, most)
-
-
-def _ranked(columns: Mapping[str, Column], least: Ends, most: Ends) -> tuple[tuple[str, ...], bool]:
-    """``ranked`` from the ends of the brackets, each in all resamples."""
-
-    def exceed(names: Sequence[str], rivals: Sequence[str]) -> bool:
-        low = np.max([least[name] for name in names], axis=0)
-        return bool(np.mean(np.all([low >= most[x] for x in rivals] or [low >= 0.0], axis=0)) >= SURE)
-
     names = sorted(columns, key=lambda x: -columns[x].size)
     for name in names:
-        rivals = [x for x in names if x != name and not _contains(x, name)]
-        if columns[name].size > 0.0 and exceed([name], rivals):
-            return (name,), True
+        rivals = [most[x] for x in names if x != name and not _contains(x, name)]
+        if columns[name].size > 0.0 and np.mean(np.all([least[name] >= x for x in rivals], axis=0)) >= SURE:
+            return (name,)
     # Rounding stands for data and span if they may be its scatter alone.
-    rounding = [x for x in names if x == "rounding"]
-    names = [x for x in names if not _contains(x, "rounding") or exceed([x], rounding)]
-    group = next(names[:k] for k in range(2, len(names) + 1) if exceed(names[:k], names[k:]))
-    near = np.max([most[x] for x in group], axis=0) <= ALIKE * np.min([least[x] for x in group], axis=0)
-    return tuple(group), bool(columns[group[0]].size > 0.0 and np.mean(near) >= SURE)
+    rounding = most.get("rounding")
+    names = [x for x in names if not _contains(x, "rounding") or rounding is None
+             or np.mean(least[x] >= rounding) >= SURE]  # fmt: skip
+    first = least[names[0]]
+    return (names[0], *([x for x in names[1:] if np.mean(first >= most[x]) < SURE] or names[1:2]))
 
 
 def of_span(rates: Sequence[Mean]) -> Column:

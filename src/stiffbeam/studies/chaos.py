@@ -20,11 +20,11 @@ import pandas as pd
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
+from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
+from ..figures.chart import lines, log_scale, look, shared_legend, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.frequencies import drive_frequency
 from ..model.modes import undamped_modes
 from ..model.sampled import Sampled
 from ..model.scales import scales
@@ -46,8 +46,8 @@ CLOSE, CLOSE_TO_TOLERANCE = 1e-11, 1e-7  # the distance of a pair: far above rou
 THREEFOLD = np.log(3.0)
 STEPS = 10  # of a scheme in the span, at least
 SURE = 6  # pairs, the fewest that can tell a median with 95 %: five alike have 1 chance in 16 to be so by chance
+FLOWS = {"exact": "exact", "tangent flow": "tangent"}
 SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
-PORTRAIT = 6000  # samples of the delayed portrait
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Chaos(Study):
     """How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?
 
     Pairs of neighbouring motions start along the exact motion, ``size`` apart, and are followed for ``span``, by the
-    exact solution and by every scheme. The picture has portraits of the exact motion too.
+    exact solution and by every scheme.
     """
 
     schemes: common.Labels = common.schemes()
@@ -69,21 +69,14 @@ class Chaos(Study):
     smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "starts": 6}
     needs_motion: ClassVar = True
     all_cores: ClassVar = True
-    height: ClassVar = 8.6
+    height: ClassVar = 4.6
     labels: ClassVar = {
         "t": ("time since the start of the pair", "time"), "distance": ("distance over the motion's size", ""),
         "exponent": (r"exponent $\lambda$ in $e^{\lambda t}$", "rate"),
     }  # fmt: skip
 
-    def axis_labels(self, case: Case) -> dict[str, str]:
-        """Labels with the symbol of the tip."""
-        u, ahead = (tip_symbol(case.beam, t) for t in ("t", "t + T"))
-        speed = case.units.label(u.replace("u(", "u_t("), "velocity")
-        tips = {name: case.units.label(text, "length") for name, text in (("u", u), ("u_delayed", ahead))}
-        return super().axis_labels(case) | tips | {"v": speed}
-
     def points(self, case: Case) -> list[Row]:
-        """Pairs by each method, the tangent flow, the portrait."""
+        """Pairs by each method, and the tangent flow."""
         system = case.system(self.form)
         exact = common.solve_once(system, case.t_end)
         dt, span = case.dt, self.span
@@ -100,18 +93,14 @@ class Chaos(Study):
         size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
         shared = {"kind": "pairs", "size": size, "span": dt * round(span / dt)}
         pairs = [shared | {"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
-        drive = drive_frequency(system)
-        long_enough = not drive or 0.9 * case.t_end > 2.0 * np.pi / drive  # for a portrait delayed by a period
-        portrait: Row = {"kind": "portrait", "method": "exact"}
-        tangent: Row = {"kind": "tangent", "method": "tangent flow"}
-        return [*pairs, *([tangent] if known else []), *([portrait] if long_enough else [])]
+        return [*pairs, *([{"kind": "tangent", "method": "tangent flow"}] if known else [])]
 
     def run(self, case: Case, kind: str, method: str, size: float = 0.0, span: float = 0.0) -> list[Row]:
-        """Rows of pairs of neighbouring motions, of the tangent flow, or of the portrait."""
+        """Rows of pairs of neighbouring motions, or of the tangent flow."""
         system = case.system(self.form)
         if kind == "pairs":
             return self._pairs(case, system, method, size, span)
-        return _tangent(system, case.t_end) if kind == "tangent" else _portrait(system, case.t_end)
+        return _tangent(system, case.t_end)
 
     def _pairs(self, case: Case, system: System, method: str, size: float, span: float) -> list[Row]:
         """Exponent of every pair, and the mean distance over time."""
@@ -159,37 +148,35 @@ class Chaos(Study):
         known = {method: pair for method, pair in means.items() if pair is not None}
         if not known:
             return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
-        unit = units.of("rate") and f" {units.of('rate')}"
-        notes = "Means over the starts, ± 95 % by their scatter."
+        rate, notes = with_unit(units, "lambda", "rate"), "Means over the starts, ± 95 % by their scatter."
         if "tangent flow" in known:
             mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
-            time = units.of("time") or "unit of time"
+            time = unit_of(units, "time") or "unit of time"
             notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
         rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
-        said = f"{known['exact'][0]:.3g} ± {known['exact'][1]:.2g}{unit} for the exact flow" if "exact" in known else ""
-        schemes = f"{common.extremes(rates, '{:.3g}'.format)}{unit} for schemes" if rates else ""
-        if not said and not schemes:
-            said = f"{known['tangent flow'][0]:.3g} ± {known['tangent flow'][1]:.2g}{unit} for the tangent flow"
+        flow = next(((f"{x} flow", known[name]) for name, x in FLOWS.items() if name in known), None)
+        said = [f"{flow[1][0]:.3g} ± {flow[1][1]:.2g} for the {flow[0]}"] if flow else []
+        said += [f"{common.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
         return Answer(
-            f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(filter(None, [said, schemes]))}.",
+            f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(said)}.",
             pd.DataFrame(
-                [{"neighbours diverge like exp(lambda t)": method, "lambda": f"{mean:.3g} ± {interval:.2g}{unit}"}
+                [{"neighbours diverge like exp(lambda t)": method, rate: f"{mean:.3g} ± {interval:.2g}"}
                  for method, (mean, interval) in known.items()]
             ),
             notes + (f" {unseen}." if unseen else ""),
         )  # fmt: skip
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Mean distance of neighbouring motions, exponents, u(t + T) over u(t), phase portrait."""
-        labels, axes = table.attrs["labels"], figure.subplots(2, 2)
+        """Mean distance of neighbouring motions, and their exponents."""
+        labels, axes = table.attrs["labels"], figure.subplots(1, 2)
         distances = table[table.distance.notna()] if "distance" in table else table[:0]
         if len(distances):
-            lines(axes[0, 0], distances, "t", "distance", "method", marker="")
-            axes[0, 0].axhline(LINEAR, color="0.5", lw=0.9, ls=":")
-            axes[0, 0].text(distances.t.min(), 1.2 * LINEAR, "grows in proportion below", fontsize=8, color="0.3")
-            log_scale(axes[0, 0], x=False)
-        axes[0, 0].set(title="geometric mean over the pairs", xlabel=labels["t"], ylabel=labels["distance"])
-        means, jitter, axis = stated(table), np.random.default_rng(0), axes[0, 1]
+            lines(axes[0], distances, "t", "distance", "method", marker="")
+            axes[0].axhline(LINEAR, color="0.5", lw=0.9, ls=":")
+            axes[0].text(distances.t.min(), 1.2 * LINEAR, "grows in proportion below", fontsize=8, color="0.3")
+            log_scale(axes[0], x=False)
+        axes[0].set(title="geometric mean over the pairs", xlabel=labels["t"], ylabel=labels["distance"])
+        means, jitter, axis = stated(table), np.random.default_rng(0), axes[1]
         for i, (method, known) in enumerate(means.items()):
             values, colour = _finite(table, method, "exponent"), look(method)["color"]
             axis.plot(values, i + jitter.uniform(-0.25, 0.25, len(values)), ".", ms=3, color=colour, alpha=0.5)
@@ -199,12 +186,6 @@ class Chaos(Study):
         axis.set_yticks(range(len(means)), [short(method) for method in means], fontsize=8.5)
         axis.set_ylim(len(means) - 0.4, -0.6)
         axis.set(title="exponents: every start, mean, 95 % interval", xlabel=labels["exponent"])
-        path = table[table.kind == "portrait"]
-        for axis, name, title in ((axes[1, 0], "u_delayed", "delayed by a period T of the drive, exact, single run"),
-                                  (axes[1, 1], "v", "phase portrait, exact, single run")):  # fmt: skip
-            if len(path):
-                axis.plot(path.u, path[name], ".", ms=1.2, color="black", alpha=0.45, rasterized=True)
-            axis.set(title=title, xlabel=labels["u"], ylabel=labels[name])
         shared_legend(figure)
 
 
@@ -294,20 +275,6 @@ def _tangent(system: System, t_end: float) -> list[Row]:
     return [
         {"pair": k, "start": float(edges[k]), "exponent": float(rates[k]), "late": float(late[k])}
         for k in range(1, SEGMENTS)
-    ]
-
-
-def _portrait(system: System, t_end: float) -> list[Row]:
-    """(u(t), u'(t), u(t + T)) of the exact motion with T the drive's period, after a first tenth of the span."""
-    exact = common.solve_once(system, t_end)
-    drive = drive_frequency(system)
-    delay = 2.0 * np.pi / drive if drive else 0.1 * t_end
-    t = np.linspace(0.1 * t_end, t_end - delay, PORTRAIT)
-    u, v = exact.at(t)
-    ahead, _ = exact.at(t + delay)
-    return [
-        {"t": float(a), "u": float(b), "v": float(c), "u_delayed": float(d)}
-        for a, b, c, d in zip(t, u, v, ahead, strict=True)
     ]
 
 

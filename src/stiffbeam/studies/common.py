@@ -68,9 +68,7 @@ Integers = Annotated[Sequence[int] | None, Parameter(converter=_integers, n_toke
 Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens=1, negative=())]
 
 
-Couple = Annotated[Mapping[str, Any] | Sequence[str] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
-COUPLE = 'parameters that follow x, the value of the first: "loads[0].time.amplitude=0.01*x**2"'
 
 
 def schemes() -> Any:

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent
+from ..basics.progress import Show, silent
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
-from ..files.reference_cache import cached_reference, is_cached
+from ..files.reference_cache import cached_reference
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
-from ..references import expected_seconds, reference, substitute
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, OUTPUTS, RTOL, Steps, method_of
+from ..references import reference, substitute
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..testset.integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-
-SHARES = [0.7**k for k in range(14)]  # of the horizon, where a reference ends that the budget cuts short
 
 
 @dataclass(frozen=True)
@@ -34,42 +32,10 @@ class _Solver:
     budget: float
 
     def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        """Solve to t_end. Raises InputError where the budget does not allow that."""
-        kept = self.keeps(method) and is_cached(system, t_end, method, times)
-        outputs = OUTPUTS if times is None else len(times)
-        if not kept and (seconds := self.seconds(system, t_end, method, outputs)) > self.budget:
-            rule = f"allow the {seconds:.0f} s that {method} will take by an estimate"
-            raise InputError("budget", self.budget, rule, "give more seconds, or a shorter t_end")
-        if not self.keeps(method):
-            return reference(system, t_end, method, times, progress=silent)
-        return cached_reference(system, t_end, method, times, progress=silent)
-
-    def keeps(self, method: str) -> bool:
-        """Return True if the cache has a part in it: the exact solution takes no longer than reading a file."""
-        return self.cache and method != "exact"
-
-    def as_far_as(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        """Solve to t_end, or to one of SHARES of it, as far as the budget allows. times: None for any time."""
-        grid = np.linspace(0.0, t_end, OUTPUTS) if times is None else times
-        parts = [grid[: int(share * (len(grid) - 1)) + 1] for share in SHARES if share * (len(grid) - 1) >= 2.0]
-        spans = [(t_end if len(p) == len(grid) else float(p[-1]), None if times is None else p) for p in parts]
-        # A stored span costs nothing; else the first that the budget allows.
-        span = next((s for s in spans if self.keeps(method) and is_cached(system, s[0], method, s[1])), None)
-        if span is None:
-            seconds = self.seconds(system, t_end, method, len(grid))
-            span = next((span for span in spans if seconds * span[0] / t_end <= self.budget), None)
-        free = self if span is None else replace(self, budget=np.inf)
-        end, asked = (t_end, times) if span is None else span
-        solution = free(system, end, method, asked)
-        if end < t_end:
-            solution.provenance["budget"] = f"to t = {end:.3g} of {t_end:.3g}: the budget ends there"
-        return solution
-
-    def seconds(self, system: System, t_end: float, method: str, outputs: int) -> float:
-        """Return the expected seconds, 0.0 without a budget."""
-        if self.budget == np.inf:
-            return 0.0
-        return expected_seconds(system, t_end, method, RTOL, None, Steps(), self.budget, outputs=outputs)
+        """Solve as far as the budget allows. times: None for any time."""
+        # The exact solution takes no longer than reading a file.
+        solve = cached_reference if self.cache and method != "exact" else reference
+        return solve(system, t_end, method, times, progress=False, seconds=self.budget)
 
 
 @dataclass(frozen=True)
@@ -100,7 +66,7 @@ class CaseComparison:
             "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
             "case": self.case.name,
             "title": self.case.title,
-            "units": asdict(self.case.units),
+            "units": list(self.case.units),
             "dt": self.case.dt,
             "t_end": self.case.t_end,
             "cells": self.case.cells if self.case.beam else None,
@@ -137,9 +103,9 @@ def compare_case(
     The first of ``references`` that can take the system is the main reference, over the whole span; the
     others run to its horizon only and are compared like the schemes. A run that fails is reported and
     the others go on. ``keep`` is called with every trajectory as soon as it is finished. cache: keep the references
-    for the next time, and read those of an earlier one. budget: seconds of CPU that a further reference may
-    take by an estimate made before it starts, the main one four times as many; one that would take more ends earlier
-    and says so. ``truth`` is asked, with case, form and t_end, for a solution that holds over the whole span.
+    for the next time, and read those of an earlier one. budget: CPU seconds that a further reference may take, the main
+    one four times as many; one that would take more ends earlier. ``truth`` is asked, with case, form and t_end, for a
+    solution that holds over the whole span.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
@@ -217,11 +183,11 @@ def _references(
                 progress(label, 0, 0)
                 # The adaptive solvers answer at the times they were asked for: the runs' own steps.
                 times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-                solution = replace(solver, budget=4.0 * solver.budget).as_far_as(system, case.t_end, method, times)
+                solution = replace(solver, budget=4.0 * solver.budget)(system, case.t_end, method, times)
             else:
                 progress(f"{label} to the horizon {window:.3g}", 0, 0)
                 times = np.arange(steps + 1) * case.dt
-                solution = solver.as_far_as(system, float(times[-1]), method, times)
+                solution = solver(system, float(times[-1]), method, times)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue

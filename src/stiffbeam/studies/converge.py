@@ -208,7 +208,7 @@ class Converge(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Orders of every integrator, the work for one error, the step from which on impacts are right."""
-        units, observed = case.units, orders(table)
+        observed = orders(table)
         small: dict[str, Row] = {label: {"integrator": short(label)} for label in table.integrator.unique()}
         words, parts = {SMOOTH: "without contact", CONTACT: "through the first impacts"}, []
         for kind in (x for x in words if x in set(table.kind)):
@@ -230,7 +230,7 @@ class Converge(Study):
             small[label][f"solves for {ERROR:g}"] = _count(cost)
         right = right_from(_implicit(at, self.contact))
         for label, dt in right.items():
-            small[label]["impacts right from dt"] = units.measure(dt, "time", ".2g") if np.isfinite(dt) else DASH
+            small[label]["impacts right from dt"] = f"{dt:.2g}" if np.isfinite(dt) else DASH
         if "energy_lost" in at:
             for label, rows in at[at.energy_lost.notna()].groupby("integrator", sort=False):
                 small[str(label)]["energy lost at dt"] = percent(rows.energy_lost.iloc[0])

@@ -8,33 +8,17 @@ results, and of a rate also that of its finite time span.
     data        deviation(Q)/|mean(Q)| over the drawn members
     span        sqrt(mean(V))/|mean(Q)|, V the variance of a member's rate over its span (``measures/rates.py``)
 
-Q: impacts, impacts per time, largest force, impulse and time in contact at each contact, and the energy (kinetic,
-bending, stops) in the mean over time; all members have the same random parameters in every column. For the tip the
-columns are rms distances over the largest |u|: from the exact tip of the same member, and for data from the median over
-the members. Past the horizon the scatter of the data contains that of rounding. If both are large, the motion is
-chaotic and only its statistics are meaningful.
+Q: impacts, impacts per time, largest force, impulse and time in contact at each contact, and the energy in the mean
+over time; all members have the same parameters, a Latin hypercube sample, in every column. For the tip the columns are
+rms distances over the largest |u|. The first four columns of the rate are those of the impacts; its column span is the
+distance to the rate of a run without end, which a motion that nothing drives does not have.
 
-The first four columns of the rate are those of the impacts, because all members have one span. Its column span is the
-distance to the rate of a run without end: it counts the whole run as stationary. A motion without a load or base that
-depends on time has no such rate.
+Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides:
 
-Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides. The finer mesh of a
-form of order 2 with compliant stops has cubic elements on the cells of the case, at least 8: as many unknowns as twice
-the cells, and an error of order 4. Its bracket reaches from 0.9 to 1.1. Of the exact motions of 40 random beams on 8
-cells of the displacement form this share has its error against 64 cells inside it:
-
-    tip 100 %, largest force 95 %, energy 92 %, impacts 100 %, time in contact 95 %, impulse 93 %
-
-(``pytest -m campaign -s tests/studies/test_doubt.py -k bracket``; impacts: of those whose number the mesh changes).
-On twice the cells, for rigid stops and the hermite form, the bracket reaches from 2/3 to 3/2 of the extrapolated
-value, because order p is that of smooth motions. The same command has at least 96 % of 24 beams of the hermite form
-inside it; for rigid stops no share was measured.
-
-Of matrices the mesh is the distance to a finer model. The error is 1 of that for a model without error and 4/3 for one
-of half the width at order 2; the bracket, 2/3 to 2, adds a margin of 3/2. The bracket of the span reaches from 1/2 to
-2: of 100 records of an oscillator under noise 87 hold the deviation of the rate over the records
-(``tests/studies/test_doubt.py``).
-``budget.py`` ranks the sources. The parameters of the members are a Latin hypercube sample of their distributions.
+    cubic elements on the cells of the case    0.9 to 1.1    compliant stops, forms of order 2; measured on random beams
+    twice the cells                            2/3 to 3/2    rigid stops, hermite form; p is the order of smooth motions
+    a finer model of matrices                  2/3 to 2      1 to 4/3 of the distance, with a margin of 3/2
+    span                                       1/2 to 2      87 of 100 records of an oscillator under noise
 """
 
 from __future__ import annotations
@@ -48,9 +32,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, cores, displayed, over_slices
-from ..basics.text import html_table, plain, several, table
-from ..basics.units import Units
+from ..basics.progress import Show, working
+from ..basics.resources import over_slices
+from ..basics.text import plain, several
+from ..basics.units import Units, with_unit
 from ..basics.validation import InputError, integer, number, positive
 from ..files.cases import Case, case_of
 from ..measures.rates import stationary_mean, windows
@@ -93,7 +78,7 @@ class Doubt:
     data_horizon : float
         The time to which 95 % of the members agree to ``tolerance`` of the largest |u|, at most t_end.
     tolerance : float
-    units : Units
+    units : tuple
     budgets : sequence of Budget
         One per quantity.
     remarks : sequence of str
@@ -113,69 +98,51 @@ class Doubt:
 
     def _lines(self) -> list[str]:
         """Run, times to which the motion is certain, and verdicts."""
-        values = (self.dt, self.t_end, self.horizon, self.data_horizon)
-        dt, end, rounding, data = (self.units.measure(x, "time", ".4g") for x in values)
-        head = f"{self.scheme}, dt = {dt}, {several(self.members, 'member')} to t = {end}"
+        head = f"{self.scheme}, dt = {self.dt:.4g}, {several(self.members, 'member')} to t = {self.t_end:.4g}"
         known = (
-            f"Rounding leaves the motion certain to t = {rounding}, data to t = {data} "
+            f"Rounding leaves the motion certain to t = {self.horizon:.4g}, data to t = {self.data_horizon:.4g} "
             f"(95 % of the members within {percent(self.tolerance)})."
         )
         return [head, known, *(budget.verdict for budget in self.budgets), *self.remarks]
 
-    def _table(self) -> list[dict[str, str]]:
+    def _table(self) -> pandas.DataFrame:
         """Means and columns with their intervals, as they are printed."""
-        return [
-            {"95 % intervals": x.quantity, "mean": self.units.measure(x.mean, UNITS.get(x.name, ""), ".4g")}
-            | {
-                name: str(x.shares.get(name, "no finer model"))
-                for name in SOURCES
-                if name in x.shares or name == "mesh"
-            }
+        import pandas
+
+        rows = [
+            {"95 % intervals": with_unit(self.units, x.quantity, UNITS.get(x.name, "")), "mean": f"{x.mean:.4g}"}
+            | {name: str(x.shares.get(name, "no finer model")) for name in SOURCES if name in {"mesh", *x.shares}}
             for x in self.budgets
         ]
+        return pandas.DataFrame(rows).fillna("–")
 
     def __str__(self) -> str:
         """The verdicts, then the columns with their intervals."""
-        import pandas
-
-        small = pandas.DataFrame(self._table()).fillna("–").to_string(index=False)
-        return "\n".join([*self._lines(), small])
+        return "\n".join([*self._lines(), self._table().to_string(index=False)])
 
     def _repr_html_(self) -> str:
-        names = list(dict.fromkeys(name for line in self._table() for name in line))
-        rows = [[line.get(name, "") for name in names] for line in self._table()]
-        return "".join(f"<p>{escape(line)}</p>" for line in self._lines()) + html_table(names, rows)
+        return f"<p>{'</p><p>'.join(map(escape, self._lines()))}</p>{self._table().to_html(index=False)}"
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row for each quantity, the index: ``mean``, ``dominant``, ``alike``, and ``data``, ``data_low``,
+        """One row for each quantity, the index: ``mean``, ``largest``, and ``data``, ``data_low``,
         ``data_high`` for each source; NaN where a quantity lacks it."""
+        import pandas
+
         rows = {
-            x.quantity: {"mean": x.mean, "dominant": x.dominant, "alike": ", ".join(x.alike)}
+            x.quantity: {"mean": x.mean, "largest": ", ".join(x.largest)}
             | {f"{name}{end}": getattr(part, field) for name, part in x.shares.items() for end, field in ENDS.items()}
             for x in self.budgets
         }
-        names = list(dict.fromkeys(name for row in rows.values() for name in row))
-        columns = {name: [row.get(name, np.nan) for row in rows.values()] for name in names}
-        return table({"quantity": list(rows)} | columns).set_index("quantity")
+        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts."""
-        budgets = [
-            {"quantity": x.quantity, "mean": x.mean, "dominant": x.dominant, "alike": list(x.alike),
-             "verdict": x.verdict}
-            | {name: asdict(share) for name, share in x.shares.items()}
-            for x in self.budgets
-        ]  # fmt: skip
-        names = ("scheme", "dt", "t_end", "members", "horizon", "data_horizon", "tolerance")
-        rest = {name: getattr(self, name) for name in names}
-        return plain({"measured": []} | rest | {"units": str(self.units), "budgets": budgets, "remarks": self.remarks})
+        budgets = [asdict(x) | {"dominant": x.dominant, "verdict": x.verdict} for x in self.budgets]
+        return plain({"measured": [], **vars(self), "budgets": budgets})
 
     def __getitem__(self, quantity: str) -> Budget:
         """The budget of a quantity by its name."""
-        for budget in self.budgets:
-            if budget.quantity == quantity:
-                return budget
-        raise KeyError(quantity)
+        return {budget.quantity: budget for budget in self.budgets}[quantity]
 
 
 def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.95) -> float:
@@ -197,7 +164,7 @@ def doubt(
     members: int = 48,
     seed: int = 1,
     tolerance: float = 0.05,
-    progress: bool | Show = False,
+    progress: bool | Show | None = None,
     contact: str = "implicit",
     t_end: float | None = None,
     uncertain: Mapping[str, Any] | None = None,
@@ -261,7 +228,7 @@ def doubt(
     integer("members", members, 8)
     positive("tolerance", number("tolerance", tolerance))
     scheme = case.runs[0][0] if scheme is None else scheme
-    with displayed(progress) as show:
+    with working("doubt", progress) as show:
         return _doubt(
             case, scheme, case.dt if dt is None else positive("dt", dt), members, seed, tolerance, show, contact
         )
@@ -408,4 +375,4 @@ def _mean_energies(many: Ensemble) -> Array:
     def means(part: Sequence[int]) -> list[float]:
         return [float(np.mean(each)) for each in energies(many, part)]
 
-    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE, cores(), None)))
+    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE)))

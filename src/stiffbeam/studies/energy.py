@@ -67,10 +67,10 @@ class Energy(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-        units, small, lost, known, shares = case.units, [], {}, True, [0.0]
+        small, lost, known, shares = [], {}, True, [0.0]
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
         closed = [
-            f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {units.measure(row.t, 'time', '.3g')})"
+            f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {row.t:.3g})"
             for row in last[last.scheme == "exact"].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
@@ -83,11 +83,11 @@ class Energy(Study):
             elif np.isfinite(row["lost_fraction"]):
                 lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
             else:  # on balance nothing was put in
-                loss = units.measure(row["loss"], "energy", ".2g") + " in all"
+                loss = f"{row['loss']:.2g}" + " in all"
             shares += [share] if row["sure"] else []
             part = f"{100 * share:z.0f} %" if row["sure"] else DASH
             small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
-        end = units.measure((schemes if len(schemes) else last).t.max(), "time", "g")
+        end = f"{(schemes if len(schemes) else last).t.max():g}"
         verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, "
         verdict += "the exact flow none."
         if not lost and not known:
@@ -118,7 +118,7 @@ class Energy(Study):
         names, left = [x for x in table.scheme.unique() if x != "exact"], None
         for j, form in enumerate(forms):
             left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
-            end = case.units.measure(table[table.form == form].t.max(), "time", "g")
+            end = f"{table[table.form == form].t.max():g}"
             _shares(left, dict(iter(table[table.form == form].groupby("scheme"))), names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
@@ -140,31 +140,28 @@ def _supplied(rows: Table) -> float:
 
 def _shares(axis: Axes, runs: dict[Any, Table], names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
-    bars: list[tuple[float, float, str, str]] = []
-    for i, name in enumerate(names):
-        if name not in runs:
-            continue
-        most, last = _supplied(runs[name]), runs[name].iloc[-1]
-        if not last.sure:
-            axis.text(0.0, i, " not known", va="center", fontsize=7.5)
-        for part, words, colour, place in PARTS:
-            bars.append((i + place, 100.0 * last[part] / most if most > 0.0 else np.nan, words, colour))
-    reach = 1.35 * max([1.0, *(abs(share) for _, share, *_ in bars if abs(share) <= MOST)])
-    labelled: set[str] = set()
-    for at, share, words, colour in bars:
-        look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
-        if abs(share) <= MOST:
-            axis.barh(at, share, 0.3, color=colour, label=None if words in labelled else words)
-            labelled.add(words)
-            axis.text(share, at, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
-        elif np.isfinite(share):
-            where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
-            axis.text(where, at, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+    lasts = {name: (runs[name].iloc[-1], _supplied(runs[name])) for name in names if name in runs}
+    shares = {
+        part: [100.0 * lasts[x][0][part] / lasts[x][1] if x in lasts and lasts[x][1] > 0.0 else np.nan for x in names]
+        for part, *_ in PARTS
+    }
+    reach = 1.35 * max([1.0, *(abs(x) for each in shares.values() for x in each if abs(x) <= MOST)])
+    look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
+    for part, words, colour, place in PARTS:
+        for i, share in enumerate(shares[part]):
+            label = words if i == 0 else None
+            axis.barh(i + place, share if abs(share) <= MOST else np.nan, 0.3, color=colour, label=label)
+            if abs(share) <= MOST:
+                axis.text(share, i + place, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
+            elif np.isfinite(share):
+                where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
+                axis.text(where, i + place, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+    for name in (x for x in lasts if not lasts[x][0].sure):
+        axis.text(0.0, names.index(name), " not known", **look)
     axis.axvline(0.0, color="0.5", lw=0.9)
-    axis.set_xlim(-reach, reach)
+    axis.set(xlim=(-reach, reach), ylim=(len(names) - 0.4, -0.6))
     axis.set_yticks(range(len(names)), [short(name) for name in names], fontsize=8.5)
-    axis.set_ylim(len(names) - 0.4, -0.6)
-    if labelled:
+    if names:
         axis.legend(fontsize=8, loc="lower left")
 
 

@@ -18,11 +18,13 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
+from ..basics.units import unit_of, with_unit
 from ..basics.validation import integer
 from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
+from ..figures.runs import OMEGA
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.frequencies import amplitude_spectrum, drive_amplitude, drive_frequency
+from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members
 from ..model.system import System
@@ -107,7 +109,6 @@ class Ensemble(Study):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
         drive = drive_frequency(system)
-        response = drive_amplitude(t, many.tip, drive)
         losses = np.full((len(many), 2), np.nan)
         # The exact flow loses nothing; the runs of a function may hold no states.
         if isinstance(many, RunsOfScheme) and method != "exact":
@@ -122,8 +123,6 @@ class Ensemble(Study):
                     "kind": "member", "member": i, "contact_number": number, "count": int(contact.impact_count[i]),
                     "fraction": float(contact.fraction[i]), "peak_force": float(contact.peak_force[i]),
                     "impulse": float(contact.impulse[i]), "diverged": not bool(whole[i]),
-                    "drive_amplitude": float(np.abs(response[i])) if of_run else np.nan,
-                    "drive_phase": float(np.angle(response[i])) if of_run else np.nan,
                     "energy_lost": losses[i, 0] if of_run else np.nan,
                     "energy_had": losses[i, 1] if of_run else np.nan,
                 }
@@ -132,7 +131,7 @@ class Ensemble(Study):
             peaks = contact.impacts.peaks[np.isfinite(contact.impacts.peaks)]
             peak: Row = {"kind": "peak", "contact_number": number}
             rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
-            rows += _durations(number, contact.impacts, len(many))
+            rows += _durations(number, contact.impacts)
         return rows + _spectrum(t, many.tip[whole], drive)
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -150,7 +149,7 @@ class Ensemble(Study):
         exact, units = distribution(table, "exact", "count"), case.units
         if not len(exact):
             return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-        end, dt = (units.measure(value, "time", "g") for value in (case.t_end, case.dt))
+        end, dt = (f"{value:g}" for value in (case.t_end, case.dt))
         small, means = list[Row](), dict[str, float]()
         for method in table.method.unique():
             count, share, force, lost, had = (
@@ -166,16 +165,20 @@ class Ensemble(Study):
                 "method": short(method),
                 "impacts": _spread(count),
                 "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
-                f"impacts per {units.time if units.known else 'unit of time'}": _spread(count / case.t_end),
+                f"impacts per {unit_of(units, 'time') or 'unit of time'}": _spread(count / case.t_end),
                 "contact, %": _spread(100 * share, 2),
-                units.label("largest force", "force"): _spread(force, 4),
-                units.label("energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}" if len(lost) else DASH,
+                with_unit(units, "largest force", "force"): _spread(force, 4),
+                with_unit(units, "energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}"
+                if len(lost)
+                else DASH,
                 "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
             }
             summaries = table[(table.kind == "summary") & (table.method == method)]
             for row in summaries.to_dict("records"):
-                texts = [units.measure(row[name], "time", ".2g") for name in ("median", "half_time")]
-                line[f"durations, {row['stop']} stop"] = f"median {texts[0]}, half of the time from {texts[1]}"
+                texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
+                line[with_unit(units, f"durations, {row['stop']} stop", "time")] = (
+                    f"median {texts[0]}, half of the time from {texts[1]}"
+                )
             small.append(line)
         counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
@@ -199,7 +202,7 @@ class Ensemble(Study):
         ]
         figure.set_figheight(max(8.6, 3.9 + 0.35 * len(groups)))
         grid = figure.add_gridspec(2, 6)
-        end = case.units.measure(case.t_end, "time", "g")
+        end = f"{case.t_end:g}"
         panels = [("count", 1.0, "impacts, member by member"), ("fraction", 100.0, "time in contact"),
                   ("energy_lost", 1.0, f"energy lost, {LEDGERS} members")]  # fmt: skip
         axis = None
@@ -208,7 +211,7 @@ class Ensemble(Study):
             _dots(axis, groups, name, scale)
             span = "" if name == "fraction" else f" to t = {end}"
             text, quantity = self.labels[name]
-            axis.set(title=title, xlabel=case.units.label(text + span, quantity))
+            axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
         axis = figure.add_subplot(grid[1, :2])
@@ -225,17 +228,15 @@ class Ensemble(Study):
         shared_legend(figure, 5)
 
     def _spectra(self, axis: Axes, rows: Table, case: Case) -> None:
-        across, label, quantity = case.units.cycles(rows.omega)
-        rows = rows.assign(across=across)
-        lines(axis, rows, "across", "amplitude", "method", marker="")
+        lines(axis, rows, "omega", "amplitude", "method", marker="")
         exact = rows[rows.method == "exact"]
         if len(exact):
-            axis.fill_between(exact.across, exact.low, exact.high, color="0.82", lw=0, zorder=0, label="exact, 90 %")
+            axis.fill_between(exact.omega, exact.low, exact.high, color="0.82", lw=0, zorder=0, label="exact, 90 %")
         log_scale(axis, x=False)
         if (top := rows.amplitude.max()) > 0.0:
             axis.set_ylim(1e-4 * top, 2.0 * top)
-        up = case.units.label(f"mean amplitude of {tip_symbol(case.beam)}", "length")
-        axis.set(title="spectra, mean over the members", xlabel=case.units.label(label, quantity), ylabel=up)
+        up = with_unit(case.units, f"mean amplitude of {tip_symbol(case.beam)}", "length")
+        axis.set(title="spectra, mean over the members", xlabel=with_unit(case.units, OMEGA, "frequency"), ylabel=up)
 
 
 def _runs(
@@ -257,8 +258,8 @@ def _sampled(run: Trajectory, t: Array) -> Trajectory:
     return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
-def _durations(number: int, impacts: Any, members: int) -> list[Row]:
-    """The distribution of durations over all contacts of all members, stop by stop; open ones are counted."""
+def _durations(number: int, impacts: Any) -> list[Row]:
+    """The distribution of durations over all contacts of all members, stop by stop."""
     rows: list[Row] = []
     for side, name in SIDES.items():
         durations = impacts.durations[impacts.stops == side]
@@ -267,9 +268,7 @@ def _durations(number: int, impacts: Any, members: int) -> list[Row]:
             continue
         where: Row = {"contact_number": number, "stop": name}
         rows.append(where | {
-            "kind": "summary", "contacts": len(closed) / members, "open": (len(durations) - len(closed)) / members,
-            "mean": float(np.mean(closed)), "median": float(np.median(closed)), "half_time": half_time(closed),
-            "longest": float(closed[-1]),
+            "kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed),
         })  # fmt: skip
         levels = zip(LEVELS, np.quantile(closed, LEVELS), strict=True)
         rows += [where | {"kind": "quantile", "level": float(q), "duration": float(d)} for q, d in levels]

@@ -10,7 +10,7 @@ The section of the exact solution or of a scheme, once a period, lies below (swe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 import pandas as pd
 
-from ..basics.validation import InputError, near, number
+from ..basics.units import with_unit
+from ..basics.validation import InputError, near
 from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
@@ -29,12 +30,9 @@ from .base import Answer, Row, Study, Table, option
 from .parameters import (
     EXACT,
     PARAMETERS,
-    Coupling,
-    couplings,
     drive_period,
     is_path,
     named,
-    quantity_of,
     setup_of,
 )
 from .sweep import Sweep
@@ -62,8 +60,7 @@ class Orbits(Study):
 
     The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
     The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
-    0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic. By
-    ``couple`` other parameters follow the first: each is a formula in x, the value of ``parameter``.
+    0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
     Limitation: a branch ends where it turns back, at a fold.
     """
 
@@ -72,7 +69,6 @@ class Orbits(Study):
         "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping",
     )
     values: common.Values = option(None, common.VALUES)
-    couple: common.Couple = option(None, common.COUPLE)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
     method: str = option(EXACT, "method of the diagram below the branch: exact, or a scheme")
     form: str | None = common.form()
@@ -93,13 +89,12 @@ class Orbits(Study):
         if self.parameter not in PARAMETERS and not is_path(self.parameter):
             rule = "be one of the system, a branch is one of the exact solution"
             raise InputError("parameter", self.parameter, rule, near(self.parameter, PARAMETERS))
-        texts = _texts(self.couple)
         diagram = self._diagram().points(case)
         along = [float(each[0]) for part in diagram for each in part["values"]]
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
         branch: Row = {
-            "kind": "branch", "parameter": self.parameter, "couple": texts, "form": self.form or case.forms[0],
+            "kind": "branch", "parameter": self.parameter, "form": self.form or case.forms[0],
             "length": self.length, "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
         }  # fmt: skip
         for end in (min(along), max(along)):
@@ -108,7 +103,7 @@ class Orbits(Study):
 
     def _diagram(self) -> Sweep:
         return Sweep(
-            parameter=self.parameter, values=self.values, couple=_texts(self.couple) or None, method=self.method,
+            parameter=self.parameter, values=self.values, method=self.method,
             form=self.form, contact=self.contact, count=self.count, periods=self.periods, transient=self.transient,
         )  # fmt: skip
 
@@ -139,10 +134,10 @@ class Orbits(Study):
         if not orbits:
             return Answer(f"No orbit was found: {'; '.join(ends)}.")
         name, first = self.parameter, [row for row in orbits if row["phase"] == 0]
-        units, quantity, length = case.units, quantity_of(case, name), self.length
+        length = self.length
 
         def value(row: Row, digits: int) -> str:
-            return units.measure(f"{row[name]:.{digits if row['located'] else 4}g}", quantity)
+            return f"{row[name]:.{digits if row['located'] else 4}g}"
 
         small = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
         said = "; ".join(
@@ -153,7 +148,7 @@ class Orbits(Study):
         low, high = (pick(row[name] for row in first) for pick in (min, max))
         return Answer(
             f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
-            f"{units.measure(f'{low:g} to {high:g}', quantity)}: {said or first[0]['stability'] + ' all along'}.",
+            f"{low:g} to {high:g}: {said or first[0]['stability'] + ' all along'}.",
             pd.DataFrame(small),
             " ".join(f"The branch ends {reason}." for reason in ends),
         )
@@ -169,7 +164,7 @@ class Orbits(Study):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
-        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
         panel_legend(above, below=True)
@@ -189,22 +184,12 @@ def _of_kind(table: Table, kind: str) -> list[Row]:
     return rows.dropna(axis="columns", how="all").to_dict("records")
 
 
-def _texts(couple: Mapping[str, Coupling] | Sequence[str] | None) -> list[str]:
-    """Couplings as texts "name=text": points are plain."""
-    if isinstance(couple, Mapping):
-        for name, rule in couple.items():
-            if not isinstance(rule, str):
-                raise InputError(f"couple {name}", rule, "be a text here", 'for example "0.01*x**2"')
-        return [f"{name}={rule}" for name, rule in couple.items()]
-    return [couple] if isinstance(couple, str) else list(couple or ())
-
-
 def _maker(case: Case, point: Row) -> Maker:
-    system, rules = case.system(point["form"]), couplings(point["couple"])
-    shared = {"parameter": point["parameter"], "second": None, "coupled": list(rules), "method": EXACT, "dt": None}
+    system = case.system(point["form"])
+    shared = {"parameter": point["parameter"], "second": None, "method": EXACT, "dt": None}
 
     def make(x: float) -> tuple[System, float]:
-        setup = setup_of(system, shared, [x, *(number(name, rule(x)) for name, rule in rules.items())], None)
+        setup = setup_of(system, shared, [x], None)
         return setup.system, point["length"] * setup.period
 
     return make

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ast
-import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import content
-from ..basics.validation import InputError, integer, number, positive
+from ..basics.units import with_unit
+from ..basics.validation import InputError, integer, positive
 from ..files.cases import Case
 from ..model.contact import Stops
 from ..model.members import require_kept, value_at, varied_members, with_values
@@ -165,9 +164,8 @@ def setup_of(system: System, point: Row, value: Sequence[float], scheme: Scheme 
 
 
 def names_of(point: Row) -> list[str]:
-    """The names of a value's numbers: the parameters, then what is coupled to the first."""
-    names = [point["parameter"], point["second"]]
-    return [name for name in names if name is not None] + point["coupled"]
+    """The names of a value's numbers."""
+    return [name for name in (point["parameter"], point["second"]) if name is not None]
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float | None:
@@ -186,59 +184,6 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
         return None
 
 
-Coupling = str | Callable[[float], float]
-
-
-def couplings(couple: Mapping[str, Coupling] | Sequence[str] | None) -> dict[str, Callable[[float], float]]:
-    """The functions of x, the value of the parameter, that give the parameters coupled to it, by name.
-
-    couple: a mapping of name to text or function, or texts "name=text". Raises InputError.
-    """
-    couple = [couple] if isinstance(couple, str) else couple
-    if not isinstance(couple, Mapping):
-        pairs = [text.partition("=") for text in couple or ()]
-        couple = {name.strip(): text for name, _, text in pairs}
-    return {name: rule if callable(rule) else _arithmetic(name, rule) for name, rule in couple.items()}
-
-
-OPERATORS: dict[type, Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Pow: operator.pow, ast.UAdd: operator.pos, ast.USub: operator.neg,
-}  # fmt: skip
-
-
-def _arithmetic(name: str, text: str) -> Callable[[float], float]:
-    """The function of x that an arithmetic expression states."""
-    rule = "be coupled by numbers, x, pi, + - * / ** and parentheses"
-    refusal = InputError(f"couple {name}", text, rule, 'for example "loads[0].time.amplitude=0.01*x**2"')
-
-    # Numbers, x, pi and arithmetic only: a text cannot call a function.
-    def value(node: ast.AST, x: float) -> float:
-        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
-            return float(node.value)
-        if isinstance(node, ast.Name) and node.id in ("x", "pi"):
-            return x if node.id == "x" else np.pi
-        if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](value(node.left, x), value(node.right, x))
-        if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
-            return OPERATORS[type(node.op)](value(node.operand, x))
-        raise refusal
-
-    try:
-        body = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, MemoryError, RecursionError):
-        raise refusal from None
-
-    def evaluated(x: float) -> float:
-        try:
-            return number(name, value(body, x))
-        except (ArithmeticError, RecursionError) as error:
-            remedy = "give another expression or other values"
-            raise InputError(f"couple {name}", text, f"have a value at x = {x:g}", remedy) from error
-
-    return evaluated
-
-
 NAMES = {
     "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
     "stop-stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness $k^2$", "viscosity": "viscosity $d$",
@@ -250,5 +195,5 @@ PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscos
 
 def named(case: Case, name: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    names = NAMES | (PHYSICAL if case.units.known else {})
-    return case.units.label(names.get(name, name), quantity_of(case, name))
+    names = NAMES | (PHYSICAL if case.units else {})
+    return with_unit(case.units, names.get(name, name), quantity_of(case, name))

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ..basics.resources import TALK, Show, silent
+from ..basics.progress import TALK, Show, silent
 from ..basics.storage import read_netcdf, write_whole
 from ..basics.validation import InputError
 from ..files.cases import Case, case_text, paper_cases

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array
+from ..basics.units import with_unit
 from ..basics.validation import InputError
 from ..figures.chart import log_scale, style_of
 from ..files.cases import Case
@@ -99,7 +100,7 @@ class Rigid(Study):
         """The observed order in 1/kappa, and the errors at every stiffness."""
         units, near, rows = case.units, same_impacts(table), table.sort_values("kappa")
         small = pd.DataFrame({
-            units.label("kappa", "stop stiffness"): rows.kappa.map("{:.2g}".format),
+            with_unit(units, "kappa", "stop stiffness"): rows.kappa.map("{:.2g}".format),
             "impacts": rows.impacts.astype(str) + " of " + rows.rigid_impacts.astype(str),
             "tip off by": rows.tip_error.map(percent),
             "first impulse off by": rows.impulse_error.map(percent) if "impulse_error" in rows else "–",
@@ -108,7 +109,7 @@ class Rigid(Study):
             return Answer("Fewer than two of the stiffest stops tried have as many impacts as rigid ones.", small)
         order, soft = common.order_over(near, lambda rows: 1.0 / rows.kappa, "tip_error"), rows.iloc[0]
         which = "the case's kappa" if soft.factor == 1.0 else "kappa"
-        first, here = (units.measure(x, "stop stiffness", ".2g") for x in (near.kappa.iloc[0], soft.kappa))
+        first, here = (f"{x:.2g}" for x in (near.kappa.iloc[0], soft.kappa))
         return Answer(
             f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first} on.",
             small,

@@ -2,23 +2,15 @@
 
     section: u(1, n T), n = transient + 1 .. transient + periods, T the period of the drive
 
-The step is the one nearest to the given dt that divides T. So the section consists of steps of the
-scheme: an interpolation between steps would smear its periodic motions. The contact is recorded over the
-same periods. Values that leave step and linear part alone (amplitude, clearance, stop stiffness) march as
-one ensemble. Without damping the exact motion depends on its initial data for ever; a scheme's section also depends on
-its numerical dissipation.
+The step is the one nearest to dt that divides T: an interpolation between steps would smear periodic motions. The
+contact is recorded over the same periods. Without damping the exact motion depends on its initial data for ever.
 
 A case has no period without a drive, with several frequencies, and if samples drive it. It runs once from 0 to its
 t_end at every value, with impacts per unit of time and without sections.
-
-With ``start="last"`` every value begins with the state in which the motion at the value before ended, through the
-values and back. The drive is in the same phase there, since a run lasts whole periods; drives of other frequencies
-begin anew. Coexisting motions then appear as two branches, one for each direction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,7 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.arrays import Array, content
+from ..basics.arrays import Array
+from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, near, number, one_of
 from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
@@ -36,7 +29,7 @@ from ..measures.report import percent
 from ..model.members import paths_of
 from ..model.natural_modes import modes
 from ..model.system import System
-from ..model.time_functions import Drive, covered
+from ..model.time_functions import covered
 from ..references import best_reference, substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.piecewise import refuse
@@ -50,13 +43,11 @@ from .parameters import (
     EXACT,
     IN_STEP,
     Setup,
-    couplings,
     drive_period,
     is_path,
     named,
     names_of,
     parameters_of,
-    quantity_of,
     scheme_of,
     setup_of,
 )
@@ -69,13 +60,7 @@ LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are l
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
-BATCHES = 16  # at least, so that processes end together
-# Seconds with 25 cells on one core: what a batch is cut to, so that a kill loses little; setting a scheme
-# up, a step, a period of the drive of the exact solution, the last two for compliant and for rigid stops.
-BATCH, SETTING_UP, STEP, EXACT_PERIOD = 1.0, 0.02, (3e-8, 3e-7), (6e-3, 3e-2)
-EXACT_SAMPLE = 3e-4  # of the exact solution, for every sample of a record
-PERIODS, TRANSIENT, BUDGET = 60, 100, 20.0  # by default; as many as about so many seconds allow, LEAST of each
-LEAST = LONGEST + 2
+BATCHES = 16  # points of a sweep
 STARTS = ("case", "last")
 LAST, WAYS = "last", ("there", "back")
 
@@ -87,11 +72,10 @@ class Sweep(Study):
     One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram. The
     ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
     case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
-    after 100, or as many as take about 20 s of processor time, at least 10 after 10. If several frequencies drive the
-    system, the period is that of the drive whose parameter is varied. By ``couple`` other parameters follow the first:
-    each is a formula in x, the value of ``parameter``. With ``start`` "last" one process goes through the values in
-    their order and back, each from the last state of the one before. Limitation: drives of other frequencies begin anew
-    at every value.
+    after 100. If several frequencies drive the system, the period is that of the drive whose parameter is varied. With
+    ``start`` "last" one process goes through the values in their order and back, each from the last state of the one
+    before: coexisting motions appear as two branches. Limitation: drives of other frequencies begin anew at every
+    value.
 
     Example: stiffbeam sweep table10 --parameter frequency --values 8:14:400
     """
@@ -104,16 +88,13 @@ class Sweep(Study):
     values: common.Values = option(None, common.VALUES)
     second: str | None = option(None, "another parameter: impacts and forces on a grid")
     second_values: common.Values = option(None, "as for the first parameter")
-    couple: common.Couple = option(None, common.COUPLE)
     method: str | None = option(
         None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     )
     form: str | None = common.form()
     contact: str = common.treatment()
-    periods: int | None = option(None, "periods of the drive to record; default: 60, fewer if these take long", least=1)
-    transient: int | None = option(
-        None, "periods of the drive before the recorded ones; default: 100, or fewer", least=0
-    )
+    periods: int = option(60, "periods of the drive to record", least=1)
+    transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
     start: str = option(
         "case", 'first state at each value: "case", or "last", that of the value before, through the values and back'
@@ -134,13 +115,11 @@ class Sweep(Study):
             return _continued(system, point, values, scheme)
         rows: list[Row] = []
         groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
-        decays: dict[tuple[Any, ...], float] = {}
         for value in values:
             named = dict(zip(names_of(point), value, strict=True))
             try:
                 setup = setup_of(system, point, value, scheme)
-                row = named | ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
-                groups.setdefault(setup.kind, []).append((row, setup))
+                groups.setdefault(setup.kind, []).append((named | _facts(setup, point), setup))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
@@ -153,43 +132,31 @@ class Sweep(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
-        units, first, names = case.units, table.iloc[0], self._names()
-
-        def value(name: str, text: str) -> str:
-            return f"{name} {units.measure(text, quantity_of(case, name))}"
-
+        first, names, small = table.iloc[0], self._names(), list[Row]()
         counted, over = self._rate(table, case)
-        columns = [("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01)]
-        small = list[Row]()
         for place, contacts in _places(table[table.kind == "contact"]):
-            force = [] if _rigid(case.system(self.form), contacts) else [("peak_force", "largest force", "force", 1.0)]
-            for name, words, quantity, scale in [*columns, *force]:
+            columns = [("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01)]
+            if not _rigid(case.system(self.form), contacts):
+                columns.append(("peak_force", "largest force", "force", 1.0))
+            for name, words, quantity, scale in columns:
                 known = contacts[contacts[name].notna()]
-                ends = [known.loc[x] for x in (known[name].idxmin(), known[name].idxmax())] if len(known) else []
-                texts = [
-                    f"{units.measure(row[name] / scale, quantity, '.4g')} at "
-                    + ", ".join(value(varied, f"{row[varied]:.5g}") for varied in names)
-                    for row in ends
-                ]
-                small += [{"over all values": words + place, "least": texts[0], "most": texts[1]}] if texts else []
-        notes = f"{first.periods:g} periods of the drive after {first.transient:g}."
+                if len(known):
+                    least, most = (
+                        f"{row[name] / scale:.4g} at " + ", ".join(f"{x} {row[x]:.5g}" for x in names)
+                        for row in (known.loc[known[name].idxmin()], known.loc[known[name].idxmax()])
+                    )
+                    label = with_unit(case.units, words, quantity) + place
+                    small.append({"over all values": label, "least": least, "most": most})
+        notes = f"{self.periods} periods of the drive after {self.transient}."
         if "t_end" in table:
-            notes = f"Single runs, t = 0 to {units.measure(first.t_end, 'time', 'g')}."
-        if "lossless" in table:
-            free = table.drop_duplicates(names)
-            if (lossless := int(free.lossless.sum())) > 0:
-                where = "" if lossless == len(free) else f" at {lossless} of {len(free)} values"
-                notes += (
-                    f" Nothing damps this system{where}, so its transient never ends: another start gives another"
-                    " answer."
-                )
-            if free.left.max() > SAME:
-                notes += (
-                    f" Without contact {percent(free.left.max())} of a free vibration is left after that transient, so"
-                    " slow changes may look like longer periods: raise transient."
-                )
+            notes = f"Single runs, t = 0 to {first.t_end:g}."
+        elif table.left.max() == 1.0:
+            notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
+        elif table.left.max() > SAME:
+            left = percent(table.left.max())
+            notes += f" Without contact {left} of a free vibration is left after that transient: raise transient."
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
-        ranges = (value(x, f"{table[x].min():g} to {table[x].max():g}") for x in names)
+        ranges = (f"{x} {table[x].min():g} to {table[x].max():g}" for x in names)
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
         return Answer(f"{first.method} over {' and '.join(ranges)}: {verdict}.", pd.DataFrame(small), notes)
 
@@ -216,7 +183,7 @@ class Sweep(Study):
             self._section(axes[0], sections, case)
         for axis, (quantity, label, unit, title) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
             self._measure(axis, contacts, quantity, over)
-            axis.set(title=title, ylabel=case.units.label(label, unit))
+            axis.set(title=title, ylabel=with_unit(case.units, label, unit))
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
         if _spaced_by_a_factor(table[self.parameter]):
@@ -231,7 +198,7 @@ class Sweep(Study):
         for (way, rows), colour in zip(ways, colours, strict=False):
             dots: dict[str, Any] = {"ms": 3.0, "mew": 0.0, "color": colour, "alpha": alpha, "rasterized": True}
             axis.plot(rows[self.parameter], rows.tip, ".", label=way or None, **dots)
-        tip = case.units.label(f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
+        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}", "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
         if len(ways) > 1:
             axis.legend(frameon=False, fontsize=8)
@@ -256,7 +223,7 @@ class Sweep(Study):
         counted, over = self._rate(group, case)
         quantities = [("count", counted), ("fraction", "share of time in contact")]
         if not _rigid(case.system(self.form), group):
-            quantities.append(("peak_force", case.units.label(r"peak force $|\sigma|$", "force")))
+            quantities.append(("peak_force", with_unit(case.units, r"peak force $|\sigma|$", "force")))
         for j, (quantity, label) in enumerate(quantities):
             axis = figure.add_subplot(lines, len(quantities), i * len(quantities) + j + 1)
             grid = group.pivot(index=self.second, columns=self.parameter, values=quantity)
@@ -279,14 +246,12 @@ class Sweep(Study):
         """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
         if "t_end" not in table:
             return "impacts per period", float(table.periods.iloc[0])
-        return f"impacts per {case.units.time if case.units.known else 'unit of time'}", float(table.t_end.iloc[0])
+        return f"impacts per {unit_of(case.units, 'time') or 'unit of time'}", float(table.t_end.iloc[0])
 
 
 def plan(study: Sweep, case: Case) -> list[Row]:
     """Batches of values, after the checks of the options."""
-    one_of("start", study.start, STARTS)
-    parameter, second, values, form = study.parameter, study.second, study.values, study.form
-    periods, transient, base = study.periods, study.transient, case.system(study.form)
+    parameter, second, base = study.parameter, study.second, case.system(study.form)
     method = study.method
     if method is None:
         runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
@@ -296,26 +261,55 @@ def plan(study: Sweep, case: Case) -> list[Row]:
     # Without a period of the drive, every value is one run from 0 to t_end, without sections.
     period = drive_period(base, parameter)
     once = period is None
+    _check(study, case, scheme, method, once)
+    values = study.values
+    if values is None:
+        assert period is not None  # else refused
+        values = np.linspace(0.7, 1.3, study.count) * 2.0 * np.pi / period
+    axes = {parameter: values} if second is None else {parameter: values, second: study.second_values}
+    for name, along in axes.items():
+        if along is None or not len(along):
+            raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
+    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
+    transient = 0 if once else study.transient
+    shared = {
+        "parameter": parameter, "second": second, "method": method, "form": study.form or case.forms[0],
+        "contact": study.contact, "dt": None if method == EXACT else case.dt,
+        "periods": 1 if once else study.periods, "transient": transient,
+    } | ({"t_end": case.t_end} if once else {})  # fmt: skip
+    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
+    ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
+    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+        try:
+            refuse(ends[0].system, transient * ends[0].period)
+        except InputError as error:
+            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
+            raise InputError(error.field, error.value, error.rule, remedy) from None
+    if second is not None and parameter in IN_STEP:  # what marches together stands together
+        wanted = [[x, y] for y in grid[1] for x in grid[0]]
+    else:
+        wanted = [list(value) for value in product(*grid)]
+    if study.start == LAST:
+        return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
+    size = -(-len(wanted) // BATCHES)
+    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+
+
+def _check(study: Sweep, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
+    """Raise InputError for options that do not go together; once: without a period of the drive."""
+    parameter, second, base = study.parameter, study.second, case.system(study.form)
+    one_of("start", study.start, STARTS)
     if once:
         covered(base.time_functions, case.t_end)
-        for name, stated in (("periods", periods), ("transient", transient)):
-            if stated is not None:
-                remedy = f"it runs once from 0 to the case's t_end = {case.t_end:g}"
-                raise InputError(name, stated, "be left out for a case without a period", remedy)
-        if parameter == "frequency" and values is None:
+        if study.values is None:
             paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
-            known = ", ".join(paths[:3])
-            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {known}"
+            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
-    if values is None and parameter == "frequency":
-        assert period is not None  # refused above
-        drive = 2.0 * np.pi / period
-        values = np.linspace(0.7 * drive, 1.3 * drive, study.count).tolist()
+    elif study.values is None and parameter != "frequency":
+        raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
     if second is None and study.second_values is not None:
-        raise InputError(
-            "second_values", study.second_values, "be left out without second", "name the second parameter"
-        )
-    axes = {parameter: values} if second is None else {parameter: values, second: study.second_values}
+        remedy = "name the second parameter"
+        raise InputError("second_values", study.second_values, "be left out without second", remedy)
     if second is not None and not case.has_stops:
         remedy = "vary one parameter only, or give the case stops"
         raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
@@ -324,70 +318,16 @@ def plan(study: Sweep, case: Case) -> list[Row]:
         raise InputError("start", study.start, rule, f"leave it out, or start={STARTS[0]}")
     if second == parameter:
         raise InputError("second", second, "be another parameter", "give the grid two different parameters")
-    follow = couplings(study.couple)
-    if twice := [name for name in follow if name in axes]:
-        raise InputError("couple", twice[0], "be another parameter than those varied", "leave it out of couple")
     known = parameters_of(scheme)
-    for name in (*axes, *follow):
+    for name in filter(None, (parameter, second)):
         if name not in known and not is_path(name):
             remedy = f"{near(name, known)}, or a path such as stops[0].upper"
             raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
-    for name, along in axes.items():
-        if along is None or not len(along):
-            raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
-    shared = {
-        "parameter": parameter, "second": second, "coupled": list(follow), "method": method,
-        "form": form or case.forms[0], "contact": study.contact,
-        "dt": None if method == EXACT else case.dt,
-    } | ({"t_end": case.t_end} if once else {})  # fmt: skip
-
-    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-    def whole(value: Sequence[float]) -> list[float]:
-        return [*value, *(number(name, rule(value[0])) for name, rule in follow.items())]
-
-    ends = [
-        setup_of(base, shared, whole(value), scheme) for value in product(*([min(axis), max(axis)] for axis in grid))
-    ]
-    together = all(name in IN_STEP for name in names_of(shared))
-    # Fewer periods by default where all values together would take longer than BUDGET.
-    whole_cost = len(list(product(*grid))) * max(_seconds(setup, PERIODS + TRANSIENT) for setup in ends)
-    share = min(1.0, BUDGET / whole_cost)
-    if once:
-        periods, transient = 1, 0
-    periods = max(LEAST, int(share * PERIODS)) if periods is None else periods
-    transient = max(LEAST, int(share * TRANSIENT)) if transient is None else transient
-    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
-        try:
-            refuse(ends[0].system, transient * ends[0].period)
-        except InputError as error:
-            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
-            raise InputError(error.field, error.value, error.rule, remedy) from None
-    shared |= {"periods": periods, "transient": transient}
-    seconds = max(_seconds(setup, periods + transient) + (0.0 if together else SETTING_UP) for setup in ends)
-    if second is not None and parameter in IN_STEP:  # what marches together stands together
-        wanted = [whole([x, y]) for y in grid[1] for x in grid[0]]
-    else:
-        wanted = [whole(value) for value in product(*grid)]
-    if study.start == LAST:
-        return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
-    # Batches of about BATCH seconds, and at least BATCHES of them.
-    size = max(1, min(int(BATCH / seconds), -(-len(wanted) // BATCHES)))
-    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
-
-
-def _seconds(setup: Setup, periods: int) -> float:
-    rigid = setup.system.rigid
-    if setup.scheme is None:
-        samples = int(np.sum(Drive.of(setup.system).edges < setup.period))
-        return (EXACT_PERIOD[rigid] + EXACT_SAMPLE * samples) * periods
-    return STEP[rigid] * periods * setup.period / setup.dt * max(1.0, setup.system.size / 25)
 
 
 def _continued(system: System, point: Row, values: list[list[float]], scheme: Scheme | None) -> list[Row]:
     """Rows of the values one after the other, each from the last state of the one before."""
     rows: list[Row] = []
-    decays: dict[tuple[Any, ...], float] = {}
     state: tuple[Array, Array] | None = None
     for k, value in enumerate(values):
         row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(values)]}
@@ -396,7 +336,7 @@ def _continued(system: System, point: Row, values: list[list[float]], scheme: Sc
             # The state is that at the end of the value before; the first value starts as the case does.
             if state is not None:
                 setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
-            row |= ({"dt": setup.dt} if setup.scheme else {}) | _free(setup, point, decays)
+            row |= _facts(setup, point)
             many = _march(point, [setup])
             rows += _rows(point, row, many, 0)
             if np.isnan(many.diverged[0]):
@@ -406,26 +346,24 @@ def _continued(system: System, point: Row, values: list[list[float]], scheme: Sc
     return rows
 
 
-def _free(setup: Setup, point: Row, decays: dict[tuple[Any, ...], float]) -> Row:
-    """Entries of a row on free motions: ``lossless`` where nothing damps the system, and ``left``, the share of the
-    amplitude of the slowest that is left after the transient, 0 where no motion is damped.
-
-    ``decays`` keeps the slowest decay of each linear part."""
+def _facts(setup: Setup, point: Row) -> Row:
+    """Entries of a row: the step, and ``left``, the share of the slowest free vibration that is left after the
+    transient; 0 where stops alone damp."""
+    row: Row = {"dt": setup.dt} if setup.scheme else {}
+    system = setup.system
     if "t_end" in point:
-        return {}
-    system, stops = setup.system, [contact.stops for contact in setup.system.contacts]
-    lossy = any(x.damping or x.dissipation or x.restitution not in (None, 1.0) for x in stops)
+        return row
     if not system.damped:
-        return {"lossless": not lossy, "left": 0.0}
-    linear = tuple(content(matrix) for matrix in (system.mass, system.damping, system.stiffness))
-    if linear not in decays:
-        natural = modes(system)
-        ratio = np.maximum(natural.damping_ratio, 0.0)  # NaN for a rigid motion
-        over = np.sqrt(np.maximum(ratio**2 - 1.0, 0.0))
-        # Of an overdamped motion the slower of its two decays.
-        decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
-        decays[linear] = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
-    return {"lossless": False, "left": float(np.exp(-decays[linear] * setup.period * point["transient"]))}
+        stops = (contact.stops for contact in system.contacts)
+        lossy = any(x.damping or x.dissipation or x.restitution not in (None, 1.0) for x in stops)
+        return row | {"left": 0.0 if lossy else 1.0}
+    natural = modes(system)
+    ratio = np.maximum(natural.damping_ratio, 0.0)  # NaN for a rigid motion
+    over = np.sqrt(np.maximum(ratio**2 - 1.0, 0.0))
+    # Of an overdamped motion the slower of its two decays.
+    decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
+    slowest = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
+    return row | {"left": float(np.exp(-slowest * setup.period * point["transient"]))}
 
 
 def _last(point: Row, setup: Setup, end: float) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.resources import Show, displayed
+from ..basics.progress import Show, working
 from ..basics.validation import InputError, sequence
 from ..trajectory.trajectory import Diverged, SolverFailure
 from .integrators import DEFAULT, FUNCTION, RECORDED, SCHEME, Integrator, Made
@@ -88,7 +88,7 @@ def score(
     given = DEFAULT if integrators is None else integrators
     runners = integrators_of(given if isinstance(given, (list, tuple)) else [given], order)
     entries = []
-    with displayed(progress) as show:
+    with working("score", progress) as show:
         for i, runner in enumerate(runners):
             smooth = runner.order
             for k, each in enumerate(chosen):

@@ -182,7 +182,7 @@ class Ensemble(Runs):
 
     @property
     def units(self) -> Units:
-        """The units of times, displacements, forces and energies."""
+        """Names of the units of length, time and force."""
         return self.members.system.units
 
     @property

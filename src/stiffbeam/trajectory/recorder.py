@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -358,7 +357,7 @@ def run_fields(
             "dt": float(np.median(np.diff(times))),
             "t_end": float(times[-1]),
             "every": 1,
-            **({} if system is None else {"units": asdict(system.units)}),
+            **({} if system is None else {"units": list(system.units)}),
             **notes,
         },
         "system": system,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import plain, table
-from ..basics.units import NON_DIMENSIONAL, ONE, Units
+from ..basics.units import Units, unit_of
 from ..basics.validation import InputError, file_path, near
 from ..model.members import STARTS, SYSTEMS
 
@@ -40,8 +40,8 @@ class Variable:
     """Definition of one quantity of a result.
 
     name: in every table and file, and as ``run[name]``. dims: of a run; an ensemble has the dimension member too.
-    quantity: what its unit follows from, see ``Units``; "" for a number without dimension. attribute: the attribute of
-    a Trajectory that holds the values.
+    quantity: what its unit follows from, see ``unit_of``; "" for a number without dimension. attribute: of the
+    Trajectory that holds the values.
     """
 
     name: str
@@ -61,10 +61,9 @@ class Variable:
         return self.attribute.rpartition(".")[2].removesuffix("(x)")
 
     def notes(self, units: Units) -> dict[str, str]:
-        """Return long_name and units. The unit is "1" without dimension; that of matrices is unknown and left out."""
-        if not self.quantity or units == NON_DIMENSIONAL:
-            return {"long_name": self.long_name, "units": ONE}
-        return {"long_name": self.long_name} | ({"units": units.of(self.quantity)} if units.known else {})
+        """Return long_name and units: "1" without dimension, left out where the case names none."""
+        unit = unit_of(units, self.quantity) if self.quantity else "1"
+        return {"long_name": self.long_name} | ({"units": unit} if unit else {})
 
 
 T, C, IM, CT, TX = ("time",), ("contact",), ("impact",), ("contact", "time"), ("time", "x")

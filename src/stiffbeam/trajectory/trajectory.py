@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, html_facts, sentence, several
-from ..basics.units import UNKNOWN, Units
+from ..basics.units import Units
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
@@ -184,7 +184,7 @@ class Trajectory:
         return state
 
     def __repr__(self) -> str:
-        end = self.units.measure(f"{self.t[-1]:g}", "time")
+        end = f"{self.t[-1]:g}"
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
         return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}{self._trust()}>"
 
@@ -199,9 +199,8 @@ class Trajectory:
 
     @property
     def units(self) -> Units:
-        """Units of times, displacements, forces and energies."""
-        named = self.provenance.get("units")
-        return UNKNOWN if named is None else Units(**named)
+        """Names of the units of length, time and force."""
+        return tuple(self.provenance.get("units", ()))
 
     kind = "run"  # in files
 
@@ -322,16 +321,16 @@ class Trajectory:
 
     def _facts(self) -> list[tuple[str, str]]:
         """Names and values for a notebook."""
-        measure, dt = self.units.measure, self.provenance.get("dt")
+        dt = self.provenance.get("dt")
         counts = [
             (f"contact {i + 1}" if len(self.contacts) > 1 else "contact",
              f"{several(c.impact_count, 'impact')}, {100.0 * c.fraction:.3g} % of the time, "
-             f"peak force {measure(f'{c.peak_force:.4g}', 'force')}")
+             f"peak force {c.peak_force:.4g}")
             for i, c in enumerate(self.contacts)
         ]  # fmt: skip
         return [
-            ("end", measure(f"{self.t[-1]:g}", "time")),
-            ("time step", "" if dt is None else measure(f"{dt:g}", "time")),
+            ("end", f"{self.t[-1]:g}"),
+            ("time step", "" if dt is None else f"{dt:g}"),
             ("output times", str(len(self.t))),
             *counts,
         ]
@@ -406,7 +405,7 @@ class Reference(Trajectory):
         return {"horizon": self.horizon}
 
     def _facts(self) -> list[tuple[str, str]]:
-        text = self.units.measure(f"{self.horizon:.4g}", "time") if np.isfinite(self.horizon) else "not known"
+        text = f"{self.horizon:.4g}" if np.isfinite(self.horizon) else "not known"
         against = str(self.provenance.get("horizon_against", ""))
         return [("horizon", text), ("against", against), *super()._facts()]
 
@@ -415,15 +414,15 @@ class Reference(Trajectory):
         against, within = (str(self.provenance.get(f"horizon_{name}", "")) for name in ("against", "tolerance"))
         if not (np.isfinite(self.horizon) and against):
             return f"{self!r}\nIts error is not known: it was compared with nothing."
-        within = self.units.measure(within, "time") if within[-1:].isdigit() else within  # ends with a time
+
         other = "the exact solution" if against == "exact" else against
-        end = self.units.measure(f"{self.horizon:.4g}", "time")
+        end = f"{self.horizon:.4g}"
         return f"{self!r}\nValid to t = {end}: {within or 'to 0.001 of max|u|'}. Compared with {other}."
 
     def _trust(self) -> str:
         if not self.horizon < self.t[-1]:
             return ""
-        known = self.units.measure(f"{self.horizon:.4g}", "time")
+        known = f"{self.horizon:.4g}"
         return f"; valid to its horizon {known}, one realisation past it"
 
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.resources import afford, clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace, state_space
@@ -51,8 +51,6 @@ def reference_from(
     pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
     rhs = RightHandSide(first_order or state_space(system), mass)
     scales = scales_of(rhs.first_order, t_end)
-    if steps.max_step is not None:
-        afford("max_step", steps.max_step, "give a larger one", seconds=2e-5 * t_end / steps.max_step)
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
-from ...basics.resources import Forecast
+from ...basics.resources import in_time
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
 from ...model.right_hand_side import RightHandSide
@@ -114,7 +114,6 @@ class Phase(NamedTuple):
     times: Array
     max_step: float
     watch: Watch
-    forecast: Forecast
 
 
 class Outcome(NamedTuple):
@@ -250,7 +249,6 @@ def follow(
         if closed:
             contacts.switch(k, 0.0, z)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
-    forecast = Forecast(pieces[-1].end)
     counters: dict[str, int] = {}
     # In every smooth interval, phases from event to event.
     still = 0
@@ -266,7 +264,7 @@ def follow(
             contacts.pass_kink(now, z)
             last = int(np.searchsorted(t, piece.end, "right"))
             phase = (now, piece.end, z, t[len(states) : last], piece.max_step)
-            outcome, watch, switched = _phase(method, rhs, contacts.closed, rounding, phase, run, forecast, counters)
+            outcome, watch, switched = _phase(method, rhs, contacts.closed, rounding, phase, run, counters)
             # Go on from there. Phases without progress in time would never end.
             counters["starts"] = counters.get("starts", 0) + 1
             still = still + 1 if outcome.t <= now else 0
@@ -287,7 +285,7 @@ def follow(
 
 def _phase(
     method: str, rhs: RightHandSide, closed: list[bool], rounding: Array, phase: tuple[Any, ...],
-    run: Callable[[Phase], Outcome], forecast: Forecast, counters: dict[str, int],
+    run: Callable[[Phase], Outcome], counters: dict[str, int],
 ) -> tuple[Outcome, Watch, list[int]]:  # fmt: skip
     """Integrate from the start of a phase to an event or its end; also the sides that change there.
 
@@ -304,10 +302,10 @@ def _phase(
         tries += 1
         watch = Watch(rhs, now, z, closed, rounding)
         due = times[: np.searchsorted(times, end, "right")]
-        outcome = run(Phase(now, end, z, due, max_step, watch, forecast))
+        outcome = run(Phase(now, end, z, due, max_step, watch))
         for name, count in outcome.counters.items():
             counters[name] = counters.get(name, 0) + count
-        refuse_endless(method, outcome.t, max(counters.values(), default=0), forecast)
+        refuse_endless(method, outcome.t, max(counters.values(), default=0))
         if not outcome.missed or outcome.t <= now or tries == STUCK:
             break
         landing, end = outcome.ended_by[0].which % watch.count, outcome.t
@@ -318,10 +316,9 @@ def _phase(
     return outcome, watch, switched
 
 
-def refuse_endless(method: str, t: float, evaluations: int, forecast: Forecast) -> None:
-    """Raise SolverFailure for a solver that has done too much work by time t, and InputError if its work so far
-    predicts that it will."""
-    forecast.check(t)
+def refuse_endless(method: str, t: float, evaluations: int) -> None:
+    """Raise SolverFailure for a solver that has done too much work by time t, and OutOfTime past the deadline."""
+    in_time(t)
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")

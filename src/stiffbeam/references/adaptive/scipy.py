@@ -84,7 +84,7 @@ class Stepping:
             left, message = stepper.y, stepper.step()
             steps += 1
             if steps % BETWEEN == 0:
-                refuse_endless(self.method, float(stepper.t), int(stepper.nfev), phase.forecast)
+                refuse_endless(self.method, float(stepper.t), int(stepper.nfev))
             if stepper.status == "failed":
                 remedy = "loosen rtol and atol or take the exact solution"
                 raise SolverFailure(self.method, float(stepper.t), str(message), remedy)

@@ -231,7 +231,7 @@ class Sundials:
                 continue
             while not ended_by:
                 t, z, rooted = self._step(float(target), phase.end)
-                refuse_endless(self.method, t, self._evaluations, phase.forecast)
+                refuse_endless(self.method, t, self._evaluations)
                 if not rooted:  # the output time, or the end
                     break
                 # Roots: only some end a phase; after the others the solver goes on to the same target.

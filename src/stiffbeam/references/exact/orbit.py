@@ -33,7 +33,7 @@ from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import beyond_stops, require_rigid
 from .derivative import ends_of, path_of_solution
 from .impacting import Tracer as ImpactTracer
-from .piecewise import afford_search, refuse, solve_exact
+from .piecewise import refuse, solve_exact
 from .rigid_reference import solve_rigid
 
 NEWTON = 40  # iterations of shooting
@@ -250,7 +250,6 @@ def require_periodic(system: System, period: float) -> None:
         require_rigid(system, period)
     else:
         refuse(system, period)
-        afford_search(system, period)
 
 
 def _isolated(mapping: PeriodMap, z: Array, closure: float, residual: float) -> None:

@@ -12,12 +12,11 @@ from functools import partial
 from typing import Any
 
 from ...basics.arrays import Array
-from ...basics.resources import afford, clock
+from ...basics.resources import clock
 from ...basics.validation import InputError, positive
-from ...model.modes import undamped_modes
 from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import Drive, covered, parts_of, require_closed_form
+from ...model.time_functions import covered, parts_of, require_closed_form
 from ...piecewise.measures import audit, contact_between, exact_ledger, path_of, record_of, within_float64
 from ...piecewise.motion import Motion
 from ...piecewise.regimes import Known
@@ -55,7 +54,6 @@ def solve_exact(
     refuse(system, t_end)
     with within_float64("exact", t_end):
         tracer = tracer_of(system, known=known, span=t_end)
-        afford_search(system, t_end)
         solution = tracer.solve(t_end)
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         audit(system, solution, t_end)
@@ -116,13 +114,6 @@ def reference_of(
         solution=solution,
         derive=derivative,
     )
-
-
-def afford_search(system: System, t_end: float) -> None:
-    """Raise InputError for a span that is too long for the event search, at some ten evaluations per fastest period."""
-    if system.contacts:
-        fastest = max(float(undamped_modes(system).omega[-1]), *Drive.of(system).frequencies, 0.0)
-        afford("t_end", t_end, "shorten t_end", seconds=t_end * fastest * system.size * 1e-8)
 
 
 def refuse(system: System, t_end: float) -> None:

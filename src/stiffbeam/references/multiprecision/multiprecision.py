@@ -29,7 +29,7 @@ from flint import arb, arb_mat, ctx
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.resources import Forecast, clock
+from ...basics.resources import clock, in_time
 from ...basics.validation import InputError, positive
 from ...model.system import System
 from ...model.time_functions import Drive
@@ -317,7 +317,7 @@ def follow(
     ]
     times, sides, coefficients, resting, evaluations = [], [], [], -1, 0
     pieces: list[Piece] = []
-    forecast, untold = Forecast(t_end), list(told)
+    untold = list(told)
     fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
     while True:
         # The regime of these contacts, refined where it is first met.
@@ -351,7 +351,7 @@ def follow(
             del untold[0]
         if contact >= 0 and begun + start < edge:
             # Refine the event to all digits, and go on from there in the new regime.
-            forecast.check(begun, len(times) * (full / 32.0 + 20.0) * system.size)
+            in_time(begun)
             gap = regime.gap(contact, side or chi[contact], switched_by_force(chi[contact], side))
             tau, shift, ahead = _locate(partial(_at, pieces[-1], gap), start, fastest, 2.0 * np.pi / turning, begun)
             when = (t + tau + shift).mid()
