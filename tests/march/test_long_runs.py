@@ -16,7 +16,7 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.basics.resources import clock, stopped_clock, wall_clock
+from stiffbeam.basics.resources import clock, stopped_clock
 from stiffbeam.references import solve
 
 EPS = np.finfo(float).eps
@@ -132,17 +132,14 @@ def test_a_free_bar_falls_from_a_uniform_displacement(springs):
     assert run.impacts.times[0] == pytest.approx(np.sqrt(0.8), rel=1e-9)  # a fall by 0.4
 
 
-def test_clocks_stand_still_while_kernels_are_compiled_and_count_no_waiting():
-    begun, worked = wall_clock(), clock()
+def test_the_clock_counts_neither_waiting_nor_compiling():
+    begun = clock()
+    time.sleep(0.1)
     with stopped_clock():
-        stood = wall_clock()
+        sum(range(10**6))
         with stopped_clock():
-            time.sleep(0.02)
-        assert wall_clock() == stood
-    assert begun <= stood <= wall_clock()
-    time.sleep(0.02)
-    assert wall_clock() >= stood + 0.015
-    assert clock() - worked < 0.05
+            sum(range(10**6))
+    assert 0.0 <= clock() - begun < 0.03
 
 
 @pytest.mark.slow
