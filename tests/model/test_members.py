@@ -143,13 +143,7 @@ def test_a_ball_on_a_vibrating_table_is_swept(parameter, values, expected):
 
 def test_a_coupled_amplitude_follows_the_frequency():
     """q = c w^2/(k - w^2 + i w d) e^(i w t): the section is its imaginary part; from rest, undamped, to every t."""
-    system, path = one_mass(4.0, damping=1.0, load=sb.Harmonic(1.0, 1.0)), "loads[0].time.amplitude"
-    options = {"values": [1.0, 1.5, 3.0], "method": "exact", "dt": 1e-3, "t_end": 9.0, "transient": 20, "periods": 2}
-    for couple in (f"{path}=0.2*x**2", [f"{path} = x*(0.3 - .1)*x"], {path: lambda w: 0.2 * w**2}):
-        rows = sb.study("sweep", system, parameter="frequency", couple=couple, **options).found
-        assert all(row[path] == pytest.approx(0.2 * row["frequency"] ** 2) for row in rows.to_dict("records"))
-        for w, section in sections(rows, "frequency").items():
-            assert section == pytest.approx(np.imag(0.2 * w**2 / (4.0 - w**2 + 1.0j * w)), abs=1e-6)
+    path = "loads[0].time.amplitude"
     free, t, frequencies = (
         one_mass(4.0, load=sb.Harmonic(1.0, 1.0)),
         np.linspace(0.0, 5.0, 6),
@@ -218,7 +212,7 @@ def test_a_path_is_on_an_axis_with_its_unit():
     stops = sb.Stops(-0.1, 0.1, stiffness=1e4, damping=3.0)
     beam = sb.BeamProblem(
         stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0), length=1.0, mass_per_length=1.0,
-        units=sb.Units("mm", "s", "N"),
+        units=("mm", "s", "N"),
     )  # fmt: skip
     case = case_of(sb.semidiscretise(beam, 6), 1e-3, 1.0)
     wanted = {
