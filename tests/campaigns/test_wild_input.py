@@ -39,7 +39,7 @@ REFUSED = {
     "a profile that fails": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: 1 / 0),
     "stops that are a number": lambda: sb.BeamProblem.from_physical(**CLAMPED, stops=0.0),
     "a length of zero": lambda: sb.BeamProblem.from_physical(**CLAMPED | {"length": 0.0}),
-    "a frequency whose square overflows": lambda: sb.varied_members(beam(), frequency=[1e300]),
+    "a frequency whose square overflows": lambda: sb.varied_members(beam(), {"frequency": [1e300]}),
     "a step longer than all there is": lambda: sb.integrate(beam(), sb.HHT(), 1e300, 1e300),
     "more steps than there are floats": lambda: sb.integrate(beam(), sb.HHT(), 1e-300, 1.0),
     "outputs at 1e15 steps": lambda: sb.integrate(beam(), sb.HHT(), 1e-15, 1.0),
