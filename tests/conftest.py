@@ -76,8 +76,7 @@ def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
 
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of references in ``tmp_path``; compiled kernels are those of every other test."""
-    (tmp_path / "numba").symlink_to(storage.directory() / "numba")
+    """An empty cache of references in ``tmp_path``."""
     monkeypatch.setattr(storage, "directory", lambda: tmp_path)
     return tmp_path
 

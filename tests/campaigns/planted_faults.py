@@ -141,9 +141,7 @@ def wrong(root: Path, room: str, sources: Path, slow: bool) -> tuple[str, float]
     command += ["-m", "slow or not slow"] if slow else []
     first = f"tests/{room}/test_{room}.py"
     command += [first] if (root / first).exists() else []
-    (sources.parent / "numba").mkdir(exist_ok=True)  # compiled once; references of a fault are for its tests only
     cache = Path(tempfile.mkdtemp(dir=sources.parent))
-    (cache / "numba").symlink_to(sources.parent / "numba")
     environment = os.environ | {
         "PYTHONPATH": str(sources), "OPENBLAS_NUM_THREADS": "1", "STIFFBEAM_CACHE_DIR": str(cache),
     }  # fmt: skip

@@ -14,7 +14,7 @@ from commands import invoke
 from fuzz_texts import STEEL
 
 import stiffbeam as sb
-from stiffbeam.basics import compiled, storage
+from stiffbeam.basics import compiled
 from stiffbeam.cli.output import file_name
 from stiffbeam.files.cases import paper_case
 
@@ -65,29 +65,6 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
     last = words[-1] in ("--remake", "--out")
     done = invoke([*words, *([] if last else ["--out"]), place])
     assert isinstance(done.exception, sb.InputError), done.exception
-
-
-@pytest.mark.parametrize("damage", [b"", b"\x00" * 400, b"cut"])
-def test_a_damaged_index_of_kernels_is_compiled_again(damage, tmp_path, monkeypatch):
-    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
-    module = tmp_path / "twice.py"
-    module.write_text("def twice(x):\n    return 2 * x\n")
-
-    def made():
-        compiled.directory.cache_clear()
-        namespace: dict = {}
-        exec(compile(module.read_text(), str(module), "exec"), namespace)
-        return compiled.compiled(namespace["twice"])
-
-    assert made()(3) == 6
-    (index,) = (tmp_path / "numba").rglob("*.nbi")
-    whole = index.read_bytes()
-    for content in (damage if damage != b"cut" else whole[: len(whole) // 2],):
-        index.write_bytes(content)
-        again = made()
-        assert again(3) == 6
-    assert made()(3) == 6
-    compiled.directory.cache_clear()
 
 
 def test_kernels_run_where_they_cannot_be_kept(tmp_path, monkeypatch):

@@ -13,7 +13,6 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# What compiled kernels take and return, beside float and int; numba reads the arguments, not these annotations.
 Array = NDArray[Any]  # float64 unless a docstring says otherwise
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

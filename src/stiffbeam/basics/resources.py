@@ -36,25 +36,7 @@ def afford(field: str, value: Any, remedy: str, floats: float) -> None:
         raise InputError(field, value, rule, f"{remedy}, or set STIFFBEAM_MEMORY")
 
 
-_compiling = [0, 0.0]  # how many kernels are being compiled, one for another; CPU seconds of it in all
-
-
-def clock() -> float:
-    """CPU seconds of this process, which other programs do not lengthen, without those of compiling kernels."""
-    return time.process_time() - _compiling[1]
-
-
-@contextmanager
-def stopped_clock() -> Generator[None, None, None]:
-    """Context of compiling a kernel, which ``clock`` does not count."""
-    begun = time.process_time()
-    _compiling[0] += 1
-    try:
-        yield
-    finally:
-        _compiling[0] -= 1
-        if not _compiling[0]:
-            _compiling[1] += time.process_time() - begun
+clock = time.process_time  # CPU seconds of this process, which other programs do not lengthen
 
 
 class OutOfTime(Exception):

@@ -30,7 +30,7 @@ def directory() -> Path:
     path = Path(wanted)
     try:
         # For this user alone, whatever the umask: compiled code lies here.
-        for folder in (path, path / "numba", path / "jax"):
+        for folder in (path, path / "jax"):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
@@ -39,7 +39,7 @@ def directory() -> Path:
         path = Path(tempfile.mkdtemp(prefix="stiffbeam-"))
         warnings.warn(
             f"cannot write to the cache directory {wanted}: using {path} for this process; "
-            "set STIFFBEAM_CACHE_DIR to a writable directory of your own to keep compiled kernels",
+            "set STIFFBEAM_CACHE_DIR to a writable directory of your own to keep references and what JAX compiles",
             stacklevel=2,
         )
         return path

@@ -1,4 +1,4 @@
-"""Text of the paper's tables. What only prints them needs neither SciPy nor numba, which the classes of a case load."""
+"""Text of the paper's tables. What only prints them needs no SciPy, which the classes of a case load."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def _file(system: System, t_end: float, method: str, t_eval: Array | None, optio
         "versions": [
             platform.python_version(),
             storage.source_hash(),
-            *map(version, ("stiffbeam", "numpy", "scipy", "numba")),
+            *map(version, ("stiffbeam", "numpy", "scipy")),
             REFERENCES[method].versions(),
         ],
     }

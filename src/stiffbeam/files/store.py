@@ -177,7 +177,7 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
         # To the middle of the segment after the span, so that rounding cannot hide its last event.
         until = 0.5 * (ends[last] + ends[last + 1]) if last < len(times) else t_end
         start = data["q"].values[row], data["q_rate"].values[row]
-        fresh = fresh_after(system, sides[max(0, piece - 1)], sides[piece])
+        fresh = fresh_after(system, sides[max(piece - 1, 0)].tolist(), sides[piece].tolist())
         part = solver.trace(float(times[piece]), np.ascontiguousarray(sides[piece]), fresh, start, float(until))
         # The events must be those of the file, in sides and in times.
         count = last - piece

@@ -21,7 +21,6 @@ import scipy.linalg
 
 from ...basics import storage
 from ...basics.arrays import Array
-from ...basics.resources import stopped_clock
 from ...basics.validation import InputError
 from ...model.contact import linear
 from ...model.right_hand_side import RightHandSide
@@ -144,8 +143,7 @@ class Programs:
         if key not in _PROGRAMS:
             # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
             begun = time.process_time()
-            with stopped_clock():
-                _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
+            _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
             self.rhs.compile_seconds += time.process_time() - begun
         return _PROGRAMS[key]
 
