@@ -92,12 +92,6 @@ def test_a_case_shown_is_a_file_that_compare_takes(command, tmp_path):
     assert np.array_equal(stored.tip, sb.integrate(system, sb.HHT(-0.1), 1e-4, 0.02).tip)
 
 
-def test_a_file_of_ones_own_is_shown_as_it_is(command, tmp_path):
-    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
-    code, out, _ = command("cases", "--show", "mine.toml")
-    assert (code, out.strip()) == (0, MINE.strip())
-
-
 def test_a_named_case_of_a_file_can_be_shown(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, _ = command("cases", "--show", "mine.toml:mine")
@@ -123,7 +117,7 @@ def test_compare_pipes_json_without_nan(piped):
         raise AssertionError(f"{constant} is no JSON")
 
     records = json.loads(process.stdout, parse_constant=refuse)
-    assert process.returncode == 0
+    assert (process.returncode, process.stderr) == (0, "")
     assert (records["case"], records["t_end"], records["failures"]) == ("table10", 0.05, [])
     labels = [c["label"] for c in records["comparisons"]]
     assert labels == [
@@ -135,11 +129,6 @@ def test_compare_pipes_json_without_nan(piped):
     hht, sdirk, bdf2 = (c["tip_error_rms"] for c in records["comparisons"])
     assert 0.0 < sdirk < hht < bdf2 < 0.01  # third order, then second order by error constant
     assert all(c["steps"] == 500 and c["window"] == 0.05 for c in records["comparisons"])
-
-
-@pytest.mark.slow
-def test_progress_is_silent_where_stderr_is_no_terminal(piped):
-    assert piped[0].stderr == ""
 
 
 @pytest.mark.slow
@@ -183,22 +172,6 @@ def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     assert "files in deep/folder" in out
 
 
-@pytest.mark.slow
-def test_records_of_two_references_are_json_too(command, tmp_path):
-    (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
-    code, out, _ = command("compare", "mine.toml", "--references", "exact,dop853", "--json", "-")
-    assert code == 0
-    assert len(json.loads(out)["references"]) == 2
-    assert "NaN" not in out
-
-
-@pytest.mark.slow
-def test_a_beam_that_stays_at_rest_is_compared_without_warnings(command, tmp_path):
-    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
-    code, _, err = command("compare", "mine.toml", "--references", "exact")
-    assert (code, err) == (0, "")
-
-
 def test_an_interrupt_keeps_the_schemes_and_the_exact_solution(command, tmp_path, monkeypatch):
     """Their table is printed and written before the adaptive references begin."""
     from stiffbeam.cli import comparison
@@ -236,7 +209,7 @@ def overflow(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
-    process, _ = overflow
+    process, folder = overflow
     said = words(process.stdout)
     assert process.returncode == 1
     assert process.stderr == ""
@@ -244,37 +217,16 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     assert f"failed {label}@displacement {label} overflowed at t = 0.02" in said
     assert "use the implicit contact or a smaller dt (omega_max dt is" in said
     assert said.count("failed ") == 1
-
-
-@pytest.mark.slow
-def test_the_other_runs_of_one_that_overflows_are_there(overflow):
-    _, folder = overflow
-    assert sorted(path.name for path in folder.iterdir()) == [
+    # The other runs are there.
+    names = {path.name for path in folder.iterdir()}
+    assert names >= {
         "BDF2-displacement.nc",
         "HHT-alpha=-0.1-displacement.nc",
-        "comparison.json",
         "comparison.png",
-        "comparison.txt",
         "exact-displacement.nc",
-    ]
-    assert sb.load(folder / "HHT-alpha=-0.1-displacement.nc").work.steps == 82
+    }
+    assert not any(name.startswith("SDIRK") for name in names)
     assert "overflowed at t = 0.02" in (folder / "comparison.txt").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_a_run_that_grows_without_bound_leaves_the_table_readable(overflow):
-    table = (overflow[1] / "comparison.txt").read_text(encoding="utf-8")
-    row = next(line for line in table.splitlines() if line.strip().startswith("exact"))
-    assert "exact (reference)" in row
-
-
-@pytest.mark.slow
-def test_implicit_contact_survives_where_extrapolated_overflows(command):
-    code, out, _ = command(
-        "compare", "table11", "--dt", "2.5e-4", "--t-end", "0.0205", "--references", "exact", "--schemes", "sdirk"
-    )
-    assert code == 0
-    assert "failed" not in out
 
 
 @pytest.mark.slow

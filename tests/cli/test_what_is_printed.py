@@ -95,24 +95,6 @@ def test_what_is_kept_ends_with_the_run_where_a_divisor_allows(steps, outputs):
         assert steps % every == 0
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    [
-        sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha(), sb.ContactStabilisedNewmark(),
-        sb.MoreauJeanBilbao(),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_schemes_for_rigid_stops_take_a_system_that_has_neither_stops_nor_loads(scheme):
-    system = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_displacement=[0.1])
-    errors = []
-    for dt in (2e-3, 1e-3):
-        run = sb.integrate(system, scheme, dt, 1.0)
-        errors.append(float(np.max(np.abs(run.tip - 0.1 * np.cos(10.0 * run.t)))))
-    assert errors[1] < 2e-5
-    assert errors[1] < 0.3 * errors[0] or errors[0] < 1e-13
-
-
 def test_a_section_too_short_to_tell_is_not_called_not_periodic():
     assert repeats_after(np.array([0.3]), 1.0) is None
     assert repeats_after(np.array([0.3, 0.1, 0.2, -0.1, 0.4]), 1.0) is None

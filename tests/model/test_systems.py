@@ -66,11 +66,11 @@ def test_the_beam_follows_its_stops_and_leaves_with_its_loads():
     later = [(vector, replace(f, phase=f.phase + 0.3)) for vector, f in BEAM.loads]
     with pytest.raises(sb.InputError, match="beam"):  # its base is elsewhere by now
         sb.integrate(replace(BEAM, loads=later), sb.BDF2(), 1e-3, 0.01).displacement(0.5)
-    varied = sb.varied_members(BEAM, frequency=[11.0])[0]
+    varied = sb.varied_members(BEAM, {"frequency": [11.0]})[0]
     assert varied.problem.base.frequency == 11.0
     assert varied.fingerprint == sb.semidiscretise(varied.problem, 8).fingerprint
     with pytest.raises(sb.InputError, match="initial data"):
-        sb.varied_members(replace(BEAM, q0=BEAM.q0 + 1e-3), frequency=[11.0])
+        sb.varied_members(replace(BEAM, q0=BEAM.q0 + 1e-3), {"frequency": [11.0]})
 
 
 def test_arrays_cannot_be_changed_in_place():
@@ -278,7 +278,6 @@ def test_an_ensemble_is_saved_whole(things, tmp_path):
         np.testing.assert_array_equal(found.contact_peak_force[0], many.peak_force)
         third = found.impact_time[(found.impact_member == 3) & (found.impact_contact == 0)]
         np.testing.assert_array_equal(third, many.contacts[0].impacts_of(3).times)
-        assert found.tip.attrs["units"] == "1"
     assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
     with pytest.raises(sb.InputError, match=r"end in \.nc or "):
         many.save(tmp_path / "many.xlsx")
@@ -312,7 +311,7 @@ def test_the_exact_motion_is_the_same_wherever_zero_is(damping, lower):
 def test_members_may_have_different_numbers_of_frequencies(monkeypatch):
     """A load at 6 beside a base at 5, 6, 7: two, one and two frequencies, on one thread and on two."""
     system = sb.semidiscretise(replace(PROBLEM, loads=(sb.PointLoad(0.5, sb.Harmonic(1.0, 6.0)),)), 8)
-    members = sb.varied_members(system, frequency=[5.0, 6.0, 7.0])
+    members = sb.varied_members(system, {"frequency": [5.0, 6.0, 7.0]})
     for threads in ("1", "2"):
         monkeypatch.setenv("STIFFBEAM_THREADS", threads)
         many = sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.3, members, every=10)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
 
-PASSES = 6.0  # of a reference that a deadline ends: the first, one to its end, and those for its horizon
+PASSES = 10.0  # of a reference that a deadline ends: the first, one to its end, and those for its horizon
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
 

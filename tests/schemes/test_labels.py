@@ -1,4 +1,4 @@
-"""What tables, pictures and files show of schemes and numbers: units beside them, one look for each name, orders."""
+"""What a number is counted in stands beside it: in tables, answers, pictures and files."""
 
 from __future__ import annotations
 
@@ -6,20 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import stiffbeam as sb
-from dumont2002 import figures as page
-from stiffbeam.figures import chart
-from stiffbeam.figures.chart import EXACT, look
 from stiffbeam.figures.runs import four_panels
 from stiffbeam.files.cases import Case
-from stiffbeam.measures.amplification import free_mode_errors
-from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.report import comparison_text
-from stiffbeam.model.modes import modes
-from stiffbeam.schemes import RIGID, SCHEMES, registered
-from stiffbeam.trajectory.trajectory import Trajectory, Work
+from stiffbeam.schemes import registered
 
 BEAM = {"stops": sb.Stops(-2e-3, 2e-3, stiffness=1e5), "base": sb.Harmonic(2e-3, 150.0)}
 STEEL = sb.BeamProblem.from_physical(length=0.4, bending_stiffness=4.2, mass_per_length=0.16, **BEAM)
@@ -99,91 +91,6 @@ def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
     assert "in the units of the matrices" in text
     assert "mesh" not in text
     assert "units" not in run.to_xarray()["tip"].attrs
-
-
-def test_a_new_scheme_changes_no_other_look():
-    """A name has its colour and dashes wherever the registry puts it; the page's are the same, in shades."""
-    before, kept = {label: look(label) for label in LABELS}, dict(SCHEMES)
-    try:
-        for place in (0, 3, len(kept)):
-            entries = list(kept.items())
-            entries.insert(place, ("newcomer", type("Newcomer", (sb.BDF2,), {"name": "newcomer"})))
-            SCHEMES.clear()
-            SCHEMES.update(entries)
-            assert {label: look(label) for label in LABELS} == before
-            new = look("newcomer")
-            assert all(
-                (new["linestyle"], new["marker"]) != (x["linestyle"], x["marker"]) for x in map(look, chart.LOOKS)
-            )
-    finally:
-        SCHEMES.clear()
-        SCHEMES.update(kept)
-    for equation, label in (("(4.13)", "hht"), ("(4.11)", "bdf2"), ("(4.14)", "sdirk")):
-        colour, dashes = page.STYLE[equation]
-        assert colour == look(label)["color"]
-        assert look(label)["linestyle"] == ((0, dashes) if dashes else "-")
-    for equation, its in page.EQUATIONS.items():
-        hue = rgb_to_hsv(to_rgb(page.STYLE[equation][0]))[0]
-        assert hue == pytest.approx(rgb_to_hsv(to_rgb(look(its.scheme)["color"]))[0], abs=0.02)
-
-
-def test_looks_can_be_told_apart_in_grey_and_the_exact_motion_is_black():
-    dashes = [look(name)["linestyle"] for name in chart.LOOKS]
-    assert len(set(map(str, dashes))) == len(dashes) == len(chart.DASHES)
-    assert {*SCHEMES, *RIGID} <= set(chart.LOOKS)
-    assert {look(label)["color"] for label in EXACT} == {colour for colour, _ in page.EXACT.values()} == {"black"}
-    assert "black" not in {look(label)["color"] for label in LABELS}
-    system = sb.semidiscretise(sb.paper_case(10).problem, 8)
-    runs = [sb.integrate(system, scheme, 1e-4, 0.05) for scheme in (sb.HHT(), sb.SDIRK(nystrom=True), sb.BDF2())]
-    axis = four_panels("three schemes", runs, [sb.reference(system, 0.05)]).axes[0]
-    curves = [line for line in axis.get_lines() if len(line.get_xdata()) > 2]
-    assert [line.get_color() for line in curves] == ["black", *(look(x)["color"] for x in ("hht", "sdirk", "bdf2"))]
-    assert all(np.max(np.abs(line.get_ydata())) > 0.0 for line in curves)
-
-
-def test_an_observed_order_has_its_slope_constant_and_interval():
-    steps = 0.1 / 2.0 ** np.arange(6)
-    for slope in (0.5, 2.0, 3.0):
-        order = observed_order(steps, 7.0 * steps**slope)
-        assert (order.slope, order.constant) == (pytest.approx(slope, abs=1e-12), pytest.approx(7.0, rel=1e-11))
-        assert order.interval < 1e-10
-        assert order.points == 6
-    for few in ([], [0.1], [0.1, 0.1]):
-        assert np.isnan(observed_order(few, np.ones(len(few))).slope)
-    two = observed_order([0.1, 0.05], [4.0, 1.0])
-    assert np.isnan(two.interval)
-    assert str(two) == "2.00 (two points)"
-    rng, inside = np.random.default_rng(7), 0
-    for _ in range(400):  # trials at 95 %: the share has the standard deviation 1.1 %, three of them are allowed
-        order = observed_order(steps, 3.0 * steps**2 * np.exp(rng.normal(0.0, 0.3, len(steps))))
-        inside += abs(order.slope - 2.0) <= order.interval
-    assert abs(inside / 400 - 0.95) < 0.033
-
-
-@pytest.mark.parametrize("noise", [0.0, 1e-3])
-@pytest.mark.parametrize("damping", [0.0, 0.02])
-def test_a_lag_and_a_decay_put_into_a_run_are_found_within_the_stated_error(noise, damping):
-    """Mode j turns by late_j too slowly and decays decay_j too fast, with a ripple upon it."""
-    stiffness = np.array([[500.0, -200.0], [-200.0, 300.0]])
-    system = sb.System.from_matrices(np.diag([1.0, 2.0]), stiffness, damping=damping * stiffness, observe=[0.0, 1.0])
-    basis, t = modes(system), np.arange(0.0, 4.0, 0.005)
-    late, decay, own = np.array([0.11, -0.3]), np.array([0.02, 0.3]), 0.5 * basis.damping
-    turning = np.sqrt(basis.omega**2 - own**2)
-    z = np.exp(np.outer(t, -(own + decay) + 1j * (turning - late)))
-    z = z * (1.0 + noise * np.cos(37.0 * t)[:, None]) * (1.0 + noise * 1j * np.sin(41.0 * t)[:, None])
-    c = z.imag / turning  # z = c' - conj(lambda) c with lambda = -own + i turning
-    q, v = (x @ basis.shapes.T for x in (c, z.real - own * c))
-    found = free_mode_errors(Trajectory(
-        t=t, tip=q[:, -1], tip_velocity=v[:, -1], contacts=(), work=Work(), provenance={"dt": 0.005}, system=system,
-        pieces=lambda: iter([(t, q, v, np.zeros((len(t), 0)))]),
-    ))  # fmt: skip
-    elongation = turning / (turning - late) - 1.0
-    ratio = (own + decay) / np.hypot(own + decay, turning - late)
-    assert np.all(np.abs(found.period_elongation - elongation) <= found.elongation_error + 1e-12)
-    assert np.all(np.abs(found.damping_ratio - ratio) <= found.damping_error + 1e-12)
-    assert np.all(found.elongation_error < (1e-10 if noise == 0.0 else 0.1 * np.abs(elongation)))
-    with pytest.raises(sb.InputError, match="free"):
-        free_mode_errors(sb.integrate(sb.semidiscretise(PLAIN, 6), sb.HHT(), 1e-3, 0.1))
 
 
 @pytest.mark.parametrize(
