@@ -10,7 +10,7 @@ import stiffbeam as sb
 from dumont2002 import figures as page
 from stiffbeam.figures import chart
 from stiffbeam.figures.chart import EXACT, look
-from stiffbeam.figures.runs import four_panels
+from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.schemes import RIGID, SCHEMES, registered
 
 LABELS = [str(scheme) for scheme in registered()]
@@ -51,7 +51,7 @@ def test_looks_can_be_told_apart_in_grey_and_the_exact_motion_is_black():
     assert "black" not in {look(label)["color"] for label in LABELS}
     system = sb.semidiscretise(sb.paper_case(10).problem, 8)
     runs = [sb.integrate(system, scheme, 1e-4, 0.05) for scheme in (sb.HHT(), sb.SDIRK(nystrom=True), sb.BDF2())]
-    axis = four_panels("three schemes", runs, [sb.reference(system, 0.05)]).axes[0]
+    axis = comparison_panels("three schemes", runs, [sb.reference(system, 0.05)]).axes[0]
     curves = [line for line in axis.get_lines() if len(line.get_xdata()) > 2]
     assert [line.get_color() for line in curves] == ["black", *(look(x)["color"] for x in ("hht", "sdirk", "bdf2"))]
     assert all(np.max(np.abs(line.get_ydata())) > 0.0 for line in curves)
