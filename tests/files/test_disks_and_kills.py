@@ -14,7 +14,6 @@ from commands import invoke
 from fuzz_texts import STEEL
 
 import stiffbeam as sb
-from stiffbeam.basics import compiled
 from stiffbeam.cli.output import file_name
 from stiffbeam.files.cases import paper_case
 
@@ -65,17 +64,6 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
     last = words[-1] in ("--remake", "--out")
     done = invoke([*words, *([] if last else ["--out"]), place])
     assert isinstance(done.exception, sb.InputError), done.exception
-
-
-def test_kernels_run_where_they_cannot_be_kept(tmp_path, monkeypatch):
-    kernel = compiled.compiled(lambda x: x + 1)
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    kept = kernel._cache
-    monkeypatch.setattr(type(kept), "_save_overload", full)
-    assert kernel(2) == 3
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Pictures of results: of runs beside their reference in four panels, and one for each kind of result.
+"""Pictures of results: of runs beside their reference, and one for each kind of result.
 
 A function ``plot_...`` draws into ``ax``, the axes of the caller, and returns them, or returns the new figure, which a
 notebook shows. It takes arguments of ``Axes.plot``. The exact motion is black, a method has its look of every picture.
@@ -396,7 +396,7 @@ POINTS = 200  # along a beam
 
 
 def plot_run(run: Trajectory, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-    """The tip against time with the stops that act on it; without ``ax`` the four panels of ``run_figure``."""
+    """The tip against time with the stops that act on it; without ``ax`` the panels of ``run_figure``."""
     if ax is None:
         return run_figure(run, **kwargs)
     method, units = run.provenance["method"], run.units
@@ -481,7 +481,7 @@ def plot_ensemble(many: Ensemble, ax: Axes | None = None, **kwargs: Any) -> Axes
 
 
 def plot_comparison(comparison: Comparison, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-    """The error of the tip against time, with a dot where the impacts cease to match; without ``ax`` four panels."""
+    """The error of the tip against time, with a dot where the impacts cease to match; without ``ax`` the panels."""
     if ax is None:
         return plot_comparisons([comparison])
     method = comparison.label.partition("@")[0]
