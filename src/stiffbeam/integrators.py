@@ -19,7 +19,7 @@ from .march.integrate import integrate
 from .model.equations import Matrices
 from .model.system import System
 from .references import solve
-from .references.registry import ADAPTIVE, REFERENCES, RTOL, Steps
+from .references.registry import ADAPTIVE, REFERENCES, RTOL
 from .schemes import Scheme
 from .schemes.labels import KNOWN_FORMS, parse_run, scheme_of, user_object
 from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
@@ -75,9 +75,9 @@ class Integrator:
             return _called(self, system, dt, t_end)
         return part_of(self.recorded_at(system, dt), system, t_end, self.label)
 
-    def solve(self, system: System, rtol: float, times: Any, t_end: float, events: bool = True) -> Trajectory:
+    def solve(self, system: System, rtol: float, times: Any, t_end: float) -> Trajectory:
         """Return the run of a solver to a relative tolerance, at ``times`` (k,); the exact solver has none."""
-        return solve(system, t_end, self.source, np.asarray(times, float), rtol, None, steps=Steps(events=events))
+        return solve(system, t_end, self.source, np.asarray(times, float), rtol, None)
 
     def recorded_at(self, system: System, dt: float) -> Trajectory:
         """Return the recorded run whose step is nearest to dt. Raises InputError for a run of another system."""
