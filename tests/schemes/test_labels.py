@@ -11,7 +11,6 @@ import stiffbeam as sb
 from stiffbeam.basics.units import unit_of
 from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.files.cases import Case
-from stiffbeam.measures.report import report
 from stiffbeam.schemes import registered
 
 BEAM = {"stops": sb.Stops(-2e-3, 2e-3, stiffness=1e5), "base": sb.Harmonic(2e-3, 150.0)}
@@ -24,7 +23,7 @@ STUDIES = {
     "sweep": ({"values": [140.0, 160.0], "periods": 2, "transient": 1}, ["(N)"],
               ["(rad/s)", "(N)", "(m)"]),
     "energy": ({"schemes": LABELS[:1]}, ["to t = 0.1"], ["(s)", "(J)"]),
-    "chaos": ({"schemes": LABELS[:1], "starts": 8}, ["(1/s)", "digits per s"], ["(s)", "(1/s)"]),
+    "chaos": ({"schemes": LABELS[:1], "starts": 8}, ["(1/s)", "digits per s"], ["(1/s)"]),
     "ensemble": ({"schemes": LABELS[:1], "members": 3}, ["per s", "(N)", "(J)"],
                  ["(N)", "(J)", "(rad/s)", "(m)"]),
     "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
@@ -62,7 +61,7 @@ def test_a_study_of_a_case_without_units_names_none():
 def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
     def compared(system, dt, t_end):
         run, reference = sb.integrate(system, sb.HHT(-0.1), dt, t_end), sb.reference(system, t_end)
-        return run, reference, str(report([sb.compare(run, reference)]))
+        return run, reference, str(sb.compare(run, reference))
 
     run, reference, text = compared(sb.semidiscretise(STEEL, 8), 1e-4, 0.1)
     assert all(words in text for words in ("(N)", "(N s)", "(s)"))
@@ -92,8 +91,8 @@ def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
 
 @pytest.mark.parametrize(
     ("units", "quantity", "name"),
-    [((), "energy", ""), (("m", "s", "N"), "energy", "J"), (("m", "s", "N"), "mass per length", "kg/m"),
-     (("mm", "s", "N"), "energy", "N mm"), (("rad", "s", "N m"), "stop stiffness", "N m/rad"),
+    [(("m", "s", "N"), "energy", "J"), (("rad", "s", "N m"), "stop stiffness", "N m/rad"), ((), "energy", ""),
+     (("m", "s", "N"), "mass per length", "kg/m"), (("mm", "s", "N"), "energy", "N mm"),
      (("mm", "ms", "kN"), "velocity", "mm/ms"), (("mm", "s", "N"), "mass per length", "N s²/mm²")],
 )  # fmt: skip
 def test_derived_units_follow_from_three(units, quantity, name):
@@ -102,8 +101,8 @@ def test_derived_units_follow_from_three(units, quantity, name):
 
 @pytest.mark.parametrize(
     ("call", "words"),
-    [*((lambda units=units: sb.BeamProblem(stiffness=1.0, units=units), "units must be the names")
-       for units in (("m", "", "N"), ("m", "s"), ("m", "s", 1), "mm", 1, ("m", "s", "\x1b[2J"))),
+    [*((lambda units=units: sb.BeamProblem(stiffness=1.0, units=units), "^units must ")
+       for units in (("m", "", "N"), ("m", "s"), ("m", "s", 1), "mm", ("m", "s", "\x1b[2J"))),
      (lambda: sb.integrate(sb.semidiscretise(STEEL, 8), sb.HHT(), 1e-4, 0.01).displacement(0.5),
       r"x must lie in \[0, 0\.4\]")],
 )  # fmt: skip

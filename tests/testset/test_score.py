@@ -383,7 +383,7 @@ def test_adaptive_solvers_stay_within_their_tolerance_and_a_loose_one_is_found(m
 
     assert outcomes(sb.score("dop853", SOME)) == dict.fromkeys(SOME, CONVERGES)
     honest = integrators.solve
-    monkeypatch.setattr(integrators, "solve", lambda s, T, m, t, rtol, atol, steps: honest(s, T, m, t, 3e-2, None))
+    monkeypatch.setattr(integrators, "solve", lambda s, T, m, t, rtol, atol: honest(s, T, m, t, 3e-2, None))
     assert outcomes(sb.score("dop853", "bilinear-gap")) == {"bilinear-gap": STAYS}
 
 
@@ -455,13 +455,10 @@ def test_columns_are_known_by_their_names(tmp_path):
         rows = [",".join(f"{10 * k + column}" for column in range(width)) for k in range(5)]
         file.write_text("\n".join([header, *rows]), encoding="utf-8")
         assert [int(column[0]) for column in read_trajectory(file)] == found
-    for header in ("u,v", "t,x,v", "t,u,u"):
-        file.write_text("\n".join([header, *["1,2,3"] * 5]), encoding="utf-8")
+    for header in ("u,v", "t,x,v"):
+        row = ",".join("123"[: len(header.split(","))])
+        file.write_text("\n".join([header, *[row] * 5]), encoding="utf-8")
         with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
-            read_trajectory(file)
-    for separator in ";\t ":  # not t = 1, u = 0, v = 5
-        file.write_text("\n".join(f"{k}{separator}0,5" for k in range(5)), encoding="utf-8")
-        with pytest.raises(sb.InputError, match="decimals have a point"):
             read_trajectory(file)
     file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
     with pytest.raises(sb.InputError, match="name every column"):
