@@ -284,7 +284,7 @@ def ensemble(s, members, *more, **given):
 
 
 CALLS = [
-    (lambda s: sb.perturbed_members(s, 0), "members"), (lambda s: sb.varied_members(s), "varied"),
+    (lambda s: sb.perturbed_members(s, 0), "members"), (lambda s: sb.varied_members(s), "parameters must be"),
     (lambda s: sb.varied_members(s, {"frequency": [1.0]}, stops=[]), "varied"),
     (lambda s: sb.varied_members(s, {"frequency": [-1.0]}), "frequency"),
     (lambda s: sb.varied_members(s, stops=[0.1]), "stops"), (lambda s: ensemble(s, []), "members"),

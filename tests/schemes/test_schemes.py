@@ -36,7 +36,6 @@ TEXTBOOK = [scheme for scheme in (*ALL, sb.Bathe(split=0.7), sb.Theta(theta=0.8)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
 @pytest.mark.parametrize("scheme", TEXTBOOK, ids=str)
 @pytest.mark.parametrize("index", range(12, 16))  # plain, damped, several contacts, moving stops
-@pytest.mark.fast(40)
 def test_a_scheme_is_its_textbook_loop(index, scheme, contact):
     """Formulas on dense matrices, written again; contact by trying all sides. Rounding grows as two loops part."""
     case, steps = random_case(1, index), 150
