@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.piecewise.linear import answers, respond
 from stiffbeam.references import solve
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
@@ -101,56 +100,6 @@ def test_a_polygon_has_no_acceleration_and_is_no_base_motion():
     for base in (polygon, sb.Superposition(sb.Harmonic(0.1, 3.0), polygon)):
         with pytest.raises(sb.InputError, match="cubic"):
             sb.BeamProblem(stiffness=300.0, base=base)
-    with pytest.raises(sb.InputError, match="Harmonic or Constant"):
-        sb.rigid_limit(hammered(polygon), 0.5)
-
-
-def test_a_mode_answers_a_power_of_time_as_quadrature_says():
-    """psi_j(lambda, tau) = int_0^tau exp(lambda (tau - s)) s^j ds, for slow, fast and decaying modes."""
-    import mpmath as mp
-
-    with mp.workdps(40):
-        for value in (0j, -1e-9 + 1e-9j, 0.3j, -1.9 + 0.1j, 2.1j, -40.0 + 300.0j, -1e6 + 0j):
-            for tau in (1e-8, 0.013, 1.0):
-                psi = np.empty(4, complex)
-                answers(complex(value), tau, psi)
-                z, t = mp.mpc(value), mp.mpf(tau)
-                for j in range(4):
-                    series = mp.hyp1f1(1, j + 2, z * t) * t ** (j + 1) / (j + 1)  # = j! t^(j+1) phi_{j+1}(z t)
-                    assert abs(complex(series) - psi[j]) <= 1e-14 * tau ** (j + 1) / (1.0 + abs(value) * tau / 2), (
-                        value,
-                        tau,
-                        j,
-                    )
-
-
-@pytest.mark.fast(5)
-@pytest.mark.parametrize("powers", [0, 1, 4])
-@pytest.mark.parametrize("apart", [1e-13, 1e-9, 1e-7, 1e-5])
-def test_cells_of_equal_length_share_their_exponentials_and_lose_no_digit(powers, apart):
-    """100 cells with the same ten nodes but for a relative difference, and modes from none to the fastest."""
-    import mpmath as mp
-
-    rng = np.random.default_rng(powers)
-    values = np.array([0.0, -1e-9 + 1e-9j, -0.2 + 3.0j, 300.0j, -4e4 + 1e3j, 2e4j])
-    tau = np.tile(rng.uniform(0.0, 5e-3, 10), 100) * (1.0 + apart * rng.uniform(-1.0, 1.0, 1000))
-    start = np.repeat(np.arange(100), 10)
-    c = rng.normal(size=(100, 6)) + 1j * rng.normal(size=(100, 6))
-    force = (rng.normal(size=(100, 6, powers)) + 0j) * 5e-3 ** -np.arange(1.0, powers + 1.0)
-    out = np.empty((1000, 6), complex)
-    respond(values, tau, start, c, force, out)
-    with mp.workdps(30):
-        for i in rng.integers(0, 1000, 40):
-            t = mp.mpf(tau[i])
-            for k, value in enumerate(values):
-                z = mp.mpc(value)
-                terms = [c[start[i], k] * mp.exp(z * t)]
-                terms += [
-                    force[start[i], k, j] * t ** (j + 1) / (j + 1) * mp.hyp1f1(1, j + 2, z * t) for j in range(powers)
-                ]
-                # Rounding of z t turns the exponential, and every term has its own.
-                size = float(sum(abs(x) for x in terms)) + abs(c[start[i], k]) * abs(value) * tau[i]
-                assert abs(complex(sum(terms)) - out[i, k]) < 20.0 * np.finfo(float).eps * size, (i, k)
 
 
 def hammered(load, damping=0.0, contacts=1, offset=None):

@@ -22,7 +22,7 @@ import scipy.optimize
 
 import stiffbeam as sb
 from stiffbeam.model.contact import dissipation_for
-from stiffbeam.references.exact.impacting import Tracer
+from stiffbeam.references.exact.motion import Solver
 from stiffbeam.references.horizon import Struck
 
 INF = float("inf")
@@ -129,7 +129,7 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
     e, T = 0.8, 2.0 * np.pi / w
     drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
     one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
-    motion = Tracer(one).solve(1.01 * T)
+    motion = Solver(one).solve(1.01 * T)
     flow = Struck(one, motion, 1.01 * T)
     after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
     dq, dv = np.eye(2)[:1], np.eye(2)[1:]
