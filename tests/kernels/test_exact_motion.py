@@ -186,12 +186,12 @@ def test_rigid_stops_of_a_chain_are_those_of_the_exact_solution(e):
 def test_wrong_arrays_are_errors_of_python():
     system, motion = pressed_often(0.0)
     made = motion.made
-    with pytest.raises(TypeError, match="w2"):
+    with pytest.raises(TypeError, match="a kernel takes"):
         made.free.changed(w2=made.free.w2.astype("f4"))
-    with pytest.raises(TypeError, match="rows"):
+    with pytest.raises(TypeError, match="a kernel takes"):
         made.free.changed(rows=np.zeros((1, 2)))
-    with pytest.raises(TypeError, match="eta"):
+    with pytest.raises(TypeError, match="a kernel takes"):
         Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
-    with pytest.raises(TypeError, match="side"):
+    with pytest.raises(TypeError, match="a kernel takes"):
         Marks(*motion.marks[:3], motion.marks.side.astype("i4")).arguments(made.free)
     assert dataclasses.is_dataclass(made.free)

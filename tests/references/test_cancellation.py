@@ -11,7 +11,6 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.piecewise.terms import from_rest
 from stiffbeam.references.horizon import DISPLACEMENT_TOLERANCE
 from stiffbeam.references.multiprecision.multiprecision import AGREEMENT, carry
 
@@ -57,30 +56,6 @@ def test_an_overdamped_mass_that_creeps_is_solved_or_not_certified(t_end):
     inside = np.linspace(0.0, double.horizon, 5)
     exact = np.array([float(x) for x in extremes.truth(system, inside)])
     assert np.max(np.abs(double.at(inside)[0] - exact)) <= DISPLACEMENT_TOLERANCE * np.max(exact)
-
-
-def test_the_answer_from_rest_is_the_closed_form_over_many_decades():
-    """Relative to its envelope: min(t^2/2, t/w, 2/|w^2 - O^2|), for the sine times min(1, O t/3)."""
-    rng = np.random.default_rng(1)
-    with mpmath.workdps(80):
-        for _ in range(500):
-            omega, frequency = extremes.decades(rng, -6, 6), 0.0
-            apart = rng.choice([10.0 ** rng.uniform(-8, 8), 1.0 + extremes.decades(rng, -17, -0.5), 1.0])
-            frequency = float(omega * apart)
-            tau = float(extremes.decades(rng, -9, 1.5) / max(omega, frequency))
-            found = from_rest(omega, frequency, tau)
-            w, W, t = mpmath.mpf(frequency), mpmath.mpf(omega), mpmath.mpf(tau)
-            gain = W * W - w * w
-            if gain == 0:
-                exact = t * mpmath.sin(w * t) / (2 * w), (mpmath.sin(w * t) / w - t * mpmath.cos(w * t)) / (2 * w)
-            else:
-                exact = (
-                    (mpmath.cos(w * t) - mpmath.cos(W * t)) / gain,
-                    (mpmath.sin(w * t) - w * mpmath.sin(W * t) / W) / gain,
-                )
-            envelope = min(t * t / 2, t / W, 2 / abs(gain) if gain else t * t)
-            assert abs(found[0] - exact[0]) < 2e-14 * envelope
-            assert abs(found[1] - exact[1]) < 2e-14 * envelope * min(1, w * t / 3)
 
 
 def test_a_rigid_body_mode_and_a_drive_over_a_tiny_time():

@@ -10,8 +10,10 @@ from oracles import exact_linear
 from systems import linear_part, one_mass
 
 import stiffbeam as sb
+from stiffbeam.kernels.exact import NONE_PRESSED
 from stiffbeam.model.modes import modes
 from stiffbeam.references import solve
+from stiffbeam.references.exact.motion import Solver
 
 
 def test_without_contact_the_exact_solution_is_the_matrix_exponential(three_masses):
@@ -138,13 +140,11 @@ def test_what_the_exact_solution_cannot_take_is_refused_with_the_reason(table10)
 
 
 def test_both_exact_solutions_are_one_where_both_apply(table10_system):
-    from stiffbeam.piecewise.tracer import tracer_of
-
     times = np.linspace(0.0, 0.1, 101)
     real = solve(table10_system, 0.1, "exact", times, 0.0, None)
-    tracer = tracer_of(table10_system)
-    tracer.source.damped = True  # complex modes, as of a system whose damping couples them
-    general = tracer.solve(0.1)
+    solver = Solver(table10_system)
+    solver.made = solver.made._replace(pressed=NONE_PRESSED, free=solver.made.free.changed(kind=0))  # series alone
+    general = solver.solve(0.1)
     assert np.max(np.abs(general.states(times)[0] - real.states[0])) < 1e-12
     assert np.allclose(general.times[1:], real.solution.times[1:], rtol=0, atol=1e-13)
 

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from stiffbeam.piecewise.tracer import tracer_of
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.references import horizon as tangent
 from stiffbeam.references import solve
+from stiffbeam.references.exact.motion import Solver
 
 
 def table(number: int) -> sb.System:
@@ -54,45 +54,18 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
     growth = sb.lyapunov(system, t_end, seed=3)
     dq, dv = tangent._vectors(system, 3)
     step = 1e-8
-    base = tracer_of(system).solve(t_end)
+    base = Solver(system).solve(t_end)
     assert len(base.times) > 10
     here = base.states(growth.t)
     for j in range(dq.shape[1]):
         moved = dataclasses.replace(system, q0=system.q0 + step * dq[:, j], v0=system.v0 + step * dv[:, j])
-        there = tracer_of(moved).solve(t_end).states(growth.t)
+        there = Solver(moved).solve(t_end).states(growth.t)
         q, v = (b - a for a, b in zip(here, there, strict=True))
         measured = np.log(tangent._norm(system, q.T, v.T) / step)
         # What is not linear is of the size of the difference, relative to a motion of size one.
         linear = growth.log_growth[:, j] < np.log(1e-4 / step)
         assert np.sum(linear) > 150
         assert np.max(np.abs(measured - growth.log_growth[:, j])[linear]) < 0.05
-
-
-@pytest.mark.parametrize("number", [2, 14, 17, *(pytest.param(n, marks=pytest.mark.slow) for n in (5, 12))])
-@pytest.mark.fast(1)
-def test_the_predicted_horizon_is_that_of_the_perturbed_copies_within_a_factor_of_two(number):
-    system = table(number)
-    ref = sb.reference(system, 0.6)
-    predicted = tangent.predicted_horizon(system, ref.solution, 0.6, tangent.DISPLACEMENT_TOLERANCE)
-    assert ref.horizon < 0.6
-    # Rounding is counted as if it had all been there from the start: early rather than late.
-    assert 0.5 * ref.horizon < predicted < 1.2 * ref.horizon
-
-
-@pytest.mark.slow
-def test_the_predicted_horizon_with_damping_several_contacts_and_without_chaos(table10, three_masses):
-    system = two_contacts()
-    chain = sb.reference(system, 60.0)
-    assert chain.horizon < 40.0
-    predicted = tangent.predicted_horizon(system, chain.solution, 60.0, tangent.DISPLACEMENT_TOLERANCE)
-    assert 0.5 * chain.horizon < predicted < 1.2 * chain.horizon
-    for system, t_end in ((viscous(table10), 0.3), (three_masses, 20.0)):
-        calm = sb.reference(system, t_end)
-        assert (
-            calm.horizon
-            == tangent.predicted_horizon(system, calm.solution, t_end, tangent.DISPLACEMENT_TOLERANCE)
-            == t_end
-        )
 
 
 def test_the_exponents_of_two_motions_of_a_chaotic_table_agree_within_their_scatter():

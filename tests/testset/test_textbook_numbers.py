@@ -22,6 +22,8 @@ import scipy.optimize
 
 import stiffbeam as sb
 from stiffbeam.model.contact import dissipation_for
+from stiffbeam.references.exact.motion import Solver
+from stiffbeam.references.horizon import Struck
 
 INF = float("inf")
 
@@ -113,6 +115,32 @@ def test_the_dissipation_that_delivers_a_restitution():
         stops = sb.Stops.from_restitution(e, speed=1.0, upper=0.0, stiffness=1.0, exponent=1.5)
         run = sb.reference(mass(0.0, stops, q=-0.01, v=1.0), 60.0, "dop853", t_eval=[0.0, 60.0], rtol=1e-13)
         assert run.tip_velocity[-1] == pytest.approx(-e, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("w", "V", "t0", "multipliers"),
+    [
+        (2.8, 0.3361772699756701192, 1.0926345564090809343, (-2.9580950669935995, -0.21635545359617233)),
+        (2.0, 20.0 / 3.0, np.pi / 4.0, (0.8, 0.8)),
+    ],
+)
+def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
+    """x'' + x = cos(w t), x <= 0, e = 0.8: the tangent flow from one impact to behind the next."""
+    e, T = 0.8, 2.0 * np.pi / w
+    drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
+    one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
+    motion = Solver(one).solve(1.01 * T)
+    flow = Struck(one, motion, 1.01 * T)
+    after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
+    dq, dv = np.eye(2)[:1], np.eye(2)[1:]
+    for k in range(after):
+        dq, dv = flow.across(k + 1, *flow.flow(k, float(np.diff(motion.times)[k]), dq, dv))
+    monodromy = np.vstack([dq, dv])
+    assert np.trace(monodromy) == pytest.approx(sum(multipliers), rel=1e-12)
+    assert np.linalg.det(monodromy) == pytest.approx(e * e, rel=1e-12)
+    if w == 2.8:
+        assert np.trace(monodromy) == pytest.approx(-3.1744505205897718461, rel=1e-12)
+        assert np.sort(np.linalg.eigvals(monodromy).real) == pytest.approx(multipliers, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -382,12 +382,16 @@ static void any_term(const Free *f, const State *c, Series *s, int k, Int count)
             lam[i] = spring_term(f, c, s, k, i);
             add(new, f->rows + i * n, lam[i], n);
         }
-    for (Int x = 0; x < count; x++) {
-        double r = dot(f->rows + s->held[x] * n, new, n);
-        for (Int b = 0; b < B; b++) r += f->offsets[b * m + s->held[x]] * s->G[k * B + b] * k * (k - 1.0);
-        for (Int y = 0; y < count; y++) lam[s->held[y]] -= s->inverse[y * count + x] * r;
+    for (int pass = 0; pass < 2; pass++) { /* the second takes what rounding left: what is held everywhere stays at rest */
+        double *more = s->A;
+        for (Int y = 0; y < count; y++) more[y] = 0.0;
+        for (Int x = 0; x < count; x++) {
+            double r = dot(f->rows + s->held[x] * n, new, n);
+            for (Int b = 0; b < B; b++) r += f->offsets[b * m + s->held[x]] * s->G[k * B + b] * k * (k - 1.0);
+            for (Int y = 0; y < count; y++) more[y] -= s->inverse[y * count + x] * r;
+        }
+        for (Int x = 0; x < count; x++) lam[s->held[x]] += more[x], add(new, f->rows + s->held[x] * n, more[x], n);
     }
-    for (Int x = 0; x < count; x++) add(new, f->rows + s->held[x] * n, lam[s->held[x]], n);
     for (Int j = 0; j < n; j++) new[j] *= 1.0 / (k * (k - 1.0));
 }
 

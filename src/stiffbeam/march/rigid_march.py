@@ -73,7 +73,8 @@ def require_rigid(system: System, scheme: Scheme, treatment: Treatment) -> None:
             raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
         moved = float(offset_values(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
-        if abs(each.stops.penetration(u)) > 1e-14 * max(abs(u), abs(moved)):  # what rounds u
+        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
+        if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):
             raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
     if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
         rule = f"decouple in the modes for {scheme}"

@@ -56,10 +56,12 @@ def on_stops(system: System) -> dict[int, int]:
     for contact, each in enumerate(system.contacts):
         moved = shift_at_start(each)
         u = float(each.row @ system.q0) + moved
+        # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
+        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
         for side, g in each.stops.sides:
             # Within rounding of its stop a contact is on it, neither off nor beyond.
             if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
-                if side * (u - g) > LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved), whole):
                     remedy = "move the stop or the start"
                     raise InputError("initial displacement", u, "lie between rigid stops", remedy)
                 closed[contact] = side

@@ -345,10 +345,22 @@ def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
 
 
 def chatter_ends(solution: Motion) -> list[float]:
-    """Times at which impacts on a rigid stop have accumulated, and the contact is held."""
-    times, contacts, sides, _ = solution.events
-    e = np.array([contact.stops.restitution for contact in solution.system.contacts], float)
-    return times[(np.abs(sides) == 1) & (e[contacts] > 0.0)].tolist()
+    """Times at which impacts on a rigid stop have accumulated: 2 v/(a (1 - e)) after the one behind which the contact
+    is held, which would have left it with v under the acceleration a into the stop."""
+    times, contacts, sides, marks = solution.events
+    meet, blows, ends = solution.made.free.meet, solution.blows, []
+    for t, i, side, mark in zip(times.tolist(), contacts.tolist(), sides.tolist(), marks.tolist(), strict=True):
+        e = float(solution.system.contacts[i].stops.restitution or 0.0)
+        if abs(side) != 1 or e == 0.0:
+            continue
+        held = np.flatnonzero(solution.sides[solution.piece_at(np.array([t]))[0]])
+        speed = np.abs(blows.before[(blows.mark == mark) & (blows.contact == i)])
+        if i in held and len(speed) and e < 1.0:
+            reaction = abs(float(solution.reactions(np.array([t]))[0, i]))
+            pull = reaction / float(np.linalg.inv(meet[np.ix_(held, held)])[held == i, held == i][0])
+            t += 2.0 * float(speed[-1]) / (pull * (1.0 - e)) if pull > 0.0 else 0.0
+        ends.append(t)
+    return ends
 
 
 def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative:

@@ -18,7 +18,7 @@ from ...basics.validation import InputError
 from ...kernels.exact import NONE_PRESSED, Free, Pressed, pressed_modes
 from ...model.modes import modes, undamped_modes
 from ...model.system import System
-from ...model.time_functions import Drive
+from ...model.time_functions import Drive, parts
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
 CRITICAL = 0.1  # relative distance of d^2 from 4 w^2 below which a real pair cancels
@@ -34,6 +34,7 @@ class FreeSystem(NamedTuple):
     pressed: Pressed
     X: Array
     into: Array  # eta = q @ into
+    cancelled: Array  # (B, n) of loads, in nodes: what their terms cancel of each other
 
     def start(self, q: Array, v: Array) -> tuple[Array, Array]:
         """eta, eta' of q, q' (..., n)."""
@@ -87,7 +88,12 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
     shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
     free = closed_form(shared)
-    return FreeSystem(free, pressed_system(free), X, np.ascontiguousarray(system.mass @ X))
+    terms = [([(a * p, f)], n) for p, whole in system.loads for a, f in parts(whole)]
+    cancelled = np.zeros_like(loads)
+    if terms:
+        sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
+        cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(basis_rows), 0.0)
+    return FreeSystem(free, pressed_system(free), X, np.ascontiguousarray(system.mass @ X), cancelled)
 
 
 def closed_form(shared: dict[str, Any]) -> Free:

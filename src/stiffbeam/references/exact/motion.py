@@ -99,6 +99,8 @@ class Solver:
 
         shared = {x: getattr(free, x) for x in ("coupling", "waves", "edges", "damping", "drag", "meet", "offsets")}
         shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
+        lost = size * rng.uniform(-1.0, 1.0, self.made.cancelled.shape) * self.made.cancelled
+        shared["loads"] = shared["loads"] + lost @ self.made.X
         shared["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
@@ -152,6 +154,10 @@ class Solver:
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES) -> Motion:
         """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
         on; the states at ``stations`` (k,), increasing, are found on the way."""
+        free = self.made.free
+        if free.kind == 0:  # no closed form at all: every radian of the fastest decay is a step
+            fast = float(np.max(free.w2)) ** 0.5 + float(np.linalg.norm(free.damping, 2))
+            afford("t_end", t_end, "shorten t_end", seconds=1e-5 * t_end * fast)
         eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
         return self._followed(
             Follower(self.made.free, self.made.pressed, eta, rate, together=self.together), t_end, stations

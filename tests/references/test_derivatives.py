@@ -1,18 +1,14 @@
 """Derivatives of exact motions against a closed form and against fourth-order differences of exact motions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.members import value_at, with_values
-from stiffbeam.model.modes import undamped_modes
 from stiffbeam.model.system_data import data_of, slope_of, slopes
-from stiffbeam.piecewise.regimes import Known
-from stiffbeam.piecewise.tracer import tracer_of
 from stiffbeam.references.exact.derivative import Derivative
+from stiffbeam.references.exact.motion import Solver
 
 T = 1.0
 
@@ -45,7 +41,7 @@ PATHS = [
 def moved(system: sb.System, path: str, by: float):
     """State at T and the event times."""
     system = with_values(system, {path: value_at(system, path) + by})
-    solution = tracer_of(system).solve(T)
+    solution = Solver(system).solve(T)
     return np.concatenate([x[0] for x in solution.states(np.array([T]))]), solution.times[1:]
 
 
@@ -111,20 +107,6 @@ def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
         slopes(system, ["stops.damping"])
 
 
-def test_systems_that_share_their_modes_share_no_loads() -> None:
-    """Of damped systems, with loads of other frequencies, one in resonance, and other damping: equal to the bit."""
-    known: Known = {}
-    frequencies = (9.0, 9.1, 31.0, float(undamped_modes(bouncing()).omega[0]))
-    systems = [with_values(bouncing(c), {"frequency": w}) for c in (0.0, 8.0) for w in frequencies]
-    systems += [replace(systems[0], damping=2.0 * systems[0].damping)]
-    systems += [replace(systems[1], damping=np.zeros((2, 2)))]
-    for system in [*systems, *systems]:
-        shared, alone = tracer_of(system, known=known).solve(T), tracer_of(system, known={}).solve(T)
-        np.testing.assert_array_equal(shared.times, alone.times)
-        for a, b in zip(shared.states(np.array([T])), alone.states(np.array([T])), strict=True):
-            np.testing.assert_array_equal(a, b)
-
-
 @pytest.mark.parametrize("path", ["stops[0].weight", "stops[3].stiffness", "nothing"])
 def test_a_path_that_leads_to_no_number_is_refused(path: str) -> None:
     system = bouncing()
@@ -155,7 +137,7 @@ def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
 
     def tip(by: float) -> np.ndarray:
         system = with_values(beam, {path: value_at(beam, path) + by})
-        return tracer_of(system).solve(end).states(np.array([end]))[0][0]
+        return Solver(system).solve(end).states(np.array([end]))[0][0]
 
     h = 1e-5 * value_at(beam, path)
     difference = (tip(-2 * h) - 8 * tip(-h) + 8 * tip(h) - tip(2 * h)) / (12 * h)
