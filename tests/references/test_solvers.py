@@ -115,8 +115,8 @@ def test_the_time_to_which_impact_sequences_match():
     a = impacts([1.0, 2.0, 3.0], [1, -1, 1])
     assert impacts_match_until(a, a, 1e-4, 5.0) == 5.0
     assert impacts_match_until(a, impacts([1.0, 2.00005, 3.0], [1, -1, 1]), 1e-4, 5.0) == 5.0
-    assert impacts_match_until(a, impacts([1.0, 2.1, 3.0], [1, -1, 1]), 1e-4, 5.0) == 2.0
-    assert impacts_match_until(a, impacts([1.0, 2.0, 3.0], [1, 1, 1]), 1e-4, 5.0) == 2.0
+    assert impacts_match_until(a, impacts([1.0, 2.1, 3.0], [1, -1, 1]), 1e-4, 5.0) == np.nextafter(2.0, 0.0)
+    assert impacts_match_until(a, impacts([1.0, 2.0, 3.0], [1, 1, 1]), 1e-4, 5.0) == np.nextafter(2.0, 0.0)
     assert impacts_match_until(a, impacts([1.0, 2.0], [1, -1]), 1e-4, 5.0) == 3.0
     assert impacts_match_until(impacts([1.0], [1]), impacts([1.0, 4.99999], [1, 1]), 1e-4, 5.0) == 5.0
 
