@@ -263,6 +263,8 @@ ROUNDINGS = 64.0  # that an event may cost, each as large as the stiffest mode m
 SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
 NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
 START = 1e-3  # of the largest displacement: what a start may be off
+FLOWN = 8.0  # radians of the fastest motion below which a motion is a series, which does not cancel: see exact.c
+SMALLER = "the motion is smaller than the rounding of the amplitudes it is the difference of"
 
 
 @contextmanager
@@ -338,13 +340,19 @@ def _start(system: System, solution: Motion, t_end: float, q0: Array, ends: tupl
     times (k,) and q (k, n) of the ends of all pieces, the start first."""
     if solution.times[0] != 0.0:
         return
+    free = solution.made.free
+    lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
+    # In closed form the answer to the loads may be far larger than the motion: both are in the norm of M.
+    if lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
+        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ solution.made.into, axis=1)
+        if lost > START * float(np.max(length)):
+            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     for channel, (row, _) in enumerate(system.channels):
         given = float(row @ q0 + solution.offset(system, channel)(np.zeros(1))[0][0])
         positions = _looks(system, solution, t_end, channel, ends)
         # Lazy: a finer look is computed only if the start is off against the coarser ones.
         if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
-            reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
-            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
+            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
 
 
 def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
