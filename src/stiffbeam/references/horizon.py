@@ -9,9 +9,8 @@ the product of the homogeneous flows of the segments. At the entry into a damped
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,18 +164,33 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copies(solver: Solver, t_end: float, t: Array) -> Iterator[Watched]:
-    """Solutions of perturbed copies of the problem, an endless sequence, see ``Solver.perturbed``; t: as in
-    ``Watched``."""
-    system = solver.system
-    for seed in count():
-        with within_float64("exact", t_end):
-            solution = solver.perturbed(PERTURBATION, seed).solve(t_end, stations=t)
-            seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
-            paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
-            impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
-        struck = _struck_at_once(solution, t_end) if system.rigid else np.zeros(0)
-        yield Watched(t, paths, impacts, struck)  # outside: what float64 raises inside is not for who goes on with it
+def copy_of(solver: Solver, seed: int, t: Array) -> Watched:
+    """The solution of a perturbed copy of the problem to the last of the times t (k,), see ``Solver.perturbed``."""
+    system, t_end = solver.system, float(t[-1])
+    with within_float64("exact", t_end):
+        solution = solver.perturbed(PERTURBATION, seed).solve(t_end, stations=t)
+        seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
+        paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
+        impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
+    return Watched(t, paths, impacts, _struck_at_once(solution, t_end) if system.rigid else np.zeros(0))
+
+
+def copies_agree_until(
+    nominal: Watched, system: System, tolerance: float, scales: list[float], horizon: float, show: Show = silent
+) -> float:
+    """The time, ``horizon`` at most, to which COPIES of the problem agree with its solution."""
+    solver, whole = Solver(system), nominal
+    for seed in range(COPIES):
+        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
+        # The first copy to diverge ends it: no other need go further.
+        count = min(len(whole.t), max(2, 1 + int(np.searchsorted(whole.t, horizon))))
+        end = float(whole.t[count - 1])
+        impacts = tuple(each.until(end) for each in whole.impacts)
+        part = Watched(whole.t[:count], tuple(u[:count] for u in whole.paths), impacts, whole.struck)
+        # Of a chatter either may count more impacts.
+        other = copy_of(solver, seed, part.t)
+        horizon = min(horizon, agree_until(part, other, tolerance, scales, PART, system.rigid))
+    return horizon
 
 
 def exact_horizon(
@@ -198,12 +212,8 @@ def exact_horizon(
     if reference.t[0] > 0.0:
         early = np.linspace(0.0, reference.t[0], OUTPUTS, endpoint=False)
         reference = solve_exact(system, t_end, np.append(early, reference.t))
-    nominal, unseen = watched(reference), horizon
-    # The first copy to diverge ends it: no other need go further.
-    for seed, other in enumerate(islice(copies(Solver(system), t_end, reference.t), COPIES)):
-        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        # Of a chatter either may count more impacts.
-        horizon = min(horizon, agree_until(nominal, other, tolerance, scales, PART, system.rigid))
+    unseen = horizon
+    horizon = copies_agree_until(watched(reference), system, tolerance, scales, horizon, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
         horizon = min(unseen, _soon(reference, system, t_end, tolerance))
@@ -230,8 +240,7 @@ def _soon(reference: Reference, system: System, t_end: float, tolerance: float) 
     """
     times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
     own, scales = watched(solve_exact(system, t_end, times)), scales_of(reference)
-    others = islice(copies(Solver(system), t_end, times), COPIES)
-    horizon = min(agree_until(own, copy, tolerance, scales, PART, system.rigid) for copy in others)
+    horizon = copies_agree_until(own, system, tolerance, scales, t_end)
     if horizon <= times[1] and not system.rigid:
         reason = "rounding is as large as the outputs from the start"
         raise SolverFailure("exact", 0.0, reason, "use multiprecision")

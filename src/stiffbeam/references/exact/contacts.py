@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -145,7 +145,8 @@ def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntAr
     beside the largest momentum of the contact do not count."""
     t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
     blows, free = solution.blows, solution.made.free
-    momentum = float(np.max(np.abs(solution.marks.rate @ free.rows[i]))) / float(free.meet[i, i])
+    rates = [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    momentum = max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
     largest = np.max(blows.outward, initial=momentum)
     strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
     hit = side != 0
@@ -259,8 +260,8 @@ def impulsive_work(solution: Motion) -> tuple[Array, Array]:
 
 
 DUST = 1e-13  # of the largest momentum of a contact
-ROUNDINGS = 64.0  # that an event may cost, each as large as the stiffest mode makes it
-SEEN, LOST = 1e-6, 1e-3  # of the largest energy so far: less is not held against it, more is never rounding
+ROUNDINGS = 64.0
+SEEN = 1e-6  # of the largest energy so far: less is not held against a motion
 NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
 START = 1e-3  # of the largest displacement: what a start may be off
 FLOWN = 8.0  # radians of the fastest motion below which a motion is a series, which does not cancel: see exact.c
@@ -281,109 +282,50 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
 
 
 def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Array] | None = None) -> None:
-    """Raise SolverFailure with the first time at which the energy balance of [0, t_end] does not close.
+    """Raise SolverFailure with the first time at which a contact is not in the regime of its segment.
 
-    It is open where the sum of its openings exceeds what rounding explains, for every switch ROUNDINGS eps
-    (w |q|_M sqrt(2 E) + 2 E) with the fastest frequency w, though not less than SEEN nor more than LOST of
-    the energy, and the rounding of the terms of q^T K q, which cancel where a body moves as a whole. Pieces are
-    looked at in the middle. start: q, q' (n,) at t = 0, None for those of the system.
+    Inside a segment the motion is that of its regime: what may fail is an event that was missed. Then the energy of the
+    regime's springs is not that of the stops, by more than rounding, and SEEN of the largest energy so far. Looked at
+    are the outputs, or the middles of segments where these are more. start: q, q' (n,) at t = 0, of the system by
+    default.
     """
-    # States on both sides of every event.
-    q0, v0 = (system.q0, system.v0) if start is None else start
-    times, sides = solution.times, solution.sides
-    count, ends = len(times), np.concatenate([times[1:], [t_end]])
-    pieces, when = np.arange(count), np.concatenate([times, ends])
-    q, v = solution.states_in(when, np.concatenate([pieces, pieces]))
-    finite = np.isfinite(q) & np.isfinite(v)
-    if not finite.all():
-        raise SolverFailure("exact", float(np.min(when[~finite.all(axis=1)])), "the motion is not finite", REMEDY)
-    _start(system, solution, t_end, q0, (when, q))
-    after, before = slice(0, count), slice(count, 2 * count - 1)
-    # The states, the jumps at the events, and the given start.
-    kinetic, elastic = system.free_energies(*(np.vstack([x, x[1:count] - x[before], y]) for x, y in ((q, q0), (v, v0))))
-    free = kinetic + elastic
-    # How far the balance is open: at the start, at every event, and inside segments.
-    stops, inside, held = _stops(system, solution, q, ends, sides)
-    energy = free[: 2 * count] + stops
-    opening = np.zeros(count + 1)  # at the start, and at the end of every piece
-    if times[0] == 0.0:
-        opening[0] = abs(energy[0] - free[-1] - system.contact_energy(times[:1], q0[None])[0])
-    opening[1:-1] = np.abs(energy[after][1:] - energy[before]) + free[2 * count : -1]
-    opening[1:] += inside
-    # What rounding explains at every end of a segment, added up over the motion so far.
-    length = np.sqrt(np.sum(q * (q @ system.mass), axis=1))
-    positive = np.maximum(energy, 0.0)
-    rounding = 2.0 * np.pi / solution.shortest_period * length * np.sqrt(2.0 * positive) + 2.0 * positive
+    _answered(solution, t_end)
+    q, v = solution.starts
+    energy = sum(system.free_energies(q, v))
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
-    sums = np.zeros((2, count + 1))
-    for total, x in zip(sums, (rounding, terms), strict=True):
-        total[:-1] += x[after]
-        total[1:] += x[count:]
-    allowed, cancelled = np.cumsum(sums, axis=1)
+    seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
+    t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
+    piece, q0 = solution.piece_at(t), system.q0 if start is None else start[0]
+    wrong, held = np.zeros((2, len(t)))
+    for i, contact in enumerate(system.contacts):
+        shift, stops, chi = solution.offset(system, i), contact.stops, solution.sides[piece, i]
+        u = solution.observed(t, contact.row)[0] + shift(t)[0]
+        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
+        law = stops.energy(u)
+        wrong += np.abs(np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0) * (u - stop) ** 2 - law)
+        held += law
+        given = float(contact.row @ q0 + shift(np.zeros(1))[0][0])
+        begun = float(contact.row @ q[0] + shift(np.zeros(1))[0][0])
+        if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
+            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
-    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[after], energy[count:]), held))
-    largest = np.concatenate([largest, largest[-1:]])
-    allowed = np.clip(ROUNDINGS * EPS * np.sqrt(system.size) * allowed, SEEN * largest, LOST * largest)
-    allowed += cancelled
-    # The first time at which the balance is further open than rounding explains.
-    total = np.cumsum(opening)
-    open_at = np.flatnonzero(total > allowed + NOTHING * largest[-1])
-    if len(open_at):
-        k = int(open_at[0])
-        share = total[k] / max(largest[k], 1e-300)
+    largest = np.maximum.accumulate(np.maximum(energy[piece], held))
+    bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
+    if len(bad):
+        share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
         reason = f"the energy balance is open, by {share:.2g} of the energy"
-        raise SolverFailure("exact", float(np.append(0.0, ends)[k]), reason, REMEDY)
+        raise SolverFailure("exact", float(t[bad[0]]), reason, REMEDY)
 
 
-def _start(system: System, solution: Motion, t_end: float, q0: Array, ends: tuple[Array, Array]) -> None:
-    """Raise SolverFailure where an observed position starts off by more than START of its largest value; ends: the
-    times (k,) and q (k, n) of the ends of all pieces, the start first."""
-    if solution.times[0] != 0.0:
-        return
+def _answered(solution: Motion, t_end: float) -> None:
+    """Raise SolverFailure where the closed form's answer to the loads is so much larger than the motion that this is
+    its rounding; both in the norm of M."""
     free = solution.made.free
     lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
-    # In closed form the answer to the loads may be far larger than the motion: both are in the norm of M.
-    if lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
+    if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
         length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ solution.made.into, axis=1)
         if lost > START * float(np.max(length)):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
-    for channel, (row, _) in enumerate(system.channels):
-        given = float(row @ q0 + solution.offset(system, channel)(np.zeros(1))[0][0])
-        positions = _looks(system, solution, t_end, channel, ends)
-        # Lazy: a finer look is computed only if the start is off against the coarser ones.
-        if all(abs(u[0] - given) > START * max(abs(given), float(np.max(np.abs(u)))) for u in positions):
-            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
-
-
-def _looks(system: System, solution: Motion, t_end: float, channel: int, ends: tuple[Array, Array]) -> Iterator[Array]:
-    """Positions of a channel to check, its start first: at the events, between them, and at times of fast decay."""
-    row, shift = system.channels[channel][0], solution.offset(system, channel)
-    yield ends[1] @ row + shift(ends[0])[0]
-    t = np.linspace(0.0, t_end, 33)
-    yield solution.observed(t, row)[0] + shift(t)[0]
-    t = np.append(0.0, np.geomspace(min(solution.shortest_period, t_end) / 8.0, t_end, 64))
-    yield solution.observed(t, row)[0] + shift(t)[0]
-
-
-def _stops(
-    system: System, solution: Motion, q: Array, ends: Array, sides: NDArray[np.int64]
-) -> tuple[Array, Array, Array]:
-    """sum_c U_c of the regimes at the starts and then the ends of all pieces, how much it is wrong in the middle of
-    each, and how large it is there: what moving stops press into a body at rest is nothing at every switch."""
-    times, count = solution.times, len(ends)
-    when, middle = np.concatenate([times, ends]), 0.5 * (times + ends)
-    total, wrong, held = np.zeros(2 * count), np.zeros(count), np.zeros(count)
-    for i, contact in enumerate(system.contacts):
-        shift, stops, chi = solution.offset(system, i), contact.stops, sides[:, i]
-        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
-        closed = np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0)
-        u = q @ contact.row + shift(when)[0]
-        total += np.tile(closed, 2) * (u - np.tile(stop, 2)) ** 2
-        # In the middle the law and the regime must have the same energy.
-        u = solution.observed(middle, contact.row)[0] + shift(middle)[0]
-        held += stops.energy(u)
-        wrong += np.abs(closed * (u - stop) ** 2 - stops.energy(u))
-    return total, wrong, held
 
 
 BALANCE = 1e-9  # of the energy, and of the largest displacement: what the balance and the stops may be off by

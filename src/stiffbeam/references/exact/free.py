@@ -188,7 +188,11 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] |
     real = still & (s.imag == 0.0)
     # A body that nothing holds has no answer to a constant load, and without a damper of its own no eigenvectors. Poles
     # lose rounding of the fastest: beside a strong dashpot the slow ones are lost.
-    if np.any(still & ~real) or np.max(np.abs(s)) > DASHPOT * np.max(w) or (np.any(w2 == 0.0) and np.any(loads[: 2 * len(waves)][:, w2 == 0.0])):
+    if (
+        np.any(still & ~real)
+        or np.max(np.abs(s)) > DASHPOT * np.max(w)
+        or (np.any(w2 == 0.0) and np.any(loads[: 2 * len(waves)][:, w2 == 0.0]))
+    ):
         return None
     if np.count_nonzero(real) + 2 * np.count_nonzero(keep & ~real) != 2 * n or np.linalg.cond(V) > CONDITION:
         return None

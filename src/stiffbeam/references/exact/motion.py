@@ -302,6 +302,11 @@ class Motion:
         eta, rate, _ = self._read(t, piece)
         return eta @ self.made.X.T, rate @ self.made.X.T
 
+    @property
+    def starts(self) -> tuple[Array, Array]:
+        """q, q' (k, n) where the segments begin."""
+        return self.marks.eta[self.first_mark] @ self.made.X.T, self.marks.rate[self.first_mark] @ self.made.X.T
+
     def state_at_start(self, piece: int) -> tuple[Array, Array]:
         """q, q' (1, n) where a segment begins, from that segment."""
         return self.states_in(self.times[piece : piece + 1], np.array([piece]))
