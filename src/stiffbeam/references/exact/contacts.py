@@ -139,15 +139,19 @@ def _rigid_record(
     return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
 
 
+def largest_momentum(solution: Motion, i: int) -> float:
+    """The largest impulse that brings contact i to rest."""
+    free, rates = solution.made.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    return max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
+
+
 def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, IntArray]:
     """Times, ends, sides and marks of the impacts on a rigid stop; one that begins to press without a blow has a row,
     too. Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Those that are rounding
     beside the largest momentum of the contact do not count."""
     t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
-    blows, free = solution.blows, solution.made.free
-    rates = [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
-    momentum = max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
-    largest = np.max(blows.outward, initial=momentum)
+    blows = solution.blows
+    largest = np.max(blows.outward, initial=largest_momentum(solution, i))
     strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
     hit = side != 0
     times, sides, marks = t[hit], np.where(np.abs(side[hit]) == REBOUND, side[hit] // REBOUND, side[hit]), mark[hit]
