@@ -78,27 +78,6 @@ def test_pairs_start_before_their_rigid_stops():
     assert set(found.table.method[found.table.pair.notna()]) == {"exact", "MoreauJean(theta=0.5)", "tangent flow"}
 
 
-def test_the_impact_oscillator_has_the_multipliers_of_its_closed_form():
-    """x'' + x = cos(2 t), x <= 0, e = 0.8: both multipliers are 0.8, a period of 2 pi/2 has one impact."""
-    stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.8)
-    load = [([1.0], sb.Harmonic(1.0, 2.0, np.pi / 2.0 + 2.0 * np.pi / 4.0))]  # time from the impact at t0 = pi/4
-    start = {"initial_displacement": [0.0], "initial_velocity": [-0.8 * 20.0 / 3.0 / 0.8]}
-    system = sb.System.from_matrices([[1.0]], [[1.0]], None, load, [sb.Contact([1.0], stops)], **start)
-    periods = 6
-    growth = sb.lyapunov(system, (periods + 0.5) * np.pi)
-    inside = np.argmin(np.abs(growth.t - 0.5 * np.pi))
-    rise = growth.log_growth[-1] - growth.log_growth[inside]
-    assert np.allclose(rise, periods * np.log(0.8), atol=1e-9)
-
-
-def test_a_ball_at_rest_has_no_neighbours():
-    contact = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5), None)
-    load = [([-9.81], sb.Constant(1.0))]
-    ball = sb.System.from_matrices([[1.0]], [[0.0]], None, load, [contact], initial_displacement=[1.0])
-    with pytest.raises(sb.SolverFailure, match="vanish"):
-        sb.lyapunov(ball, 2.0)
-
-
 @pytest.mark.parametrize(("row", "stop"), [(1.0, 0.5), (1.1, 0.55)])
 def test_a_mass_that_is_held_has_no_neighbours(row, stop):
     """What its projection leaves of them is rounding, whatever the row is: no exponent is made of that."""
