@@ -281,7 +281,6 @@ def test_samples_on_a_straight_line_change_nothing(dashpot, held):
         np.testing.assert_allclose(after.impacts.peaks, before.impacts.peaks, rtol=1e-9)
     np.testing.assert_allclose(more.tip, few.tip, atol=1e-11)
     assert more.horizon == few.horizon == 9.0
-    assert more.work.counters["switches"] > 400
 
 
 def dashed(load, drive=None, damping=30.0):
