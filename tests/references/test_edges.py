@@ -102,7 +102,7 @@ def test_random_edge_systems_are_solved_as_a_solver_without_regimes_solves_them(
 
 @pytest.mark.parametrize("damped", [False, True])
 def test_a_missed_event_is_a_failure_with_its_time(damped, table10):
-    """A motion that goes on in the regime of its fifth segment: the audit names a time behind the event that it drops."""
+    """The audit names a time behind the event that a motion drops, which goes on in the regime of its fifth segment."""
     system = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.02 if damped else 0.0), 8)
     solution, k = Solver(system).solve(0.2), 5
     audit(system, solution, 0.2)
