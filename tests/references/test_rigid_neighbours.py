@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import rigid_witness
 from rigid_solutions import known
-from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -106,36 +105,6 @@ def test_members_have_the_bits_of_their_solo_runs():
     early = sb.reference_ensemble(system, 0.7, members)
     assert np.allclose(early.impulse + late.impulse, many.impulse, rtol=1e-12)
     assert np.allclose(0.7 * early.contact_fraction + 0.8 * late.contact_fraction, 1.5 * many.contact_fraction)
-
-
-@pytest.mark.parametrize("kind", ["linear", "cubic"])
-def test_sampled_loads_against_dop853(kind):
-    """From sample to sample and impact to impact by SciPy."""
-    t = np.linspace(0.0, 2.0, 26)
-    record, stop, e = sb.Sampled(t, 20.0 * np.sin(5.0 * t), kind=kind), 0.1, 0.6
-    stops = sb.Stops(-stop, stop, stiffness=np.inf, restitution=e)
-    K = np.array([[5.0, -2.0], [-2.0, 4.0]])
-    contacts = [sb.Contact([1.0, 0.0], stops)]
-    system = sb.System.from_matrices(np.eye(2), K, loads=[([1.0, 0.0], record)], contacts=contacts)
-    run = sb.reference(system, 2.0)
-    assert run.horizon == 2.0
-    assert np.max(np.abs(run.energy.loss)) < 1e-12 * np.max(run.energy.energy)
-    now, y, times = 0.0, np.zeros(4), []
-    right = lambda s, y: np.concatenate([y[2:], [float(record.value(min(s, 2.0))), 0.0] - K @ y[:2]])  # noqa: E731
-    hits = []
-    for side in (1.0, -1.0):
-        hit = lambda s, y, side=side: stop - side * y[0]  # noqa: E731
-        hit.terminal, hit.direction = True, -1.0
-        hits.append(hit)
-    while now < 2.0 and len(times) < 7:
-        end = float(t[np.searchsorted(t, now + 1e-12)])
-        path = solve_ivp(right, (now, end), y, "DOP853", events=hits, rtol=1e-12, atol=1e-14)
-        now, y = (float(path.t[-1]), path.y[:, -1])
-        if path.status == 1:
-            times.append(now)
-            y = y * [1.0, 1.0, -e, 1.0]
-    assert run.impacts.times[: len(times)] == pytest.approx(times, abs=1e-8)
-    assert len(times) == 7
 
 
 def test_what_moves_a_stop_has_a_velocity():
