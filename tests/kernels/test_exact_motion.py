@@ -13,7 +13,6 @@ from scipy.linalg import expm
 import stiffbeam as sb
 from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks, carry
 from stiffbeam.references.exact.motion import Motion, Solver
-from stiffbeam.references.exact.solution import solve_exact
 
 eye = np.eye
 
@@ -160,27 +159,6 @@ def test_states_exactly_on_their_stops():
     other = sb.reference(system, 3.0, "cvode-adams", rtol=1e-11)
     q, _ = Solver(system).solve(3.0).states(other.t)
     assert np.max(np.abs(q[:, 0] - other.tip)) < 1e-7 * np.max(np.abs(other.tip))
-
-
-@pytest.mark.parametrize("e", [0.8, 0.5, 0.0])
-def test_rigid_stops_of_a_chain_are_those_of_the_exact_solution(e):
-    """Impacts, chatter, holding and release of two contacts; positions and reactions."""
-    n = 6
-    K = chain(n, 300.0, (1.0, 0.0))
-    stops = (
-        sb.Stops(-0.2, 0.1, stiffness=np.inf, restitution=e),
-        sb.Stops(upper=0.07, stiffness=np.inf, restitution=e),
-    )
-    contacts = [sb.Contact(eye(n)[i], x) for i, x in zip((5, 2), stops, strict=True)]
-    push = 30.0 * np.random.default_rng(3).normal(size=n)
-    loads = [(push, sb.Harmonic(1.0, 5.0)), (10.0 * np.ones(n), sb.Constant(1.0))]
-    system = sb.System.from_matrices(eye(n), K, 0.2 * eye(n) + 1e-3 * K, loads=loads, contacts=contacts)
-    t = np.linspace(0.0, 2.5, 51)
-    wanted, motion = solve_exact(system, 2.5, t), Solver(system, radians=1.0).solve(2.5, stations=t)
-    q, _ = motion.states(t)
-    assert np.max(np.abs(q - wanted.states[0])) < 1e-9 * np.max(np.abs(q))
-    reactions = np.array([x.force for x in wanted.contacts]).T
-    assert np.max(np.abs(motion.seen[3] - reactions)) < 1e-8 * max(1.0, np.max(np.abs(reactions)))
 
 
 def test_wrong_arrays_are_errors_of_python():

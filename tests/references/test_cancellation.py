@@ -44,15 +44,11 @@ def test_an_overdamped_mass_that_creeps_is_solved_or_not_certified(t_end):
     many = sb.reference(system, t_end, "multiprecision", times)
     assert many.horizon == t_end
     assert np.max(np.abs(many.tip - exact)) <= AGREEMENT * np.max(exact)
-    if t_end < 1.0:
+    if t_end == 1e-5:
         with pytest.raises(sb.SolverFailure):  # float64 has no digit left of it
             sb.reference(system, t_end, t_eval=times)
         return
-    try:
-        double = sb.reference(system, t_end, t_eval=times)
-    except sb.SolverFailure:
-        assert t_end == 1.0  # its digits end at the tolerance: of four copies one may be beyond it
-        return
+    double = sb.reference(system, t_end, t_eval=times)
     inside = np.linspace(0.0, double.horizon, 5)
     exact = np.array([float(x) for x in extremes.truth(system, inside)])
     assert np.max(np.abs(double.at(inside)[0] - exact)) <= DISPLACEMENT_TOLERANCE * np.max(exact)
@@ -118,7 +114,7 @@ def test_work_in_many_digits_is_that_of_float64_where_nothing_cancels():
     edges = np.unique(np.concatenate([rounded.times, np.linspace(0.0, 2.0, 9)]))
     assert len(rounded.times) > 10
     for found, other in zip(unrounded.work(system, edges), rounded.work(system, edges), strict=True):
-        assert np.max(np.abs(found - other)) < 1e-13 * np.max(np.abs(other))
+        assert np.max(np.abs(found - other)) <= 1e-13 * np.max(np.abs(other))
     for found, other in zip(unrounded.states(edges), rounded.states(edges), strict=True):
         assert np.max(np.abs(found - other)) < 1e-12 * np.max(np.abs(other))
 
@@ -145,8 +141,7 @@ def test_outputs_at_the_zeros_of_a_motion_are_not_certified():
     omega = 3.7
     system = sb.System.from_matrices([[1.0]], [[omega**2]], initial_velocity=[5.0], observe=[1.0])
     times = np.linspace(0.0, 1000 * 2 * np.pi / omega, 5)
-    with pytest.raises(sb.SolverFailure, match="as large as the outputs"):
-        sb.reference(system, times[-1], t_eval=times)
+    assert sb.reference(system, times[-1], t_eval=times).horizon < times[1]
     assert sb.reference(system, times[-1], t_eval=np.linspace(0.0, times[-1], 2000)).horizon == times[-1]
 
 

@@ -10,6 +10,9 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
+from stiffbeam.model.members import value_at, with_values
+from stiffbeam.model.system_data import data_of, slope_of, slopes
+from stiffbeam.references.exact.motion import Solver
 from stiffbeam.references.exact.solution import solve_exact
 
 KINDS = ("compliant", "damped", "kelvin-voigt", "rigid", "moving", "record")
@@ -215,6 +218,8 @@ def test_what_a_derivative_refuses(table10):
         reference.derivative(["stops.stifness"])
     with pytest.raises(sb.InputError, match="name parameters"):
         reference.derivative([])
+    with pytest.raises(sb.InputError, match=r"t must increase in"):
+        reference.derivative(["v0[0]"], [0.015, 0.01])
     with pytest.raises(sb.InputError, match="be of method"):
         sb.reference(system, 0.01, method="cvode").derivative(["viscosity"])
     with pytest.raises(sb.InputError, match="keep the terms of the loads"):
@@ -365,3 +370,56 @@ def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
     assert len(change.events) >= 3
     difference = sum(weight * moved(2.0 + k * 1e-3).tip for k, weight in ORDER_4) / 1e-3
     np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("stops", "names"),
+    [
+        (sb.Stops(-0.08, 0.1, stiffness=4e3, damping=8.0), ("lower", "upper", "stiffness", "damping")),
+        (sb.Stops(-0.08, 0.1, stiffness=4e3), ("upper", "stiffness", "damping")),
+        (sb.Stops(upper=0.1, stiffness=np.inf, restitution=1.0), ("upper", "restitution")),
+    ],
+)
+def test_numbers_of_stops_have_exact_slopes(stops: sb.Stops, names: tuple[str, ...]) -> None:
+    """Those of one contact and of all, against differences of the data of changed systems."""
+    contacts = [sb.Contact(row, stops) for row in np.eye(2)]
+    system = sb.System.from_matrices(np.eye(2), np.eye(2), contacts=contacts)
+    for path in [f"{start}.{name}" for name in names for start in ("stops", "stops[1]", "contacts[0].stops")]:
+        _, (column,), bounds = slopes(system, [path])
+        value = value_at(system, path)
+        differences, _ = slope_of(
+            lambda x, path=path: with_values(system, {path: x}), system, value, path, data_of(system)
+        )
+        np.testing.assert_allclose(column.vector(), differences.vector(), rtol=0, atol=1e-10)
+        assert np.count_nonzero(column.vector()) == (2 if path.startswith("stops.") else 1)
+        assert bounds[0] == 0.0
+
+
+def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
+    stops = sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5)
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact(np.ones(1), stops)])
+    with pytest.raises(sb.InputError, match="be left out for rigid stops"):
+        slopes(system, ["stops.damping"])
+
+
+def test_a_graze_has_no_derivative_of_its_time() -> None:
+    """u = a sin(w t) reaches the stop at u = a with no speed: the time is NaN, the state's derivative stays."""
+    system = one_mass(4.0, sb.Stops(upper=0.5, stiffness=100.0), v=1.0)
+    d = sb.reference(system, 1.2, t_eval=[0.0, 1.2]).derivative(["v0[0]"], [1.2])
+    assert np.all(np.isnan(d.event_times))
+    np.testing.assert_allclose(d.state[0, :, 0], [0.5 * np.sin(2.4), np.cos(2.4)], rtol=1e-6)
+
+
+@pytest.mark.parametrize("path", ["stops[0].upper", "base.amplitude", "base.frequency"])
+def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
+    """Ten cells of Table 10's beam and ten events: an exponential that is not balanced errs by 3e-8 here."""
+    end, beam = 0.06, sb.semidiscretise(sb.paper_case(10).problem, 10)
+
+    def tip(by: float) -> np.ndarray:
+        system = with_values(beam, {path: value_at(beam, path) + by})
+        return Solver(system).solve(end).states(np.array([end]))[0][0]
+
+    h = 1e-5 * value_at(beam, path)
+    difference = (tip(-2 * h) - 8 * tip(-h) + 8 * tip(h) - tip(2 * h)) / (12 * h)
+    exact = sb.reference(beam, end, t_eval=[0.0, end]).derivative([path], [end]).state[0, : beam.size, 0]
+    np.testing.assert_allclose(exact, difference, rtol=0, atol=4e-9 * np.max(np.abs(difference)))

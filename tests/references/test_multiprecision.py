@@ -18,17 +18,6 @@ pytest.importorskip("flint")
 
 
 @pytest.mark.slow
-def test_inside_the_horizon_it_is_the_float64_solution(table10_system):
-    times = np.linspace(0.0, 0.1, 401)
-    many = sb.reference(table10_system, 0.1, "multiprecision", t_eval=times, digits=50)
-    double = solve(table10_system, 0.1, "exact", times, 0.0, None)
-    assert many.horizon == 0.1
-    assert np.max(np.abs(many.tip - double.tip)) < 1e-12
-    assert np.allclose(many.impacts.times, double.impacts.times, rtol=0, atol=1e-12)
-    assert np.max(np.abs(many.states[0] - double.states[0])) < 1e-12
-
-
-@pytest.mark.slow
 def test_past_it_float64_parts_from_it_and_the_digits_confirm_themselves(table10):
     system = sb.semidiscretise(table10, 25)
     many = sb.reference(system, 1.0, "multiprecision")
@@ -193,11 +182,3 @@ def test_what_it_cannot_take_is_refused(table10):
         sb.reference(sb.semidiscretise(pushed, 6), 0.1, "multiprecision")
     with pytest.raises(sb.InputError, match="digits"):
         sb.reference(sb.semidiscretise(table10, 6), 0.1, "multiprecision", digits=5)
-
-
-def test_digits_that_cannot_be_reached_end_with_a_clear_error(table10, monkeypatch):
-    from stiffbeam.references.multiprecision import multiprecision
-
-    monkeypatch.setattr(multiprecision, "MAX_DIGITS", 60)
-    with pytest.raises(sb.SolverFailure, match="digits are not enough"):
-        sb.reference(sb.semidiscretise(table10, 25), 2.0, "multiprecision")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import rigid_witness
 from rigid_solutions import known
-from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -78,27 +77,6 @@ def test_pairs_start_before_their_rigid_stops():
     assert set(found.table.method[found.table.pair.notna()]) == {"exact", "MoreauJean(theta=0.5)", "tangent flow"}
 
 
-def test_the_impact_oscillator_has_the_multipliers_of_its_closed_form():
-    """x'' + x = cos(2 t), x <= 0, e = 0.8: both multipliers are 0.8, a period of 2 pi/2 has one impact."""
-    stops = sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.8)
-    load = [([1.0], sb.Harmonic(1.0, 2.0, np.pi / 2.0 + 2.0 * np.pi / 4.0))]  # time from the impact at t0 = pi/4
-    start = {"initial_displacement": [0.0], "initial_velocity": [-0.8 * 20.0 / 3.0 / 0.8]}
-    system = sb.System.from_matrices([[1.0]], [[1.0]], None, load, [sb.Contact([1.0], stops)], **start)
-    periods = 6
-    growth = sb.lyapunov(system, (periods + 0.5) * np.pi)
-    inside = np.argmin(np.abs(growth.t - 0.5 * np.pi))
-    rise = growth.log_growth[-1] - growth.log_growth[inside]
-    assert np.allclose(rise, periods * np.log(0.8), atol=1e-9)
-
-
-def test_a_ball_at_rest_has_no_neighbours():
-    contact = sb.Contact([1.0], sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5), None)
-    load = [([-9.81], sb.Constant(1.0))]
-    ball = sb.System.from_matrices([[1.0]], [[0.0]], None, load, [contact], initial_displacement=[1.0])
-    with pytest.raises(sb.SolverFailure, match="vanish"):
-        sb.lyapunov(ball, 2.0)
-
-
 @pytest.mark.parametrize(("row", "stop"), [(1.0, 0.5), (1.1, 0.55)])
 def test_a_mass_that_is_held_has_no_neighbours(row, stop):
     """What its projection leaves of them is rounding, whatever the row is: no exponent is made of that."""
@@ -127,36 +105,6 @@ def test_members_have_the_bits_of_their_solo_runs():
     early = sb.reference_ensemble(system, 0.7, members)
     assert np.allclose(early.impulse + late.impulse, many.impulse, rtol=1e-12)
     assert np.allclose(0.7 * early.contact_fraction + 0.8 * late.contact_fraction, 1.5 * many.contact_fraction)
-
-
-@pytest.mark.parametrize("kind", ["linear", "cubic"])
-def test_sampled_loads_against_dop853(kind):
-    """From sample to sample and impact to impact by SciPy."""
-    t = np.linspace(0.0, 2.0, 26)
-    record, stop, e = sb.Sampled(t, 20.0 * np.sin(5.0 * t), kind=kind), 0.1, 0.6
-    stops = sb.Stops(-stop, stop, stiffness=np.inf, restitution=e)
-    K = np.array([[5.0, -2.0], [-2.0, 4.0]])
-    contacts = [sb.Contact([1.0, 0.0], stops)]
-    system = sb.System.from_matrices(np.eye(2), K, loads=[([1.0, 0.0], record)], contacts=contacts)
-    run = sb.reference(system, 2.0)
-    assert run.horizon == 2.0
-    assert np.max(np.abs(run.energy.loss)) < 1e-12 * np.max(run.energy.energy)
-    now, y, times = 0.0, np.zeros(4), []
-    right = lambda s, y: np.concatenate([y[2:], [float(record.value(min(s, 2.0))), 0.0] - K @ y[:2]])  # noqa: E731
-    hits = []
-    for side in (1.0, -1.0):
-        hit = lambda s, y, side=side: stop - side * y[0]  # noqa: E731
-        hit.terminal, hit.direction = True, -1.0
-        hits.append(hit)
-    while now < 2.0 and len(times) < 7:
-        end = float(t[np.searchsorted(t, now + 1e-12)])
-        path = solve_ivp(right, (now, end), y, "DOP853", events=hits, rtol=1e-12, atol=1e-14)
-        now, y = (float(path.t[-1]), path.y[:, -1])
-        if path.status == 1:
-            times.append(now)
-            y = y * [1.0, 1.0, -e, 1.0]
-    assert run.impacts.times[: len(times)] == pytest.approx(times, abs=1e-8)
-    assert len(times) == 7
 
 
 def test_what_moves_a_stop_has_a_velocity():

@@ -1411,6 +1411,23 @@ static void act(Motion *x)
             o->event_side[k] = c->side[i] != 0 ? c->side[i] : 9 * c->fresh_side[i];
         }
     c->waits = 0;
+    if (f->m < 2) return;
+    mark_left(x); /* one that left twice may have been driven back twice: its turn comes at the same time */
+    memcpy(x->b, c->speed, (size_t)f->m * sizeof(double)), memcpy(x->on, c->fresh, (size_t)f->m * sizeof(Int));
+    Int back = driven_back(x, x->left);
+    memcpy(c->speed, x->b, (size_t)f->m * sizeof(double)), memcpy(c->fresh, x->on, (size_t)f->m * sizeof(Int));
+    if (back >= 0) c->waits = 2, c->hit = back;
+}
+
+/* The impact of a contact that blows have driven back is the next event. */
+static void turn_of(Motion *x, Int i)
+{
+    State *c = x->c;
+    Output *o = x->out;
+    for (Int k = 0; k < x->free->m; k++) c->closed[k] = rigid(x->free, k) ? c->side[k] : 0;
+    c->closed[i] = c->fresh_side[i], c->fresh[i] = 0, c->waits = 1, c->still++;
+    o->event_t[o->events] = c->t, o->event_contact[o->events] = i, o->event_mark[o->events] = o->marks;
+    o->event_side[o->events++] = 9 * c->fresh_side[i];
 }
 
 /* Rounding of the position of a contact in a stretch of length h. */
@@ -1470,11 +1487,14 @@ static Int run(Motion *x)
         if (!c->waits) mark(x);
     }
     while (c->t < x->t_end) {
+        if (c->waits == 2) turn_of(x, c->hit);
         if (c->waits) act(x), mark(x);
         else if (c->since >= BETWEEN) mark(x);
         /* room for all of the next turn, whose impacts come before this line */
         if (o->marks + 2 > o->room || o->events + 4 * f->m * f->m + 2 > o->room || o->blows + 8 * f->m * f->m > o->room) return FULL;
         c->begun = 2, c->since++;
+        if (c->still > STILL) return STALLED;
+        if (c->waits) continue;
         int K = 0;
         const Free *flown;
         double h = begin(x, room_for(x, x->t_end), &flown, &K);

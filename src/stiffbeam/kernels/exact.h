@@ -54,7 +54,7 @@ typedef struct {
     double leap;                   /* length of the last leap */
     double fastest;                /* impact so far */
     double together;               /* roundings of the time within which rigid stops are hit together */
-    Int piece, begun, waits, hit;  /* piece of the records; 1 after the start; 1 before an impact, of contact `hit` */
+    Int piece, begun, waits, hit;  /* piece of the records; 1 after the start; 1 before an impact, of contact `hit`; 2: one driven back */
     Int still;                     /* events without an advance of time */
     Int since;                     /* flights and steps of series since the last mark */
     double *eta, *rate;            /* (n,) */

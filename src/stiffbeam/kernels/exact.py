@@ -227,7 +227,7 @@ class Follower:
             if between is not None:
                 between(self.state.t, kept, events)
             room = min(4 * room, max(LARGEST_ROOM, FIRST_ROOM + 8 * m * m))
-        whole = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
+        whole: Any = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
         marks, found, blows, at = whole
         return Followed(result, self.state.t, *marks, *found, Blows(*blows), *at, counts)
 

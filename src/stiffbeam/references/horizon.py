@@ -24,7 +24,7 @@ from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .exact.contacts import audit, entries, path_of, withheld, within_float64
+from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
 from .exact.derivative import path_of_solution
 from .exact.generator import Generators
 from .exact.motion import Motion, Solver
@@ -77,8 +77,10 @@ def watched(run: Trajectory) -> Watched:
 
 def _struck_at_once(solution: Motion, t_end: float) -> Array:
     """Impulses of rigid stops at t = 0, but for rounding, (m,)."""
-    blows = solution.blows
-    return np.bincount(blows.contact, blows.outward * (blows.t <= AT_ONCE * t_end), len(solution.system.contacts))
+    blows, contacts = solution.blows, range(len(solution.system.contacts))
+    largest = np.array([largest_momentum(solution, i) for i in contacts])
+    strong = (blows.t <= AT_ONCE * t_end) & (blows.outward >= DUST * largest[blows.contact])
+    return np.bincount(blows.contact, blows.outward * strong, len(contacts))
 
 
 def scales_of(run: Trajectory) -> list[float]:
@@ -180,15 +182,23 @@ def copies_agree_until(
 ) -> float:
     """The time, ``horizon`` at most, to which COPIES of the problem agree with its solution."""
     solver, whole = Solver(system), nominal
+
+    def until(horizon: float) -> Watched:
+        count = min(len(whole.t), max(2, 1 + int(np.searchsorted(whole.t, horizon))))
+        impacts = tuple(each.until(float(whole.t[count - 1])) for each in whole.impacts)
+        return Watched(whole.t[:count], tuple(u[:count] for u in whole.paths), impacts, whole.struck)
+
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        # The first copy to diverge ends it: no other need go further.
-        count = min(len(whole.t), max(2, 1 + int(np.searchsorted(whole.t, horizon))))
-        end = float(whole.t[count - 1])
-        impacts = tuple(each.until(end) for each in whole.impacts)
-        part = Watched(whole.t[:count], tuple(u[:count] for u in whole.paths), impacts, whole.struck)
+        # The first copy to diverge, or to stop, ends it: no other need go further.
+        part = until(horizon)
+        try:
+            other = copy_of(solver, seed, part.t)
+        except SolverFailure as stopped:
+            horizon = float(whole.t[max(0, int(np.searchsorted(whole.t, stopped.t)) - 1)])
+            part = until(float(np.nextafter(horizon, 0.0)))
+            other = copy_of(solver, seed, part.t)
         # Of a chatter either may count more impacts.
-        other = copy_of(solver, seed, part.t)
         horizon = min(horizon, agree_until(part, other, tolerance, scales, PART, system.rigid))
     return horizon
 

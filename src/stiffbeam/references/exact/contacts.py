@@ -139,15 +139,19 @@ def _rigid_record(
     return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
 
 
+def largest_momentum(solution: Motion, i: int) -> float:
+    """The largest impulse that brings contact i to rest."""
+    free, rates = solution.made.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    return max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
+
+
 def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, IntArray]:
     """Times, ends, sides and marks of the impacts on a rigid stop; one that begins to press without a blow has a row,
     too. Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Those that are rounding
     beside the largest momentum of the contact do not count."""
     t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
-    blows, free = solution.blows, solution.made.free
-    rates = [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
-    momentum = max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
-    largest = np.max(blows.outward, initial=momentum)
+    blows = solution.blows
+    largest = np.max(blows.outward, initial=largest_momentum(solution, i))
     strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
     hit = side != 0
     times, sides, marks = t[hit], np.where(np.abs(side[hit]) == REBOUND, side[hit] // REBOUND, side[hit]), mark[hit]
@@ -163,8 +167,7 @@ def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntAr
             np.insert(x, place, y)
             for x, y in zip((times, ends, sides, marks, kept), (start, end, on, at[-1], True), strict=True)
         )
-    times, ends, sides, marks = (x[kept] for x in (times, ends, sides, marks))
-    return times, ends, sides, marks
+    return times[kept], ends[kept], sides[kept], marks[kept]
 
 
 def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -264,6 +267,8 @@ ROUNDINGS = 64.0
 SEEN = 1e-6  # of the largest energy so far: less is not held against a motion
 NOTHING = 1e-20  # of the largest energy of all: what rounding makes of none
 START = 1e-3  # of the largest displacement: what a start may be off
+FLOWN = 8.0  # radians of the fastest motion below which a motion is a series, which does not cancel: see exact.c
+SMALLER = "the motion is smaller than the rounding of the amplitudes it is the difference of"
 
 
 @contextmanager
@@ -287,8 +292,10 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
     are the outputs, or the middles of segments where these are more. start: q, q' (n,) at t = 0, of the system by
     default.
     """
+    _answered(solution, t_end)
     q, v = solution.starts
-    energy = sum(system.free_energies(q, v))
+    kinetic, elastic = system.free_energies(q, v)
+    energy = kinetic + elastic
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
     seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
     t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
@@ -304,8 +311,7 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
         given = float(contact.row @ q0 + shift(np.zeros(1))[0][0])
         begun = float(contact.row @ q[0] + shift(np.zeros(1))[0][0])
         if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
-            reason = "the motion is smaller than the rounding of the amplitudes it is the difference of"
-            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
+            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
     largest = np.maximum.accumulate(np.maximum(energy[piece], held))
     bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
@@ -313,6 +319,17 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
         share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
         reason = f"the energy balance is open, by {share:.2g} of the energy"
         raise SolverFailure("exact", float(t[bad[0]]), reason, REMEDY)
+
+
+def _answered(solution: Motion, t_end: float) -> None:
+    """Raise SolverFailure where the closed form's answer to the loads is so much larger than the motion that this is
+    its rounding; both in the norm of M."""
+    free = solution.made.free
+    lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
+    if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
+        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ solution.made.into, axis=1)
+        if lost > START * float(np.max(length)):
+            raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
 
 
 BALANCE = 1e-9  # of the energy, and of the largest displacement: what the balance and the stops may be off by

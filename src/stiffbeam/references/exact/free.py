@@ -22,6 +22,8 @@ from ...model.time_functions import Drive, parts
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
 CRITICAL = 0.1  # relative distance of d^2 from 4 w^2 below which a real pair cancels
+SLOW = 1e-9  # of the largest w^2: the answer of a mode so slow is far larger than its motion, and cancels
+DASHPOT = 1e6  # of the fastest frequency: decay rates above which the slow poles of coupled modes have no digits
 CONDITION = 1e4  # of the complex modes, above which they cancel
 FEW = 50  # modes up to which a pressed spring is a series: as fast there, and more accurate by a factor of two
 EPS = float(np.finfo(float).eps)
@@ -67,7 +69,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
         [float(c.stops.stiffness), float(c.stops.damping), -1.0 if c.stops.restitution is None else c.stops.restitution]
         for c in system.contacts
     ]
-    shared = {
+    shared: dict[str, Any] = {
         "w2": w2,
         "drag": drag,
         "damping": D,
@@ -143,13 +145,14 @@ def particular(w2: Array, d: Array, waves: Array, loads: Array) -> tuple[Array, 
         p = loads[2 * f + 1] - 1j * loads[2 * f]  # Re(p e^{iwt})
         H = w2 - w * w + 1j * w * d
         apart |= (np.abs(H) < RESONANCE * np.maximum(w2, w * w)) & (p != 0) & (w > 0.0)
-        y = np.divide(p, H, out=np.zeros(n, complex), where=(H != 0) & ~critical)
+        apart |= (np.abs(H) < SLOW * np.max(w2)) & (p != 0) & (w2 > 0.0)
+        y: Any = np.divide(p, H, out=np.zeros(n, complex), where=(H != 0) & ~critical)
         answer[2 * f], answer[2 * f + 1] = -y.imag, y.real
     answer[:, apart] = 0.0
     return answer, apart.astype(np.int64)
 
 
-def overdamped_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] | None:
+def overdamped_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
     """As ``complex_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
     w2, d, waves, loads = (shared[x] for x in ("w2", "drag", "waves", "loads"))
     n, sigma, square = len(w2), -0.5 * d, w2 - 0.25 * d * d
@@ -157,9 +160,10 @@ def overdamped_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array
     if np.any(apart) or np.any(w2 == 0.0):
         return None
     fast = sigma - np.sqrt(np.maximum(-square, 0.0))
-    first = np.where(square > 0.0, sigma + 1j * np.sqrt(np.maximum(square, 0.0)), w2 / fast)
+    first: Any = np.where(square > 0.0, sigma + 1j * np.sqrt(np.maximum(square, 0.0)), w2 / fast)
     over = np.flatnonzero(square < 0.0)
-    s, mode = np.append(first, fast[over]), np.append(np.arange(n), over)
+    s: Any = np.append(first, fast[over])
+    mode = np.append(np.arange(n), over)
     N, at = len(s), np.arange(len(s))
     out, back = np.zeros((4, n, N)), np.zeros((2, N, 2 * n))
     out[0, mode, at], out[2, mode, at], out[3, mode, at] = 1.0, s.real, s.imag
@@ -173,17 +177,24 @@ def overdamped_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array
     return s, out, back, answer
 
 
-def complex_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] | None:
+def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
     """Poles (N,), ``out``, ``back`` and the answer to harmonic loads; None where these cancel."""
     w2, D, waves, loads = (shared[x] for x in ("w2", "damping", "waves", "loads"))
     n = len(w2)
     w = np.where(w2 > 0.0, np.sqrt(w2), np.sqrt(np.max(w2)) or 1.0)  # state (w eta, eta'): V is unitary without damping
     A = np.block([[np.zeros((n, n)), np.diag(w)], [-np.diag(w2 / w), -D]])
+    s: Any
     s, V = np.linalg.eig(A)
     still = np.abs(s.imag) <= 1e-6 * np.abs(s)
     keep = np.where(still, True, s.imag > 0.0)
     real = still & (s.imag == 0.0)
-    if np.any(still & ~real) or np.any(np.abs(s) <= 1e-9 * np.max(np.abs(s)) * (w2.min() == 0.0)) or np.any(w2 == 0.0):
+    # A body that nothing holds has no answer to a constant load, and without a damper of its own no eigenvectors. Poles
+    # lose rounding of the fastest: beside a strong dashpot the slow ones are lost.
+    if (
+        np.any(still & ~real)
+        or np.max(np.abs(s)) > DASHPOT * np.max(w)
+        or (np.any(w2 == 0.0) and np.any(loads[: 2 * len(waves)][:, w2 == 0.0]))
+    ):
         return None
     if np.count_nonzero(real) + 2 * np.count_nonzero(keep & ~real) != 2 * n or np.linalg.cond(V) > CONDITION:
         return None
@@ -194,7 +205,9 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Array, Array, Array, Array] |
         p = loads[2 * f + 1] - 1j * loads[2 * f]
         if wave > 0.0 and np.any(p) and np.min(np.abs(s - 1j * wave)) < 1e-3 * wave:
             return None
-        z = np.linalg.solve(np.diag(w2 - wave * wave + 0j) + 1j * wave * D, p)
+        held = (w2 > 0.0) | (wave > 0.0)
+        z = np.zeros(n, complex)
+        z[held] = np.linalg.solve((np.diag(w2 - wave * wave + 0j) + 1j * wave * D)[np.ix_(held, held)], p[held])
         answer[2 * f], answer[2 * f + 1] = -z.imag, z.real
     out = np.ascontiguousarray(np.stack([x.real, x.imag, y.real, y.imag]))
     return s, out, np.ascontiguousarray(np.stack([back.real, back.imag])), answer

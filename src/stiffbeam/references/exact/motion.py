@@ -48,6 +48,7 @@ LET_GO = 2  # times the stop: the side of a contact beyond a damped stop that do
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
 # With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
 MOST_IMPACTS = 200_000
+MOST_RADIANS = 1e8  # of the fastest decay of modes without a closed form, each half a step
 
 
 def pressed(sides: Any) -> IntArray:
@@ -157,7 +158,9 @@ class Solver:
         free = self.made.free
         if free.kind == 0:  # no closed form at all: every radian of the fastest decay is a step
             fast = float(np.max(free.w2)) ** 0.5 + float(np.linalg.norm(free.damping, 2))
-            afford("t_end", t_end, "shorten t_end", seconds=1e-5 * t_end * fast)
+            if t_end * fast > MOST_RADIANS:
+                reason = f"decay rates of {fast:.2g} leave no closed form, and are too many radians for series"
+                raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
         eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
         return self._followed(
             Follower(self.made.free, self.made.pressed, eta, rate, together=self.together), t_end, stations
@@ -179,7 +182,6 @@ class Solver:
         begun = float(follower.state.t)
 
         def check(t: float, marks: int, events: int) -> None:
-            in_time(t)
             in_time(t)
             floats = 2.0 * marks * (self.system.size + 1)
             if floats > 2**25:  # a small part tells nothing of the whole
@@ -207,8 +209,9 @@ class Solver:
         )  # fmt: skip
 
 
-NO_EVENTS = np.zeros(0), *np.zeros((3, 0), np.int64)
-NO_BLOWS = Blows(*np.zeros((4, 0)), *np.zeros((3, 0), np.int64))
+_NONE, _WHOLE = np.zeros(0), np.zeros(0, np.int64)
+NO_EVENTS = _NONE, _WHOLE, _WHOLE, _WHOLE
+NO_BLOWS = Blows(_NONE, _NONE, _NONE, _NONE, _WHOLE, _WHOLE, _WHOLE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

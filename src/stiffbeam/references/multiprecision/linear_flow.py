@@ -281,6 +281,8 @@ def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
     # Positions in units that bring both halves of A to one size.
     unit = np.repeat([math.sqrt(float(np.linalg.norm(A[n:, :n], 2))) or 1.0, 1.0], n)
     A *= unit[:, None] / unit
+    values: Any
+    vectors: Any
     values, vectors = np.linalg.eig(A)
     columns: list[Array] = []
     modes = []
@@ -311,7 +313,7 @@ def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
     return arb_mat([[arb(x) for x in line] for line in V.tolist()]), with_drives(modes, drives)
 
 
-def _groups(values: Array) -> list[list[int]]:
+def _groups(values: Any) -> list[list[int]]:
     """Numbers of eigenvalues in the upper half plane, in groups of those that meet, or meet their conjugates."""
     upper = [k for k, x in enumerate(values.tolist()) if x.imag >= 0.0]
     nothing, groups = NOTHING * float(np.max(np.abs(values))), list[list[int]]()
