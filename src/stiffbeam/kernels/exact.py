@@ -229,7 +229,8 @@ class Follower:
             room = min(4 * room, max(LARGEST_ROOM, FIRST_ROOM + 8 * m * m))
         whole: Any = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
         marks, found, blows, at = whole
-        return Followed(result, self.state.t, *marks, *found, Blows(*blows), *at, counts)
+        numbers: Any = (*marks, *found, Blows(*blows), *at, counts)
+        return Followed(result, self.state.t, *numbers)
 
     def first_event(self, t_end: float, radians: float = RADIANS) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event before t_end; None for none."""

@@ -163,10 +163,8 @@ def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntAr
             ends[k[-1]], kept[k[-1]] = end, True
             continue
         place = int(np.searchsorted(times, start, "right"))
-        times, ends, sides, marks, kept = (
-            np.insert(x, place, y)
-            for x, y in zip((times, ends, sides, marks, kept), (start, end, on, at[-1], True), strict=True)
-        )
+        times, ends, sides = np.insert(times, place, start), np.insert(ends, place, end), np.insert(sides, place, on)
+        marks, kept = np.insert(marks, place, at[-1]), np.insert(kept, place, True)
     return times[kept], ends[kept], sides[kept], marks[kept]
 
 

@@ -198,7 +198,7 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | N
         return None
     if np.count_nonzero(real) + 2 * np.count_nonzero(keep & ~real) != 2 * n or np.linalg.cond(V) > CONDITION:
         return None
-    back = np.linalg.inv(V)[keep] * np.where(real[keep], 1.0, 2.0)[:, None] * np.append(w, np.ones(n))
+    back: Any = np.linalg.inv(V)[keep] * np.where(real[keep], 1.0, 2.0)[:, None] * np.append(w, np.ones(n))
     s, x, y = s[keep], V[:n, keep] / w[:, None], V[n:, keep]
     answer = np.zeros((2 * len(waves), n))
     for f, wave in enumerate(waves):
@@ -206,11 +206,12 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | N
         if wave > 0.0 and np.any(p) and np.min(np.abs(s - 1j * wave)) < 1e-3 * wave:
             return None
         held = (w2 > 0.0) | (wave > 0.0)
-        z = np.zeros(n, complex)
+        z: Any = np.zeros(n, complex)
         z[held] = np.linalg.solve((np.diag(w2 - wave * wave + 0j) + 1j * wave * D)[np.ix_(held, held)], p[held])
         answer[2 * f], answer[2 * f + 1] = -z.imag, z.real
     out = np.ascontiguousarray(np.stack([x.real, x.imag, y.real, y.imag]))
-    return s, out, np.ascontiguousarray(np.stack([back.real, back.imag])), answer
+    both: Any = back
+    return s, out, np.ascontiguousarray(np.stack([both.real, both.imag])), answer
 
 
 def pressed_system(free: Free) -> Pressed:
