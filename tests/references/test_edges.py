@@ -249,7 +249,7 @@ def test_impulses_with_several_contacts_are_cut_at_the_switches_of_all():
     assert np.isclose(ref.contacts[0].impulse, exact, rtol=1e-13)
 
 
-def test_the_exact_row_of_a_comparison_is_by_events_and_says_so():
+def test_the_exact_row_of_a_comparison_is_by_events():
     case = sb.paper_case(15)
     system = sb.semidiscretise(case.problem, case.cells)
     ref = sb.reference(system, 0.05)
@@ -261,7 +261,6 @@ def test_the_exact_row_of_a_comparison_is_by_events_and_says_so():
     assert np.isclose(totals.impulse, ref.contacts[0].impulse, rtol=1e-12)
     sampled = np.max(np.abs(ref.contacts[0].stops.force(ref.at(run.t)[0])))
     assert totals.peak_force > sampled
-    assert "by events, not sampled" in " ".join(str(comparison).split())
     assert not comparison.contacts[0].run_totals.events
 
 

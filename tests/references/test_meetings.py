@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
-from judge_scheme import system_of
+from systems import system_of
 from vibro_impact import Case, Contact
 from vibro_march import solve
 

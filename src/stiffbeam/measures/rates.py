@@ -32,7 +32,6 @@ from ..basics.units import with_unit
 from ..basics.validation import InputError, instance, number, numbers, sequence
 from ..model.contact import channel_motion
 from ..model.scales import scales
-from ..references.exact.contacts import NODES, WEIGHTS
 from ..trajectory.ensemble import record_from
 from ..trajectory.trajectory import Reference, Trajectory
 
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
 
     from ..model.system import System
 
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the work where panels are halved, and where the refinement ends
