@@ -251,7 +251,7 @@ def test_a_run_draws_itself(things):
         np.testing.assert_array_equal(force.lines[0].get_ydata(), run.contact_force)
         assert {"kinetic", "loss"} <= {line.get_label() for line in energy.lines}
         assert all(axis.get_xlabel() and axis.get_ylabel() for axis in (tip, force, portrait, energy))
-    assert len(things["comparison"].figure().axes) == 4
+    assert len(things["comparison"].figure().axes) == 5
 
 
 @pytest.mark.parametrize("scheme", [sb.HHT(alpha=-0.1), sb.SDIRK(nystrom=True)])

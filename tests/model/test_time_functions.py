@@ -147,7 +147,6 @@ def test_a_polygon_has_no_acceleration_and_is_no_base_motion():
     for call, words in (
         (lambda: polygon.acceleration(0.5), "cubic"), (lambda: sb.BeamProblem(stiffness=300.0, base=polygon), "cubic"),
         (lambda: sb.BeamProblem(stiffness=300.0, base=mixed), "cubic"),
-        (lambda: sb.rigid_limit(hammered(polygon), 0.5), "Harmonic or Constant"),
     ):  # fmt: skip
         with pytest.raises(sb.InputError, match=words):
             call()

@@ -121,7 +121,7 @@ def _rigid_record(
     # The impact that a blow belongs to: its own, or the one after which the contact is held.
     row = np.searchsorted(marks, at, "right") - 1
     own = (row >= 0) & ((marks[row] == at) | (blows.t[mine] <= ends[row])) if len(marks) else np.zeros(len(at), bool)
-    impulses = np.bincount(row[own], struck[own], len(times))
+    impulses = np.bincount(row[own], struck[own], len(times)).astype(float)
     for begin, _, impulse in spans:
         k = int(np.searchsorted(times, begin, "right")) - 1
         if k >= 0 and not begin > ends[k]:
@@ -165,6 +165,12 @@ def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntAr
         place = int(np.searchsorted(times, start, "right"))
         times, ends, sides = np.insert(times, place, start), np.insert(ends, place, end), np.insert(sides, place, on)
         marks, kept = np.insert(marks, place, at[-1]), np.insert(kept, place, True)
+    # A blow at the start is no event of the search.
+    first = np.flatnonzero((blows.contact == i) & (blows.mark == 0) & np.isin(0, strong))
+    if len(first) and 0 not in marks:
+        begin, on = solution.times[0], blows.side[first[0]]
+        times, ends, sides = np.insert(times, 0, begin), np.insert(ends, 0, begin), np.insert(sides, 0, on)
+        marks, kept = np.insert(marks, 0, 0), np.insert(kept, 0, True)
     return times[kept], ends[kept], sides[kept], marks[kept]
 
 
