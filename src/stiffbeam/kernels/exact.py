@@ -120,10 +120,21 @@ class Free:
         sizes = (n, m, F, R, E, N, self.coupling, self.kind, damped)
         object.__setattr__(self, "c", _Free(*sizes, self.longest, *at, *whole))
 
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The arguments that make it."""
+        return {x.name: getattr(self, x.name) for x in fields(self) if x.init}
+
     def changed(self, **values: Any) -> Free:
         """A copy with other values."""
-        stated = {x.name: getattr(self, x.name) for x in fields(self) if x.init}
-        return Free(**stated | values)
+        return Free(**self.stated | values)
+
+    def __reduce__(self) -> Any:
+        return _made, (self.stated,)  # addresses do not travel
+
+
+def _made(stated: dict[str, Any]) -> Free:
+    return Free(**stated)
 
 
 class Pressed(NamedTuple):
