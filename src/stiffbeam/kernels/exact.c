@@ -914,7 +914,7 @@ static const Free *flies(const Motion *x, double *length)
     const Int *side = x->c->side;
     if (f->m == 1 && side[0] != 0) {
         f = side[0] == 1 ? x->up : side[0] == -1 ? x->low : NULL;
-        if (!f || f->kind != 1) return NULL;
+        if (!f || f->kind == 0) return NULL;
     } else {
         for (Int i = 0; i < f->m; i++)
             if (side[i] != 0) return NULL;
@@ -1543,6 +1543,9 @@ static size_t layout(Motion *x, double *block)
     const Free *f = x->free;
     Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T = N + f->F, at = 0;
     if (n > N) N = n;
+    if (x->up && x->up->N > N) N = x->up->N;
+    if (x->low && x->low->N > N) N = x->low->N;
+    T = N + f->F;
     if (T < n + f->F) T = n + f->F;
 #define REALS(name, count) (name = block ? block + at : NULL, at += (count))
 #define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
@@ -1691,15 +1694,15 @@ static void shifted(double *p, int n, double a)
 static double depth_at(const Free *f, Flight *g, double way, double stop, double tau, double *rate, double *curve)
 {
     Int T = g->T;
-    const double *restrict Zx = g->Z, *restrict Zy = g->Z + T, *restrict omega = f->sorted + T;
+    const double *restrict Zx = g->Z, *restrict Zy = g->Z + T, *restrict sigma = f->sorted, *restrict omega = sigma + T;
     double u = 0.0, v = 0.0, w = 0.0, x = 0.0, y = 0.0, z = 0.0;
-    waves_at(f->sorted, omega, T, 0, f->sorted[3 * T - 1], tau, g->C, g->S);
+    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], tau, g->C, g->S);
 #pragma omp simd reduction(+ : u, v, w)
     for (Int k = 0; k < T; k++) {
         double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = omega[k] * (Zx[k] * g->S[k] + Zy[k] * g->C[k]);
         u += re;
-        v -= im;
-        w -= omega[k] * omega[k] * re;
+        v += sigma[k] * re - im;
+        w += (sigma[k] * sigma[k] - omega[k] * omega[k]) * re - 2.0 * sigma[k] * im;
     }
     for (Int k = g->deg; k >= 0; k--) {
         z = z * tau + 2.0 * y;
@@ -1712,7 +1715,7 @@ static double depth_at(const Free *f, Flight *g, double way, double stop, double
 
 /* One turn of all terms by C + i S, and the sums of their values and rates. */
 HOT static void turn_all(double *restrict x, double *restrict y, const double *restrict C, const double *restrict S,
-                         const double *restrict omega, Int T, double sums[2])
+                         const double *restrict sigma, const double *restrict omega, Int T, double sums[2])
 {
     double u = 0.0, v = 0.0;
 #pragma omp simd reduction(+ : u, v)
@@ -1721,7 +1724,7 @@ HOT static void turn_all(double *restrict x, double *restrict y, const double *r
         x[k] = old * C[k] - y[k] * S[k];
         y[k] = old * S[k] + y[k] * C[k];
         u += x[k];
-        v -= omega[k] * y[k];
+        v += sigma[k] * x[k] - omega[k] * y[k];
     }
     sums[0] = u, sums[1] = v;
 }
@@ -1732,19 +1735,21 @@ static double deepest(Motion *x, const Free *f, double way, double stop, double 
 {
     Flight *g = &x->g;
     Int T = g->T;
-    const double *omega = f->sorted + T;
-    Int count = 1 + (Int)((b - a) * f->sorted[3 * T - 1]);
+    const double *sigma = f->sorted, *omega = sigma + T;
+    double turns = 0.0; /* what decays makes no maximum of its own */
+    for (Int k = 0; k < T; k++) turns = most(turns, omega[k]);
+    Int count = 1 + (Int)((b - a) * turns);
     double d = (b - a) / (double)count, rate, curve, sums[2], depth = depth_at(f, g, way, stop, a, &rate, &curve);
     double *X = x->terms, *Y = X + T, *C = Y + T, *S = C + T;
     for (Int k = 0; k < T; k++) {
         X[k] = g->Z[k] * g->C[k] - g->Z[T + k] * g->S[k];
         Y[k] = g->Z[k] * g->S[k] + g->Z[T + k] * g->C[k];
     }
-    waves_at(f->sorted, omega, T, 0, f->sorted[3 * T - 1], d, C, S);
+    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], d, C, S);
     best = most(best, depth);
     for (Int i = 1; i <= count; i++) {
         double tau = a + i * d, u = 0.0, v = 0.0, before = depth, rise = rate;
-        turn_all(X, Y, C, S, omega, T, sums);
+        turn_all(X, Y, C, S, sigma, omega, T, sums);
         for (Int k = g->deg; k >= 0; k--) {
             v = v * tau + u;
             u = u * tau + g->slide[k];
@@ -1768,17 +1773,20 @@ static double deepest(Motion *x, const Free *f, double way, double stop, double 
     return best;
 }
 
-/* The integral of depth over [a, b] of a flight without damping. */
+/* The integral of depth over [a, b] of a flight: of an exponential, (exp(lambda d) - 1)/lambda. */
 static double depths(Motion *x, const Free *f, double way, double stop, double a, double b)
 {
     const Flight *g = &x->g;
     Int T = g->T;
-    const double *Zx = g->Z, *Zy = g->Z + T, *omega = f->sorted + T;
+    const double *Zx = g->Z, *Zy = g->Z + T, *sigma = f->sorted, *omega = sigma + T;
     double d = b - a, sum = -stop * d, c[ROOM];
     waves_at(f->sorted, omega, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
     for (Int k = 0; k < T; k++) {
         double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = Zx[k] * g->S[k] + Zy[k] * g->C[k], half = sin(0.5 * omega[k] * d);
-        sum += omega[k] > 0.0 ? (re * sin(omega[k] * d) - 2.0 * im * half * half) / omega[k] : re * d;
+        double size = sigma[k] * sigma[k] + omega[k] * omega[k], less = expm1(sigma[k] * d);
+        double real = less * cos(omega[k] * d) - 2.0 * half * half, imag = (1.0 + less) * sin(omega[k] * d);
+        double A = real * sigma[k] + imag * omega[k], B = imag * sigma[k] - real * omega[k];
+        sum += size > 0.0 ? (re * A - im * B) / size : re * d;
     }
     slide_at(g, 0, a, (int)g->deg, c);
     for (int k = (int)g->deg; k >= 0; k--) sum += c[k] * pow(d, k + 1) / (k + 1.0);

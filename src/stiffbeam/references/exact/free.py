@@ -215,17 +215,26 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | N
 
 
 def pressed_system(free: Free) -> Pressed:
-    """The system with its only contact pressed, where that is a spring on undamped modes which are all apart."""
-    n, m = len(free.w2), len(free.rows)
-    if m != 1 or free.kind != 1 or free.coupling != 0 or n <= FEW:
+    """The system with its only contact pressed, where that is a spring without a dashpot.
+
+    Few undamped modes are a series as fast, unless damping makes the series short.
+    """
+    n, m, damped = len(free.w2), len(free.rows), free.coupling > 0
+    if m != 1 or n == 0 or (free.kind != 1 and not damped):
         return NONE_PRESSED
     (kappa, c, _), row, w2 = free.laws[0], free.rows[0], free.w2
-    largest = float(np.max(np.abs(row), initial=0.0))
-    separate = np.all(np.diff(w2) > 1e-12 * w2[-1]) and np.all(np.abs(row) > 1e-9 * largest)
-    if not np.isfinite(kappa) or c != 0.0 or not separate or n == 0:
+    if not np.isfinite(kappa) or c != 0.0 or (n <= FEW and np.max(np.abs(free.drag)) <= 2.0 * np.sqrt(np.max(w2))):
         return NONE_PRESSED
-    shift, near, V = pressed_modes(w2, row, float(kappa))
-    mu, zero = w2[near] + shift, np.zeros(n)
+    largest = float(np.max(np.abs(row), initial=0.0))
+    if np.all(np.diff(w2) > 1e-12 * w2[-1]) and np.all(np.abs(row) > 1e-9 * largest):
+        shift, near, V = pressed_modes(w2, row, float(kappa))
+        mu = w2[near] + shift
+    elif damped:
+        mu, V = np.linalg.eigh(np.diag(w2) + kappa * np.outer(row, row))
+        mu, V = np.maximum(mu, 0.0), np.ascontiguousarray(V.T)
+    else:
+        return NONE_PRESSED
+    D = V @ free.damping @ V.T if damped else np.zeros((n, n))
     sides: list[Free | None] = []
     for g in free.stops[0, ::-1]:
         if not np.isfinite(g):
@@ -233,24 +242,12 @@ def pressed_system(free: Free) -> Pressed:
             continue
         loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
         loads[1] += kappa * g * row
-        loads = np.ascontiguousarray(loads @ V.T)
-        answer, apart = particular(mu, zero, free.waves, loads)
-        poles = np.zeros((2, n + len(free.waves)))
-        poles[1] = np.append(np.sqrt(mu), free.waves)
-        stated = {
-            "w2": mu,
-            "drag": zero,
-            "damping": free.damping,
-            "coupling": 0,
-            "rows": np.ascontiguousarray(free.rows @ V.T),
-            "stops": free.stops,
-            "laws": free.laws,
-            "meet": free.meet,
-            "loads": loads,
-            "offsets": free.offsets,
-            "waves": free.waves,
-            "edges": free.edges,
-            "pieces": free.pieces,
+        stated: dict[str, Any] = {
+            x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
         }
-        sides.append(assembled(stated, 1, poles, answer, apart, zero))
+        stated |= {"w2": mu, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
+        stated |= {"rows": np.ascontiguousarray(free.rows @ V.T), "loads": np.ascontiguousarray(loads @ V.T)}
+        sides.append(closed_form(stated))
+        if sides[-1].kind == 0:  # type: ignore[union-attr]
+            return NONE_PRESSED
     return Pressed(sides[0], sides[1], V)
