@@ -209,9 +209,8 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | N
         z: Any = np.zeros(n, complex)
         z[held] = np.linalg.solve((np.diag(w2 - wave * wave + 0j) + 1j * wave * D)[np.ix_(held, held)], p[held])
         answer[2 * f], answer[2 * f + 1] = -z.imag, z.real
-    out = np.ascontiguousarray(np.stack([x.real, x.imag, y.real, y.imag]))
-    both: Any = back
-    return s, out, np.ascontiguousarray(np.stack([both.real, both.imag])), answer
+    out = np.ascontiguousarray(np.stack([np.real(x), np.imag(x), np.real(y), np.imag(y)]))
+    return s, out, np.ascontiguousarray(np.stack([np.real(back), np.imag(back)])), answer
 
 
 def pressed_system(free: Free) -> Pressed:
