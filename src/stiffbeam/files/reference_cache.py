@@ -101,15 +101,6 @@ def cached_reference(
     return result
 
 
-def is_cached(system: System, t_end: float, method: str, t_eval: ArrayLike | None = None) -> bool:
-    """Return True where ``cached_reference``, with its defaults, has a file to read."""
-    times = None if t_eval is None else numbers("t_eval", t_eval)
-    try:
-        return method != "exact" and _file(system, t_end, method, times, {}).is_file()
-    except InputError:
-        return False  # a bare callable
-
-
 def _file(system: System, t_end: float, method: str, t_eval: Array | None, options: dict[str, Any]) -> Path:
     require_system(system)
     # A bare callable has no content to make a key of.

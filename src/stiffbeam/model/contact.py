@@ -193,13 +193,6 @@ class Stops(Parameters):
         self.require_compliant("a law of force")
         return np.array(self.coefficients)
 
-    @classmethod
-    def of_law(cls, law: Array) -> Stops:
-        """The stops of such a row."""
-        kappa, g1, g2, *others = np.asarray(law, float).tolist()
-        lower, upper = (g if math.isfinite(g) else None for g in (g1, g2))
-        return cls(lower, upper, stiffness=kappa, **dict(zip(LINEAR, others, strict=True)))
-
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""

@@ -36,7 +36,6 @@ COPIES = 8  # of the problem, each perturbed in its own way
 PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
-FINEST = 1e-11  # rtol of an adaptive solution up to which a tenth of it is compared with
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 IMPULSES = 0.01  # of the largest impulse of a contact
 AT_ONCE = 1e-14  # of t_end

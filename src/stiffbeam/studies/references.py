@@ -13,7 +13,6 @@ from ..basics.validation import InputError
 from ..files.cases import Case, case_text, paper_cases
 from ..files.store import contact_facts, freeze, load
 from ..references import reference
-from ..references.registry import EXACT, MULTIPRECISION, REFERENCES
 from ..trajectory.trajectory import Reference, Trajectory
 
 MANIFEST = "MANIFEST.json"
@@ -157,5 +156,3 @@ def remake(folder: Path, progress: Show = silent) -> list[str]:
 
 
 # Which method is the baseline: the most precise first.
-PRECISION = [m.name for kind in (MULTIPRECISION, EXACT) for m in REFERENCES.values() if m.kind == kind]
-INCONSISTENT = 1e3  # times rtol before the first impact: more than that is not what the tolerance claims
