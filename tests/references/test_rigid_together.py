@@ -77,6 +77,14 @@ def test_an_impact_whose_result_no_order_changes_is_known(restitution, v0, v):
     assert run.states[1][-1] == pytest.approx(v, abs=1e-9)
 
 
+def test_a_comparison_says_why_a_flat_drop_ends_the_horizon():
+    system = bar(0.2, (0.5, 0.5), (-0.5, 0.0))
+    reference = sb.reference(system, 2.0)
+    assert reference.horizon <= 1.0 + 1e-9
+    run = sb.integrate(system, sb.MoreauJean(), 1e-3, 2.0)
+    assert "hit at one time, t = 1: their order decides" in str(sb.compare(run, reference))
+
+
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8])
 def test_ends_that_do_not_move_each_other_chatter_side_by_side(restitution):
     """Inertia 1: the flat fall is that of two balls, which rest after sqrt(2 h/g) (1 + 2 e/(1 - e))."""

@@ -97,9 +97,12 @@ AT_REST = (
 
 
 def remark(system: System, reference: Reference) -> str:
-    """Sentence for a ``system`` whose motion stays at rest or touches no stop; "" for others."""
+    """Sentence for a ``system`` whose motion stays at rest or touches no stop, or the reason why the reference ends its
+    horizon; "" for others."""
     if stays_at_rest(system):
         return AT_REST
+    if "horizon_ends" in reference.provenance:
+        return str(reference.provenance["horizon_ends"])
     if not reference.contacts or any(c.impacts.count or c.fraction for c in reference.contacts):
         return ""
     return f"No impacts: the motion reaches no stop to t = {reference.t[-1]:g}."

@@ -227,7 +227,19 @@ def exact_horizon(
     if horizon == 0.0:
         horizon = min(unseen, _soon(reference, system, t_end, tolerance))
     against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
-    return horizon, {"against": against}
+    ends = _order_decides(reference.solution, horizon, reference.t) if system.rigid and horizon < t_end else ""
+    return horizon, {"against": against} | ({"horizon_ends": ends} if ends else {})
+
+
+def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
+    """Sentence for a horizon that ends, by one output at most, before several rigid stops are hit at one time."""
+    blows, after = solution.blows, t[np.searchsorted(t, horizon, "right") :]
+    until = float(after[0]) if len(after) else np.inf
+    for mark in np.unique(blows.mark[(blows.t >= horizon) & (blows.t <= until)]).tolist():
+        here = blows.mark == mark
+        if len(np.unique(blows.contact[here])) > 1:
+            return f"Contacts are hit at one time, t = {blows.t[here][0]:.6g}: their order decides what follows."
+    return ""
 
 
 def _of_free_modes(system: System) -> float:

@@ -106,6 +106,8 @@ class Solver:
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
             twin.together, shared["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
+            # What is zero by symmetry is off as well: who is hit first may decide.
+            twin.eta = twin.eta + size * np.max(np.abs(self.eta), initial=0.0) * rng.uniform(-1.0, 1.0, len(self.eta))
             self._keep_on_stops(shared["rows"], shared["stops"], twin, rng)
         if free.kind == 2 and free.coupling == 2:  # without another eigenproblem, which loses eps of the largest pole
             lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
