@@ -1,4 +1,4 @@
-/* HHT-alpha in modal coordinates with closed-form contact at one place: `numba_loop` of hand_written.py in C.
+/* HHT-alpha in modal coordinates with closed-form contact at one place, by hand.
 
    steps, and n modes unless -DMODES fixes their number, so that the loops unroll; tables: (8, n), a row for each name
    below; state: (3, n), q, dt q', dt^2 q'', in and out. tip: (steps + 1,), the first is given. With -DOUTPUTS so are

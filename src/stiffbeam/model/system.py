@@ -66,10 +66,10 @@ def square_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
 def _diagonal(mass: Any) -> Any:
     """The diagonal matrix of a vector; anything else as it is."""
     try:
-        vector = np.asarray(mass, float)
+        flat = np.ndim(mass) == 1 and len(mass) > 0
     except (TypeError, ValueError):
         return mass
-    return np.diag(vector) if vector.ndim == 1 and vector.size else mass
+    return np.diag(numbers("mass", mass, "be a matrix of finite numbers", "or a vector of them")) if flat else mass
 
 
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
