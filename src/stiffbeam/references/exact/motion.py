@@ -29,6 +29,7 @@ from ...kernels.exact import (
     TOGETHER,
     Blows,
     Follower,
+    Free,
     Marks,
     carry,
     press,
@@ -48,6 +49,7 @@ LET_GO = 2  # times the stop: the side of a contact beyond a damped stop that do
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
 # With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
 MOST_IMPACTS = 200_000
+LONG = 1e4  # radians of the fastest decay, from which on a matrix exponential is shorter than series
 MOST_RADIANS = 1e8  # of the fastest decay of modes without a closed form, each half a step
 
 
@@ -70,6 +72,15 @@ def fresh_after(system: System, before: Sequence[int], after: Sequence[int]) -> 
         if old != new and not (old == 0 and system.contacts[i].stops.damping > 0.0):
             fresh[i] = np.sign(new or old)
     return fresh
+
+
+def require_short(free: Free, length: float) -> None:
+    """Raise SolverFailure where every radian of the fastest decay is a step, and these are too many."""
+    if free.kind == 0:
+        fast = float(np.max(free.w2)) ** 0.5 + float(np.linalg.norm(free.damping, 2))
+        if length * fast > MOST_RADIANS:
+            reason = f"decay rates of {fast:.2g} leave no closed form, and are too many radians for series"
+            raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
 
 
 class Solver:
@@ -157,12 +168,7 @@ class Solver:
     def solve(self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES) -> Motion:
         """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
         on; the states at ``stations`` (k,), increasing, are found on the way."""
-        free = self.made.free
-        if free.kind == 0:  # no closed form at all: every radian of the fastest decay is a step
-            fast = float(np.max(free.w2)) ** 0.5 + float(np.linalg.norm(free.damping, 2))
-            if t_end * fast > MOST_RADIANS:
-                reason = f"decay rates of {fast:.2g} leave no closed form, and are too many radians for series"
-                raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
+        require_short(self.made.free, t_end)
         eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
         return self._followed(
             Follower(self.made.free, self.made.pressed, eta, rate, together=self.together), t_end, stations
@@ -177,6 +183,9 @@ class Solver:
         self, t: float, sides: IntArray, fresh: IntArray, start: Sequence[Array], t_end: float
     ) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event of ``trace``, None for none."""
+        if not self.system.contacts:
+            return None
+        require_short(self.made.free, t_end - t)
         eta, rate = self.made.start(*start)
         return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh).first_event(t_end, self.radians)
 
@@ -323,9 +332,14 @@ class Motion:
 
     def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """The homogeneous flow of a segment's regime over tau: (n, k) -> (n, k)."""
-        into, X = self.made.into, self.made.X
+        into, X, free = self.made.into, self.made.X, self.made.free
         sides = np.ascontiguousarray(self.sides[piece])
-        eta, rate = carry(self.made.free, self.made.pressed, sides, tau, dq.T @ into, dv.T @ into, self.radians)
+        eta, rate = dq.T @ into, dv.T @ into
+        decay = float(np.linalg.norm(free.damping, 2)) if free.coupling else 0.0
+        if tau * decay > LONG and not self.system.rigid:
+            eta, rate = _by_exponential(free, sides, tau, eta, rate)
+        else:
+            eta, rate = carry(free, self.made.pressed, sides, tau, eta, rate, self.radians)
         return X @ eta.T, X @ rate.T
 
     def press(
@@ -376,8 +390,22 @@ class Motion:
     def work(self, system: System, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
         which include every event."""
+        require_short(self.made.free, float(edges[-1] - edges[0]))
         found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
         return found[:, 0], found[:, 1], found[:, 2]
+
+
+def _by_exponential(free: Free, sides: IntArray, tau: float, eta: Array, rate: Array) -> tuple[Array, Array]:
+    """The homogeneous flow of eta, eta' (k, n) by one matrix exponential: strong damping makes series short."""
+    from scipy.linalg import expm
+
+    n, pressed = len(free.w2), np.abs(sides) == 1
+    rows, (kappa, c) = free.rows[pressed], free.laws[pressed, :2].T
+    K, C = np.diag(free.w2) + (rows.T * kappa) @ rows, free.damping + (rows.T * c) @ rows
+    unit = float(np.sqrt(np.max(np.diag(K)))) or 1.0  # positions and rates of one size
+    A = np.block([[np.zeros((n, n)), unit * np.eye(n)], [-K / unit, -C]])
+    z = expm(A * tau) @ np.hstack([unit * eta, rate]).T
+    return z[:n].T / unit, z[n:].T
 
 
 def joined(parts: Sequence[Motion]) -> Motion:
