@@ -275,7 +275,7 @@ def _changes(make: Maker, branch: Branch) -> Iterator[tuple[float, Row]]:
         def size(x: float, k: int = k, known: dict[float, Orbit] = known) -> float:
             if x not in known:
                 known[x] = periodic_orbit(*make(x), known[min(known, key=lambda y: abs(y - x))])
-            return float(np.log(np.abs(known[x].multipliers[k])))
+            return float(np.log(np.abs(known[x].multipliers[k])) - np.log1p(ALONE))
 
         try:
             value = cast(float, brentq(size, low, high, xtol=1e-10 * abs(high - low)))
