@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 
@@ -204,9 +205,10 @@ def test_a_reference_compared_with_itself_has_no_error(compared):
     system, ref, run, _ = compared
     same = sb.reference(system, 0.6, t_eval=run.t)
     c = sb.compare(same, ref)
-    assert c.tip_error_max == 0.0
+    assert c.tip_error_max < 1e-12  # a motion that is read at other times has other roundings
     assert c.matched_until == c.window
-    assert c.contacts[0].run == c.contacts[0].reference
+    run_side, ref_side = (dataclasses.astuple(side) for side in (c.contacts[0].run, c.contacts[0].reference))
+    assert run_side == pytest.approx(ref_side, rel=1e-12)
     assert abs(c.phase.lag) < 1e-9
     assert abs(c.energy_lost) < 1e-9
 

@@ -159,10 +159,12 @@ def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
 
 def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> list[Path]:
     """A table with a line for each run and stop, and one with a line for each impact."""
-    if not measured:
-        return []
     import pandas
 
+    if not measured:  # those of an earlier comparison would be taken for this one's
+        for name in ("rates", "impacts"):
+            (folder / f"comparison-{name}.csv").unlink(missing_ok=True)
+        return []
     rates, impacts = [], []
     for label, each in measured:
         rates.append(each.to_dataframe().reset_index().assign(run=label))
