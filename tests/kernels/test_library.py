@@ -17,7 +17,7 @@ from stiffbeam.kernels.march import BY_LAW, Step, states
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # every branch of the kernels in a minute
     "march/test_march.py", "schemes/test_schemes.py", "schemes/test_rigid.py", "model/test_nodes.py",
-    "references/test_sundials.py",
+    "references/test_sundials.py", "kernels/test_exact_motion.py", "references/test_exact.py",
 ]  # fmt: skip
 
 
@@ -79,17 +79,7 @@ def test_what_is_missing_is_said_in_one_sentence(tmp_path, monkeypatch):
 
 def _tests_pass_with(library: Path, **environment: str) -> None:
     """Run ``CHOSEN`` with another library, in a process of its own."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        *(str(TESTS / x) for x in CHOSEN),
-    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
     environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **environment}
     command += [str(TESTS / x) for x in CHOSEN]
     done = subprocess.run(command, env=environment, cwd=TESTS.parent, capture_output=True, text=True, check=False)
