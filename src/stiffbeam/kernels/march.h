@@ -82,9 +82,7 @@ enum { KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, IN_CONTACT, FREE, DISSIPAT
  * are at the starts of the steps and the end of the last: steps + 1 rows. */
 typedef struct {
     Int a, n, m, L, F, d;      /* components, modes, contacts, loads, forces of a step, functions of the drive */
-    Int steps, block, blocks;  /* steps, between two starts, starts */
-    Int stride, carried;       /* numbers of a start, components that it holds */
-    Int K, terms, acting;      /* blocks without forces: steps (0: none), terms, functions of the drive that act */
+    Int steps, carried;        /* steps, components that the start holds */
     Int first, every, outputs; /* first step; an output every so many steps; outputs of the whole run */
     Int moving, damped;        /* columns of the offsets, 0 for none; 1 where the system is damped */
     double dt;
@@ -101,19 +99,18 @@ typedef struct {
     const double *offsets, *offset_rates; /* (steps + 1, moving) of the channels, the contacts first, or NULL */
     const Law *law;                       /* (m,) */
     const double *node_forces;            /* (steps + 1, m), NaN where no node is at the end of the step */
-    const double *starts;                 /* (blocks, stride) */
-    const double *paths;      /* (2 n terms, K): q, q' of a mode, of a unit of every component and function that acts */
-    const Int *place, *which; /* (carried,) of the components; (acting,) of the functions of the drive */
-    double *y;                /* (2 n,) q and q' at the last step */
-    double *contacts;         /* (2, m) positions and velocities of the contacts there */
-    double *balance;          /* (SUMS,) */
-    double *kept;             /* (SUMS, outputs) */
+    const double *start;                  /* (carried, n) or longer: the state before the steps */
+    const Int *place;                     /* (carried,) of its components */
+    double *y;                            /* (2 n,) q and q' at the last step */
+    double *contacts;                     /* (2, m) positions and velocities of the contacts there */
+    double *balance;                      /* (SUMS,) */
+    double *kept;                         /* (SUMS, outputs) */
 } Account;
 
 /* Add the steps to the balance. */
 API Int account(const Account *s);
 
-/* The states (steps, a n) at the ends of the steps from `starts`. */
+/* The states (steps, a n) at the ends of the steps from `start`. */
 API Int states(const Account *s, double *out);
 
 /* ---------------------------------------------------------------- rigid stops */

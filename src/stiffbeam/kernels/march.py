@@ -36,10 +36,10 @@ _Run = structure(
 )
 _Account = structure(
     "_Account",
-    "a n m L F d steps block blocks stride carried K terms acting first every outputs moving damped",
+    "a n m L F d steps carried first every outputs moving damped",
     "dt",
     "transition push driven forces g squares damping loads load_values rows offsets offset_rates law node_forces "
-    "starts paths place which y contacts balance kept",
+    "start place y contacts balance kept",
 )
 _Rigid = structure(
     "_Rigid",
@@ -227,76 +227,56 @@ class Energies(NamedTuple):
     node_forces: Array  # (steps + 1, m): the forces that nodes found, NaN for none
 
 
-class FreeBlock(NamedTuple):
-    """All K steps of a block of n modes without forces, from its state of k components and the drive at its start."""
-
-    paths: Array  # (2 n T, K), row (2 j + i) T + t: q (i = 0) or q' of mode j at the ends of the steps, of a unit of
-    # component t, then of a function of the drive; T = k + acting.size
-    acting: IntArray  # the functions of the drive that do anything
-
-
-def _steps_of(step: Step, n: int, starts: Array, place: IntArray) -> dict[str, Any]:
+def _steps_of(step: Step, n: int, start: Array, place: IntArray) -> dict[str, Any]:
     """The part of the energy balance that ``states`` has too."""
     (F, D), d, steps = step.push.shape, len(step.driven), len(step.forces)
-    a, stride = D // n, starts.shape[-1]
-    if stride < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < a):
+    a = D // n
+    if len(start) < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < a):
         raise ValueError("components do not fit the states")
     return {
-        "a": a, "n": n, "F": F, "d": d, "steps": steps, "blocks": len(starts), "stride": stride, "carried": len(place),
-        "every": 1, "transition": address(step.transition, (a, D)), "push": address(step.push, (F, D)),
+        "a": a, "n": n, "F": F, "d": d, "steps": steps, "carried": len(place), "every": 1,
+        "transition": address(step.transition, (a, D)), "push": address(step.push, (F, D)),
         "driven": address(step.driven, (d, D)), "forces": address(step.forces, (steps, F)),
-        "g": address(step.g, (steps + 1, d)), "starts": address(starts, starts.shape),
+        "g": address(step.g, (steps + 1, d)), "start": address(start, start.shape),
         "place": address(place, (len(place),), INTEGER),
     }  # fmt: skip
 
 
 def states(step: Step, n: int, start: Array, place: IntArray) -> Array:
     """The states (steps, a n) at the ends of the steps from ``start``, whose components have their ``place``."""
-    start, out = start[None], np.empty((len(step.forces), step.push.shape[1]))
+    out = np.empty((len(step.forces), step.push.shape[1]))
     x = _Account(**_steps_of(step, n, start, place))
     filled(_functions().states(x, address(out, out.shape)))
     return out
 
 
 def account(
-    step: Step, energies: Energies, free: FreeBlock, place: IntArray, starts: Array, block: int, y: Array, met: Array,
-    balance: Array, first: int, every: int, dt: float, kept: Array,
+    step: Step, energies: Energies, place: IntArray, start: Array, y: Array, contacts: Array, balance: Array,
+    first: int, every: int, dt: float, kept: Array,
 ) -> None:  # fmt: skip
     """Add a range of steps from step ``first`` to the balance; columns of ``kept`` (10, outputs) at every ``every``-th.
 
-    starts: (B, ..), the state at the starts of blocks of ``block`` steps, whose components have their ``place``. Blocks
-    in ``free`` that no force meets are computed at once, the others step by step. y (2 n,) = (q, q') at the start; a
-    continued state may begin differently. met (2, m): positions and rates of the contacts there, with the given values
+    start: the state before the steps, whose components have their ``place``. y (2 n,) = (q, q') at the start; a
+    continued state may begin differently. contacts (2, m): their positions and rates there, with the given values
     at t = 0, where rounding would decide the side of a stop. balance (10,); all three are updated in place. The loss is
     computed over a range of consecutive steps in contact, or of consecutive steps without: between its ends no energy
     is needed, and outputs do not end it.
     """
     squares, damping, loads, load_values, rows, offsets, offset_rates, law, node_forces = energies
-    n, m, L, steps, K, outputs = (
-        len(squares),
-        len(law),
-        len(loads),
-        len(step.forces),
-        free.paths.shape[1],
-        kept.shape[1],
-    )
-    damped, acting = len(damping) > 0, len(free.acting)
-    terms, moving = len(free.paths) // (2 * n), offsets.shape[1] if len(offsets) else 0
-    if outputs <= (first + steps) // every or len(starts) != -(-steps // block) or K not in (0, block):
-        raise ValueError("outputs or blocks do not fit the steps")
-    if (K and terms != len(place) + acting) or (moving and moving < m):
-        raise ValueError("paths or offsets do not fit")
+    n, m, L, steps, outputs = len(squares), len(law), len(loads), len(step.forces), kept.shape[1]
+    damped, moving = len(damping) > 0, offsets.shape[1] if len(offsets) else 0
+    if outputs <= (first + steps) // every or (moving and moving < m):
+        raise ValueError("outputs or offsets do not fit the steps")
     x = _Account(
-        **_steps_of(step, n, starts, place) | {
-            "m": m, "L": L, "block": block, "K": K, "terms": terms, "acting": acting, "first": first, "every": every,
-            "outputs": outputs, "moving": moving, "damped": damped, "dt": dt,
+        **_steps_of(step, n, start, place) | {
+            "m": m, "L": L, "first": first, "every": every, "outputs": outputs, "moving": moving, "damped": damped,
+            "dt": dt,
         },
         squares=address(squares, (n,)), damping=address(damping, (n,), wanted=damped), loads=address(loads, (L, n)),
         load_values=address(load_values, (steps + 1, L)), rows=address(rows, (m, n)),
         offsets=address(offsets, (steps + 1, moving), wanted=moving),
         offset_rates=address(offset_rates, (steps + 1, moving), wanted=moving), law=address(law, (m, LAW)),
-        node_forces=address(node_forces, (steps + 1, m)), paths=address(free.paths, (2 * n * terms, K), wanted=K),
-        which=address(free.acting, (acting,), INTEGER), y=address(y, (2 * n,)), contacts=address(met, (2, m)),
+        node_forces=address(node_forces, (steps + 1, m)), y=address(y, (2 * n,)), contacts=address(contacts, (2, m)),
         balance=address(balance, (SUMS,)), kept=address(kept, (SUMS, outputs)),
     )  # fmt: skip
     filled(_functions().account(x))

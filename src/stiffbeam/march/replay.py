@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray, aligned
-from ..kernels.march import SUMS, Energies, FreeBlock, Step, account
+from ..basics.arrays import Array, IntArray
+from ..kernels.march import SUMS, Energies, Step, account
 from ..kernels.march import states as states_of
 from ..model.contact import laws
 from ..model.system import System
@@ -22,48 +22,9 @@ from .probe import InModes
 from .propagator import Propagator
 
 
-def no_block() -> FreeBlock:
-    """States of every block, step by step."""
-    return FreeBlock(np.zeros((0, 0)), np.zeros(0, np.int64))
-
-
-def free_block(step: Step, place: IntArray, n: int, K: int, T: Array) -> FreeBlock:
-    """K of the ``step`` of n modes, probed with units of the components in their ``place`` and of the drive.
-
-    T: (d, d), the drive's transition over a step, g_k = T^k g.
-    """
-    d, carried, width = len(T), len(place), step.transition.shape[1]
-    acting = np.flatnonzero(np.any(step.driven != 0.0, axis=1))
-    g = np.empty((K + 1, d, d))  # T^k
-    g[0] = np.eye(d)
-    for k in range(K):
-        g[k + 1] = T @ g[k]
-    undriven = np.zeros_like(step.driven)
-    harmonics = step.driven.copy()
-    harmonics[0] = 0.0  # the constant drives by itself, in every step
-    made = np.empty((carried + len(acting), K, width))
-    # One motion for every unit: of a carried component, then of a function of the drive.
-    for t in range(len(made)):
-        start, driven, drives = np.zeros(carried * n), undriven, np.zeros((K + 1, d))
-        if t < carried:
-            start[t * n : (t + 1) * n] = 1.0  # of all modes at once, which do not see each other
-        else:
-            e = acting[t - carried]
-            driven, drives = (harmonics, np.ascontiguousarray(g[:, :, e])) if e else (step.driven, drives)
-        quiet = step._replace(driven=driven, g=drives, forces=np.zeros((K, len(step.push))))
-        made[t] = states_of(quiet, n, start, place)
-    paths = aligned((n, 2, len(made), K))
-    paths[:] = made[:, :, : 2 * n].reshape(len(made), K, 2, n).transpose(3, 2, 0, 1)
-    return FreeBlock(paths.reshape(-1, K), acting)
-
-
-SHORT = 3200  # steps that are sooner taken one by one
-STEPS = 32  # that are taken at once; of longer ones contact meets too many
-
-
-def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArray, Array]:
-    """The steps of a segment with all they are given, and the states (B, ..) at the start of every ``apart``-th of its
-    blocks, with the places of their components; ``one``: the scheme's propagator of a single step."""
+def step_of(segment: Segment, one: Propagator) -> tuple[Step, IntArray]:
+    """The steps of a segment with all they are given, and the places of the components that its blocks carry;
+    ``one``: the scheme's propagator of a single step."""
     march, block, dt = segment.march, segment.block, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
@@ -79,7 +40,7 @@ def step_of(segment: Segment, one: Propagator, apart: int) -> tuple[Step, IntArr
         forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
     )
-    return step, place, np.ascontiguousarray(segment.starts[::apart])
+    return step, place
 
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
@@ -107,12 +68,11 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
     coordinates, last = stepper.coordinates, (system.q0[None], system.v0[None], np.full((1, m), np.nan))
     for segment, one in _segments(stepper, system, steps):
         n, N = coordinates.parts, coordinates.rows.shape[1]
+        step, place = step_of(segment, one)
         if n == 1:
-            step, place, starts = step_of(segment, one, 1)
-            out = _states_together(step, place, starts, segment.block.steps)
+            out = _states_together(step, place, segment.starts, segment.block.steps)
         else:
-            step, place, starts = step_of(segment, one, len(segment.starts))
-            out = states_of(step, n, starts[0], place)
+            out = states_of(step, n, segment.starts[0], place)
         z = out.reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[:2])
         new = q, v, node_forces_at_ends(segment, step, m)
@@ -166,15 +126,10 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     units = np.eye(len(system.loads))
     loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
     offsets = drive.offsets(system)
-    last, n = np.full((1, len(contacts)), np.nan), len(basis.omega)
-    free = None
+    last = np.full((1, len(contacts)), np.nan)
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
-        K = segment.block.steps
-        # Whole blocks without contact are passed at once, in long runs whose loads are all in the drive.
-        passed = K > 1 and steps > SHORT and not loads[1]
-        apart = max(1, STEPS // K) if passed else len(segment.starts)
-        step, place, starts = step_of(segment, one, apart)
+        step, place = step_of(segment, one)
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
@@ -188,13 +143,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             offsets=o,
             offset_rates=o_rate,
         )
-        # The map of a whole block is the same in all segments.
-        if passed and free is None:
-            free = free_block(step, place, n, apart * K, drive.transition(dt))
-        known = free if passed and free is not None else no_block()
-        account(
-            step, energies, known, place, starts, apart * K, y, met, balance, segment.first, every, dt, kept
-        )  # fmt: skip
+        account(step, energies, place, segment.starts[0], y, met, balance, segment.first, every, dt, kept)
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept)
 
 
