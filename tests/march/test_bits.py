@@ -17,7 +17,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.arrays import Recent, content
-from stiffbeam.march import block_march
+from stiffbeam.march import integrate
 from stiffbeam.model import equations
 from stiffbeam.model import modes as modes_module
 from stiffbeam.model.time_functions import Superposition
@@ -82,7 +82,7 @@ def test_after_ensembles_of_other_sizes(monkeypatch):
 def alone(monkeypatch, *arguments, **options):
     """The run with nothing shared."""
     with monkeypatch.context() as patch:
-        patch.setattr(block_march, "_RECENT", Recent(1))
+        patch.setattr(integrate, "_RECENT", Recent(1))
         patch.setattr(modes_module, "_RECENT", Recent(1))
         return sb.integrate(*arguments, **options)
 

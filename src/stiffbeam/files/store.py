@@ -337,7 +337,7 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         return None
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        plan = Plan.of(system, scheme, notes["dt"], notes["t_end"], notes["contact"], 1)
+        plan = Plan.of(system, scheme, notes["dt"], notes["t_end"], notes["contact"])
         return plan.states(system)
 
     return pieces

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import MOST, Array, Recent, aligned, content
+from ..basics.arrays import Array, aligned
 from ..basics.resources import afford, clock
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers
@@ -19,13 +17,11 @@ from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.members import EnsembleMembers
-from ..model.modes import matrices
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, offset_rate, offset_values
+from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..schemes.scheme import is_known
 from ..trajectory.ensemble import ContactStatistics, Runs
-from ..trajectory.recorder import events_at_start, forces_at, impacts_of, overflow, record, shares, with_ends
+from ..trajectory.recorder import end_tallies, forces_at, impacts_of, overflow, record, shares, start_tallies
 from ..trajectory.sampling import (
     AT_START,
     CONTACT,
@@ -38,15 +34,11 @@ from ..trajectory.sampling import (
     ROW,
     SIDE,
     TIME,
-    new_tally,
 )
-from ..trajectory.trajectory import Trajectory, Work
-from .probe import Coordinates, InModes, independent
+from .probe import Coordinates, independent
 from .propagator import Propagator, build
 from .treatment import Treatment, require_giving_way, require_moved, unsolved
 
-_RECENT: Recent[Stepper] = Recent(8)
-_LINEAR_PARTS: WeakKeyDictionary[System, tuple[object, ...]] = WeakKeyDictionary()
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
@@ -66,7 +58,7 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
     takes longer to find the forces of more nodes than is saved elsewhere.
     """
     nodes = len(scheme.nodes) * max(1, len(coordinates.columns))  # in a step
-    if isinstance(coordinates, InModes):
+    if coordinates.basis is not None:
         return 2 ** max(0, int(np.log2(LEAST / nodes)))
     D = float(len(independent(scheme, 1.0)[0]) * coordinates.rows.shape[1])
     # Single steps too take the matrix of one, and the unit states that it is probed with.
@@ -115,41 +107,20 @@ class Stepper:
     starter: Propagator | None
     block: Propagator
     rule: int  # how nodes find their forces, see Block
-    _forcings: dict[Propagator, Forcing] = field(default_factory=dict, repr=False)
-    _launches: Recent[Launch] = field(default_factory=lambda: Recent(8), repr=False)
 
     @classmethod
     def of(
         cls, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> Stepper:
         """Stepper in blocks of ``length`` steps. rule: how nodes find the forces of these stops, see Block."""
-        system = coordinates.system
-        # Kept by content only where that defines the arrays and takes little time to read.
-        if system.size > MOST or not is_known(scheme):
-            return cls._built(coordinates, scheme, dt, treatment, length, rule)
-        kind = type(scheme).step, type(scheme).predict, pickle.dumps(scheme), type(coordinates)
-        # The content of a system is read once, as long as the system lives.
-        linear_part = _LINEAR_PARTS.get(system) or _LINEAR_PARTS.setdefault(system, _linear_part(system))
-        key = *kind, dt, treatment, length, rule, *linear_part
-        stepper = _RECENT.get(key, lambda: cls._built(coordinates, scheme, dt, treatment, length, rule))
-        # Arrays of an equal linear part. Stops and initial data are those of this system.
-        if stepper.system is system:
-            return stepper
-        return replace(stepper, coordinates=coordinates, scheme=scheme)
-
-    @classmethod
-    def _built(
-        cls, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
-    ) -> Stepper:
-        """``of``, computed."""
         starter = scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
         one = None if starter is None else build(starter, coordinates, dt, 1, treatment, reduced=False, rule=rule)
         block = build(scheme, coordinates, dt, length, treatment, rule=rule)
         # A force that depends on velocity is unique only where these hold.
-        for made in (one, block):
-            if made is not None and len(made.block.rates):
-                require_giving_way(made.one.scheme, *made.compliances)
+        for each in (one, block):
+            if each is not None and len(each.block.rates):
+                require_giving_way(each.one.scheme, *each.compliances)
         return cls(coordinates, scheme, dt, treatment, one, block, rule)
 
     @property
@@ -160,38 +131,34 @@ class Stepper:
     @property
     def kind(self) -> str:
         """Name of the march in ``provenance["march"]``."""
-        return BLOCKS if isinstance(self.coordinates, InModes) else DENSE
+        return DENSE if self.coordinates.basis is None else BLOCKS
 
     @cached_property
     def single(self) -> Propagator:
         """Propagator of single steps with whole states, for all that a march passes over."""
         return build(self.scheme, self.coordinates, self.dt, 1, self.treatment, reduced=False, rule=self.rule)
 
-    def forcing(self, propagator: Propagator) -> Forcing:
-        """Response of one of the propagators to the loads and offsets of ``system`` itself; made once."""
-        if propagator not in self._forcings:
-            self._forcings[propagator] = propagator.forcing([self.system])
-        return self._forcings[propagator]
+    @cached_property
+    def own_launch(self) -> Launch:
+        """The launch of ``system`` itself, with contacts recorded from the start."""
+        return self.launch([self.system], self.system.q0[None], self.system.v0[None], 0, True)
 
     def launch(self, systems: Sequence[System], q0: Array, v0: Array, since: int, alike: bool) -> Launch:
         """Members at t = 0 with initial data (M, n); systems: M, or one for all. ``alike``: they have the loads of
-        ``system``, so that a recent member with the same start and the same stops has the same launch."""
+        ``system``."""
         law = np.repeat([laws(each.contacts) for each in systems], len(q0) // len(systems), axis=0)
-        if len(q0) > 1 or not alike:
-            return self._launched(systems, q0, v0, law, since, alike)
-        key = q0.tobytes(), v0.tobytes(), law.tobytes(), since
-        return self._launches.get(key, lambda: self._launched(systems, q0, v0, law, since, alike))
-
-    def _launched(self, systems: Sequence[System], q0: Array, v0: Array, law: Array, since: int, alike: bool) -> Launch:
-        """``launch``, computed."""
-        first, coordinates, m = self.starter or self.block, self.coordinates, law.shape[1]
+        first, coordinates, means = self.starter or self.block, self.coordinates, self.treatment.means
         u, v = initial_channels(systems, q0, v0)
-        tally = new_tally(u[:, :m], v[:, :m], law, since)
-        events = events_at_start(tally, law, self.dt, (u, v), self.treatment.means)
+        tally, events = start_tallies(u, v, law, self.dt, means, since)
         start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
         force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
         z = self.packed(first, first.one.scheme, [start], force)
-        return Launch(law, u, v, tally, events, start, z, bool(np.any(force_jumps(all_laws(law)))))
+        # Where a force jumps at its stop, every node must yield to it.
+        jumping = bool(np.any(force_jumps(all_laws(law))))
+        for each in (self.starter, self.block) if jumping else ():
+            if each is not None:
+                require_moved(each.one.scheme, each.compliances[0])
+        return Launch(law, u, v, tally, events, start, z, jumping)
 
     def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
         """Load plus contact force at time t, (members, N); systems: one a member, or one for all."""
@@ -217,10 +184,6 @@ class Stepper:
         ]
         return copied(np.concatenate(each))
 
-    def start(self, members: Sequence[System], steps: int, every: int | None, since: int = 0) -> March:
-        """The members at t = 0, ready for ``steps`` steps in blocks; contacts are recorded after step ``since``."""
-        return March(self, members, steps, every, since)
-
 
 @dataclass(eq=False)
 class March:
@@ -243,29 +206,29 @@ class March:
     tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
 
     def __post_init__(self) -> None:
-        system, M = self.stepper.system, len(self.members)
-        if isinstance(self.members, EnsembleMembers):
-            self._systems, (q0, v0) = self.members.systems(), self.members.starts()
+        stepper, system, M = self.stepper, self.stepper.system, len(self.members)
+        self._alike, self._systems = True, [system]
+        if M == 1 and self.members[0] is system and not self.since:
+            self._launch = launch = stepper.own_launch
         else:
-            self._systems = list(self.members)
-            q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
-        # Equal loads and offsets: the response to the drive is computed once for all members.
-        own = functions(system)
-        self._alike = all(each is system or functions(each) == own for each in self._systems)
-        self._launch = launch = self.stepper.launch(self._systems, q0, v0, self.since, self._alike)
+            if isinstance(self.members, EnsembleMembers):
+                self._systems, (q0, v0) = self.members.systems(), self.members.starts()
+            else:
+                self._systems = list(self.members)
+                q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
+            # Equal loads and offsets: the response to the drive is computed once for all members.
+            own = functions(system)
+            self._alike = all(each is system or functions(each) == own for each in self._systems)
+            self._launch = launch = stepper.launch(self._systems, q0, v0, self.since, self._alike)
         self.law, u, v = launch.law, launch.position, launch.velocity
-        tally = launch.tally.copy()
-        self.state = Marchers(np.zeros((M, 0)), u.copy(), v.copy(), tally, np.zeros(M, np.int64))
+        self.state = Marchers(copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), np.zeros(M, np.int64))
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.empty((2, M, kept, u.shape[1]))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
-        if launch.jumps:
-            for made in filter(None, (self.stepper.starter, self.stepper.block)):
-                require_moved(made.one.scheme, made.compliances[0])
         m = len(system.contacts)
         self.node_forces = np.full((M, kept if launch.jumps else 0, m), np.nan)
         alone = kept if M == 1 else 0
-        self.t, self.forces = np.empty(alone), np.empty((M, alone if self.stepper.rule == LINEAR else 0, m))
+        self.t, self.forces = np.empty(alone), np.empty((M, alone if stepper.rule == LINEAR else 0, m))
         if kept:
             self.positions[:, 0], self.velocities[:, 0], self.t[:1] = u, v, 0.0
         if self.forces.shape[1]:
@@ -279,7 +242,6 @@ class March:
         """March to the end; yields the number of steps done after every segment."""
         stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._launch.start]
-        self.state = self.state._replace(z=copied(self._launch.z))
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
         if stepper.starter is not None:
             one = stepper.starter
@@ -307,7 +269,7 @@ class March:
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the members."""
-        return self.stepper.forcing(block) if self._alike else block.forcing(self._systems)
+        return block.own_forcing if self._alike else block.forcing(self._systems)
 
     def _segment(
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
@@ -339,35 +301,30 @@ class March:
         t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
         return self.stepper.force(self._systems[:1] if self._alike else self._systems, t, motion, self.law)
 
-    def seen(self, member: int) -> Trajectory:
-        """The run of a member, at the end."""
+    def fields(self, member: int) -> dict[str, Any]:
+        """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed."""
         # Events are in the order of the members, see ``_finish``.
-        first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
-        own = self.events[first:last]
+        own = self.events
+        if len(self.members) > 1:
+            first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
+            own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
         contacts = []
         for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
-            seen, tally = own[own[:, CONTACT] == c], self.tally[member, c]
+            events = own[own[:, CONTACT] == c] if self.tally.shape[1] > 1 else own
             node_forces = self.node_forces[member, :, c] if self.node_forces.shape[1] else None
             forces = self.forces[member, :, c] if self.forces.shape[1] else None
+            tally = self.tally[member, c]
             contacts.append(
-                record(contact.stops, positions[:, c], velocities[:, c], tally, seen, self.steps, node_forces, forces)
+                record(contact.stops, positions[:, c], velocities[:, c], tally, events, self.steps, node_forces, forces)
             )
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * dt)
-        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
-        return Trajectory(
-            t=self.t,
-            tip=u,
-            tip_velocity=v,
-            contacts=tuple(contacts),
-            work=Work(self.steps, march_seconds=self.seconds),
-            provenance={"march": self.stepper.kind},
-            diverged=when,
-        )
+        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
+        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 
     def runs(self) -> Runs:
         """The runs of all members, at the end."""
@@ -376,9 +333,9 @@ class March:
         if len(unsolved_in):
             raise unsolved(self.stepper.scheme, -int(self.state.diverged[unsolved_in[0]]) * dt)
         diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
-        # A force may overflow although no position does: ``seen`` dates it.
+        # A force may overflow although no position does: ``fields`` dates it.
         for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
-            diverged[i] = self.seen(int(i)).diverged
+            diverged[i] = self.fields(int(i))["diverged"]
         # The contact at t = 0 is no impact. It counts as open at the start if it has pressed at all.
         first = self.events[:, TIME] == AT_START
         begun, events = self.events[first], self.events[~first]
@@ -411,7 +368,7 @@ class March:
         order = np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER])) if several else slice(None)
         self.events = events[order]
         last, means = (self.state.position, self.state.velocity), self.stepper.treatment.means
-        self.tally = with_ends(tally, self.law, self.stepper.dt, self._launch[1:3], last, means, self._launch.jumps)
+        self.tally = tally if means else end_tallies(tally, self.law, self.stepper.dt, last)
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,33 +381,6 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block
     forces: Array  # (B, N)
-
-
-def _linear_part(system: System) -> tuple[object, ...]:
-    """Key of matrices, loads, rows and offsets: equal for systems on which a scheme has the same propagators and
-    forcing. A function that is no formula is equal to itself only."""
-    loads = [(content(vector), _formula(f)) for vector, f in system.loads]
-    channels = [(content(row), _formula(offset)) for row, offset in system.channels]
-    return *matrices(system), tuple(loads), tuple(channels), len(system.contacts), system.tip_channel
-
-
-def _formula(function: LoadFunction | None) -> object:
-    if isinstance(function, Superposition):
-        return tuple((repr(factor), _formula(f)) for factor, f in function.terms)
-    return repr(function) if function is None or isinstance(function, (Harmonic, Constant)) else Identity(function)
-
-
-class Identity:
-    """Key that is equal for one object only, which lives as long as the key."""
-
-    def __init__(self, value: object) -> None:
-        self.value = value
-
-    def __hash__(self) -> int:
-        return id(self.value)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Identity) and other.value is self.value
 
 
 def copied(values: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.progress import silent, working
 from ..basics.resources import over_slices
-from ..basics.validation import InputError, function
+from ..basics.validation import InputError, function, integer
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
@@ -78,8 +78,8 @@ def integrate_ensemble(
     begun = perf_counter()
     function("progress", silent if progress is None else progress)
     members = as_members(system, members)
-    plan = Plan.of(system, scheme, dt, t_end, contact, 1 if every is None else every)
-    plan.afford(len(members), every)
+    plan = Plan.of(system, scheme, dt, t_end, contact)
+    plan.afford(len(members), every if every is None else integer("every", every, 1))
     passed = round(record_from(since, t_end) / dt)
     if abs(passed * dt - since) > 1e-9 * t_end:
         remedy = f"for example {dt * int(since / dt):.12g}"
@@ -112,7 +112,7 @@ def _march(plan: Plan, every: int | None, since: int, apart: bool, part: Ensembl
 
 def _alone(plan: Plan, member: System) -> Plan:
     """Plan of a member with its own records, whose loads no other member shares."""
-    return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name, 1)
+    return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name)
 
 
 def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:

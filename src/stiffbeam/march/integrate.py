@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+import pickle
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, Recent
 from ..basics.progress import silent, working
 from ..basics.resources import afford, clock
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
-from ..model.contact import Contact
 from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
 from ..schemes import Scheme
 from ..schemes.labels import label_of_run
-from ..schemes.scheme import check_contract, require_scheme
+from ..schemes.scheme import check_contract, is_known, require_scheme
 from ..trajectory.ensemble import Runs
 from ..trajectory.records import Ledger
-from ..trajectory.trajectory import Diverged, Trajectory, versions
-from .block_march import Stepper, block_length
-from .probe import InModes, Together
+from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
+from .block_march import March, Stepper, block_length
+from .probe import Coordinates
 from .replay import block_ledger, replay
-from .rigid_march import RIGID, is_rigid, require_rigid, rigid_ledger, rigid_run, rigid_states
-from .treatment import TREATMENTS, Treatment
+from .rigid_march import rigid_ledger, rigid_run, rigid_states
+from .treatment import RIGID, TREATMENTS, Treatment
+
+LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A run whose arguments have been checked. ``stepper``: of the march in blocks, None for rigid stops.
+    """A run whose arguments have been checked.
 
     A pickled one is made again from its arguments.
     """
@@ -46,11 +48,21 @@ class Plan:
     t_end: float
     treatment: Treatment
     omega_max: float
-    stepper: Stepper | None
-    _steppers: dict[int, Stepper] = field(default_factory=dict, repr=False)
+    rule: int  # of the contacts of ``system``
+    _steppers: dict[int, Stepper] = field(default_factory=dict, repr=False)  # by rule
 
     @classmethod
-    def of(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str, every: int) -> Plan:
+    def recent(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
+        """``of``, where a plan of these very objects may have been made lately."""
+        # Of the package's schemes alone, which their numbers define; a system cannot change.
+        if not isinstance(system, System) or system.size > LARGEST or not is_known(scheme):
+            return cls.of(system, scheme, dt, t_end, contact)
+        numbers = positive("dt", dt), positive("t_end", t_end), one_of("contact", contact, TREATMENTS)
+        key = system, type(scheme), pickle.dumps(vars(scheme)), *numbers
+        return _RECENT.get(key, lambda: cls.of(system, scheme, *numbers))
+
+    @classmethod
+    def of(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
         """Raises InputError for bad arguments."""
         # Every argument by itself, then in combination.
         require_system(system)
@@ -59,24 +71,18 @@ class Plan:
         steps = step_count(dt, t_end)
         if not 1e-150 <= dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
-        integer("every", every, 1)
         treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
         scheme = treatment.form_of(scheme)
         covered(system.time_functions, t_end)
-        # None where the damping couples the modes: all unknowns then step together.
-        basis = modes(system)
         # For the check of the time step, and for the message of a run that overflows.
+        basis = modes(system)
         omega_max = float(basis.omega[-1]) if basis else _omega_max(system)
         scheme.check(omega_max, dt)
         check_contract(scheme)
-        if is_rigid(system, scheme):
-            require_rigid(system, scheme, treatment)
-            return cls(system, scheme, dt, steps, t_end, treatment, omega_max, None)
-        rule = treatment.rule(system.contacts, system.gyroscopic)
-        coordinates = Together(system) if basis is None else InModes(system, basis)
-        length = block_length(coordinates, scheme, steps)
-        stepper = Stepper.of(coordinates, scheme, dt, treatment, length, rule)
-        return cls(system, scheme, dt, steps, t_end, treatment, omega_max, stepper)
+        plan = cls(system, scheme, dt, steps, t_end, treatment, omega_max, treatment.rule(system, scheme))
+        if plan.rule != RIGID:
+            plan.stepper_for(system)
+        return plan
 
     def afford(self, members: int, every: int | None) -> None:
         """Raise InputError for outputs that exceed the memory."""
@@ -87,24 +93,28 @@ class Plan:
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
 
-    def stepper_for(self, contacts: Sequence[Contact]) -> Stepper:
-        """The block march for the contacts of a member. Their law may be of another kind than that of the system."""
-        assert self.stepper is not None
-        rule = self.treatment.rule(contacts, self.system.gyroscopic)
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """The modes, or where the damping couples them all unknowns, which then step together."""
+        return Coordinates(self.system, modes(self.system))
+
+    def stepper_for(self, member: System) -> Stepper:
+        """The block march of a member. Its law may be of another kind than that of the system."""
+        rule = self.rule if member is self.system else self.treatment.rule(member, self.scheme)
+        if (rule == RIGID) != (self.rule == RIGID):
+            raise InputError("members", "compliant and rigid stops", "be of one kind", "integrate them apart")
         # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
         if rule not in self._steppers:
-            own = self.stepper
-            self._steppers[rule] = own if rule == own.rule else Stepper.of(
-                own.coordinates, self.scheme, self.dt, self.treatment, own.block.steps, rule
-            )  # fmt: skip
+            length = block_length(self.coordinates, self.scheme, self.steps)
+            self._steppers[rule] = Stepper.of(self.coordinates, self.scheme, self.dt, self.treatment, length, rule)
         return self._steppers[rule]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The 1 stands for ``every``, which is checked and not stored.
-        return Plan.of, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name, 1)
+        return Plan.of, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name)
 
-    def provenance(self, every: int | None) -> dict[str, Any]:
-        """Provenance of the run."""
+    @cached_property
+    def _provenance(self) -> dict[str, Any]:
+        march = "rigid steps" if self.rule == RIGID else self._steppers[self.rule].kind
         return {
             "method": label_of_run(self.scheme),
             "form": self.system.form,
@@ -112,42 +122,56 @@ class Plan:
             "contact": self.treatment.name,
             "dt": float(self.dt),
             "t_end": float(self.t_end),
-            "every": 0 if every is None else int(every),
-            "march": RIGID if self.stepper is None else self.stepper.kind,
+            "every": 0,
+            "march": march,
             **versions(),
         }
 
+    def provenance(self, every: int | None) -> dict[str, Any]:
+        """Provenance of the run."""
+        return self._provenance | {"every": 0 if every is None else int(every)}
+
     def run(
-        self, system: System, every: int | None, progress: Callable[[int], None] | None, since: int = 0
-    ) -> Trajectory:
-        """The run of the system, or of a member, with contacts recorded after step ``since``."""
-        if self.stepper is None:
-            return rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
-        march = self.stepper_for(system.contacts).start([system], self.steps, every, since)
-        for done in march.advance():
-            if progress is not None and not march.state.diverged[0]:
-                progress(done)
-        return march.seen(0)
+        self, system: System, every: int | None, progress: Callable[[int], None] | None, since: int = 0,
+        begun: float | None = None,
+    ) -> Trajectory:  # fmt: skip
+        """The run of the system, or of a member, with contacts recorded after step ``since``; begun: when its seconds
+        begin, now by default."""
+        begun = clock() if begun is None else begun
+        if self.rule == RIGID:
+            fields, seconds = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
+        else:
+            march = March(self.stepper_for(system), [system], self.steps, every, since)
+            for done in march.advance():
+                if progress is not None and not march.state.diverged[0]:
+                    progress(done)
+            fields, seconds = march.fields(0), march.seconds
+        # States and energy are computed on demand, in a second march.
+        return Trajectory(
+            **fields,
+            work=Work(self.steps, clock() - begun, seconds),
+            provenance=self.provenance(every),
+            system=system,
+            pieces=partial(self.states, system),
+            ledger=partial(self.ledger, system, every or self.steps),
+        )
 
     def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> Runs:
         """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
-        if self.stepper is None:
+        if self.rule == RIGID:
             for member in members:
-                if not is_rigid(member, self.scheme):
-                    raise InputError(
-                        "members", "compliant stops", "have rigid ones where one has", "integrate them apart"
-                    )
-                require_rigid(member, self.scheme, self.treatment)
+                self.treatment.rule(member, self.scheme)
             return Runs.of([self.run(member, every, None, since) for member in members])
         contacts = members.all_contacts()
         # By identity: members that share their contacts need one look-up.
-        steppers = {key: self.stepper_for(each) for key, each in {id(each): each for each in contacts}.items()}
+        first = {id(each): i for i, each in reversed(list(enumerate(contacts)))}
+        steppers = {key: self.stepper_for(members[i]) for key, i in first.items()}
         kinds = [steppers[id(each)] for each in contacts]
         parts, places = [], []
         # Members of one rule march together; ``places`` restores the order of the members.
         for stepper in dict.fromkeys(kinds):
             places_of_kind = [i for i, kind in enumerate(kinds) if kind is stepper]
-            march = stepper.start(members.subset(places_of_kind), self.steps, every, since)
+            march = March(stepper, members.subset(places_of_kind), self.steps, every, since)
             for _ in march.advance():
                 pass
             parts.append(march.runs())
@@ -156,15 +180,18 @@ class Plan:
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""
-        if self.stepper is None:
+        if self.rule == RIGID:
             return rigid_states(system, self.scheme, self.dt, self.steps)
-        return replay(self.stepper_for(system.contacts), system, self.steps)
+        return replay(self.stepper_for(system), system, self.steps)
 
     def ledger(self, system: System, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
-        if self.stepper is None:
+        if self.rule == RIGID:
             return rigid_ledger(system, self.scheme, self.dt, self.steps, every)
-        return block_ledger(self.stepper_for(system.contacts), system, self.steps, every)
+        return block_ledger(self.stepper_for(system), system, self.steps, every)
+
+
+_RECENT: Recent[Plan] = Recent(8)
 
 
 def _omega_max(system: System) -> float:
@@ -230,19 +257,11 @@ def integrate(
     """
     begun = clock()
     function("progress", silent if progress is None else progress)
-    plan = Plan.of(system, scheme, dt, t_end, contact, every)
-    plan.afford(1, every)
-    run = plan.run(system, every, progress)
+    plan = Plan.recent(system, scheme, dt, t_end, contact)
+    plan.afford(1, integer("every", every, 1))
+    run = plan.run(system, every, progress, begun=begun)
     if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), run.diverged, hint)
-    # States and energy are computed on demand, in a second march.
-    return replace(
-        run,
-        work=replace(run.work, seconds=clock() - begun),
-        provenance=plan.provenance(every) | run.provenance,
-        system=plan.system,
-        pieces=partial(plan.states, system),
-        ledger=partial(plan.ledger, system, every),
-    )
+    return run

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,55 +13,39 @@ from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate
 from ..schemes import Scheme
-from ..schemes.scheme import is_known
 
 
-@dataclass(frozen=True, eq=False)
 class Coordinates:
-    """x (N,) with q = q(x), y = (x, x').
+    """x (N,) with q = q(x), y = (x, x'): the modes ``basis`` of a system, or without one its unknowns as they are.
 
-    They fall into ``parts`` that no linear step couples: N of them, or 1. rows: (C, N), channel c is at
-    rows[c] @ x + o_c(t). columns: (m, N), what a unit force of a contact adds to the right-hand side.
+    They fall into ``parts`` that no linear step couples: N modes, or 1. equation: the linear part. rows: (C, N),
+    channel c is at rows[c] @ x + o_c(t). columns: (m, N), what a unit force of a contact adds to the right-hand side.
     """
 
-    system: System
+    def __init__(self, system: System, basis: Modes | None) -> None:
+        self.system, self.basis = system, basis
+        self.rows = np.array([self.vector(row) for row, _ in system.channels])
+        self.columns = self.rows[: len(system.contacts)]
+        self.parts, self.equation = 1, Matrices(system.mass, system.damping, system.stiffness)
+        if basis is not None:
+            self.parts, self.equation = len(basis.omega), basis.equation
 
-    @cached_property
-    def _terms(self) -> tuple[Equation, int, Array, Array]:
-        """equation, parts, rows and columns: a run on a recent system needs none of them."""
-        raise NotImplementedError
-
-    @property
-    def equation(self) -> Equation:
-        """The linear part."""
-        return self._terms[0]
-
-    @property
-    def parts(self) -> int:
-        """N, or 1 where linear steps couple the x."""
-        return self._terms[1]
-
-    @property
-    def rows(self) -> Array:
-        """(C, N), of the channels."""
-        return self._terms[2]
-
-    @property
-    def columns(self) -> Array:
-        """(m, N), of unit forces of the contacts."""
-        return self._terms[3]
+    def vector(self, force: Array) -> Array:
+        """A vector of forces (n,) as part of the right-hand side, (N,)."""
+        return force if self.basis is None else self.basis.force(force)
 
     def start(self, q0: Array, v0: Array) -> Array:
         """y (2, N) at t = 0 from initial data (n,)."""
-        raise NotImplementedError
-
-    def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
-        """The loads of such a system, their vectors (N,) as parts of the right-hand side."""
-        raise NotImplementedError
+        y = np.array([q0, v0])
+        return y if self.basis is None else self.basis.to_modal(y)
 
     def states(self, y: Array) -> tuple[Array, Array]:
         """q and q' (..., n) of y (2, ..., N)."""
-        raise NotImplementedError
+        return (y[0], y[1]) if self.basis is None else (self.basis.to_nodal(y[0]), self.basis.to_nodal(y[1]))
+
+    def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
+        """The loads of such a system, their vectors (N,) as parts of the right-hand side."""
+        return [(self.vector(vector), f) for vector, f in member.loads]
 
     def load(self, member: System, t: ArrayLike) -> Array:
         """Share of its loads in the right-hand side, (..., N) at times t (...)."""
@@ -84,53 +67,6 @@ class Coordinates:
         """States (k, batch, N) -> (parts, components of a part, batch)."""
         k, batch, N = z.shape
         return z.transpose(2, 0, 1) if self.parts > 1 else z.transpose(0, 2, 1).reshape(1, k * N, batch)
-
-
-@dataclass(frozen=True, eq=False)
-class InModes(Coordinates):
-    """The modes of a system whose damping does not couple them."""
-
-    basis: Modes
-
-    @cached_property
-    def _terms(self) -> tuple[Equation, int, Array, Array]:
-        rows = np.array([self.basis.force(row) for row, _ in self.system.channels])
-        return self.basis.equation, len(self.basis.omega), rows, rows[: len(self.system.contacts)]
-
-    def start(self, q0: Array, v0: Array) -> Array:
-        """y (2, N) at t = 0."""
-        return self.basis.to_modal(np.array([q0, v0]))
-
-    def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
-        """Their vectors (N,) in these coordinates."""
-        return [(self.basis.force(vector), f) for vector, f in member.loads]
-
-    def states(self, y: Array) -> tuple[Array, Array]:
-        """q and q' (..., n)."""
-        return self.basis.to_nodal(y[0]), self.basis.to_nodal(y[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Together(Coordinates):
-    """The unknowns of a system as they are."""
-
-    @cached_property
-    def _terms(self) -> tuple[Equation, int, Array, Array]:
-        system = self.system
-        rows = np.array([row for row, _ in system.channels])
-        return Matrices(system.mass, system.damping, system.stiffness), 1, rows, rows[: len(system.contacts)]
-
-    def start(self, q0: Array, v0: Array) -> Array:
-        """y (2, N) at t = 0."""
-        return np.array([q0, v0])
-
-    def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
-        """Their vectors (N,) in these coordinates."""
-        return list(member.loads)
-
-    def states(self, y: Array) -> tuple[Array, Array]:
-        """q and q' (..., n)."""
-        return y[0], y[1]
 
 
 INDEPENDENT = 1e-13  # of what a component does, beyond rounding
@@ -161,7 +97,6 @@ class Readers:
     field: NDArray[np.int64]
 
     @classmethod
-    @lru_cache(maxsize=256)
     def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
         """Return the readings of a scheme with these nodes."""
         S, m, C = len(nodes), contacts, channels
@@ -312,23 +247,6 @@ def independent(scheme: Scheme, dt: float, extrapolated: bool = False) -> tuple[
     and v + dt (1 - gamma) a only.) Seen on three damped motions with periods of about dt, every component in units
     of what it does to the position. Returns (keep, mix), mix of shape (kept, a).
     """
-    # Type and label define a scheme of this package. A user's may change under the same label.
-    if not is_known(scheme):
-        return _seen(scheme, dt, extrapolated)
-    given = type(scheme), str(scheme), dt, extrapolated
-    if given not in _INDEPENDENT:
-        # A bound on the memory: each time step of a sweep adds an entry.
-        if len(_INDEPENDENT) >= REMEMBERED:
-            _INDEPENDENT.clear()
-        _INDEPENDENT[given] = _seen(scheme, dt, extrapolated)
-    return _INDEPENDENT[given]
-
-
-_INDEPENDENT: dict[tuple[type, str, float, bool], tuple[NDArray[np.int64], Array]] = {}
-REMEMBERED = 1024
-
-
-def _seen(scheme: Scheme, dt: float, extrapolated: bool) -> tuple[NDArray[np.int64], Array]:
     rates, decay = np.array([0.4, 1.1, 2.3]) / dt, np.array([0.3, 0.2, 0.5]) / dt
     equation, n = Modal(rates, decay), len(rates)
     # A unit of every component, on all motions at once, without forces.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ..kernels.march import BY_LAW, LINEAR, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
-from .probe import Coordinates, InModes, Readers, StepMap, probe
+from .probe import Coordinates, Readers, StepMap, probe
 from .treatment import Treatment
 
 
@@ -35,7 +35,6 @@ class Entries:
     place: IntArray  # (entries,): the step times g plus the reading that stands there, -1 for padding
 
     @classmethod
-    @lru_cache(maxsize=256)
     def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
         """Entries over so many steps."""
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
@@ -78,7 +77,7 @@ class Powers:
     def __init__(self, one: StepMap, steps: int, turn: bool) -> None:
         self.steps = steps
         self.levels = [one.transition]
-        rotation = _Rotation(one) if turn and isinstance(one.coordinates, InModes) else None
+        rotation = _Rotation(one) if turn and one.coordinates.basis is not None else None
         if rotation is not None:
             self.levels[0] = rotation.put(self.levels[0], 1)
         # Squaring gives A^1, A^2, A^4, ..: log2 K products, where step by step K are needed.
@@ -130,8 +129,8 @@ class _Rotation:
     """The undamped modes whose q and q', the first two components, a step turns; see Powers."""
 
     def __init__(self, one: StepMap) -> None:
-        assert isinstance(one.coordinates, InModes)
         basis, A = one.coordinates.basis, one.transition[:, :2, :2]
+        assert basis is not None
         # A rigid-body mode has no angle and is never turned; the 1 avoids a division by zero.
         self.w = np.where(basis.omega > 0.0, basis.omega, 1.0)
         # Sine and cosine, each as the mean of the two entries that are equal in a rotation.
@@ -251,6 +250,11 @@ class Propagator:
             rows[:, :R] += self.entries.of_readings(moved, R)
             velocity = velocity + moved[..., readers.end_rates]
         return Inflow(rows, velocity)
+
+    @cached_property
+    def own_forcing(self) -> Forcing:
+        """``forcing`` of the system of the coordinates itself."""
+        return self.forcing([self.coordinates.system])
 
     def forcing(self, systems: Sequence[System]) -> Forcing:
         """The harmonic and constant loads and offsets of systems that differ from this one in nothing else.

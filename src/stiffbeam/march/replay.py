@@ -17,8 +17,7 @@ from ..model.contact import laws
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
-from .block_march import Segment, Stepper, initial_channels
-from .probe import InModes
+from .block_march import March, Segment, Stepper, initial_channels
 from .propagator import Propagator
 
 
@@ -47,7 +46,7 @@ def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Se
     """The run once more, segment by segment, with the propagator of its single steps."""
     one = stepper.single
     segments: list[Segment] = []
-    for _ in stepper.start([system], steps, None).advance(segments.append):
+    for _ in March(stepper, [system], steps, None).advance(segments.append):
         segment = segments.pop()
         yield segment, one if segment.block is not stepper.starter else segment.block
 
@@ -105,9 +104,10 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
     In modal coordinates the same sums as ``step_ledger``, which takes them in the system's own.
     """
     # Unknowns that step together have no modal energies.
-    if not isinstance(stepper.coordinates, InModes):
+    basis = stepper.coordinates.basis
+    if basis is None:
         return step_ledger(system, replay(stepper, system, steps), np.arange(0, steps + 1, every) * stepper.dt)
-    basis, contacts, dt = stepper.coordinates.basis, system.contacts, stepper.dt
+    contacts, dt = system.contacts, stepper.dt
     moving = any(contact.offset is not None for contact in contacts)
     # Ten sums each, in the order of Ledger's fields; the first output is the start.
     kept, balance = np.empty((SUMS, steps // every + 1)), np.zeros(SUMS)

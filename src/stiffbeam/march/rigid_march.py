@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +21,9 @@ from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..trajectory.recorder import Reactions
 from ..trajectory.records import Ledger, step_ledger
-from ..trajectory.trajectory import Trajectory, Work
 from .block_march import initial_channels
-from .probe import Coordinates, InModes, Together
-from .treatment import Treatment
+from .probe import Coordinates
 
-RIGID = "rigid steps"  # ``provenance["march"]``
 STEPS_PER_PIECE = 4096
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
@@ -44,48 +42,12 @@ class Piece:
     seconds: float
 
 
-def is_rigid(system: System, scheme: Scheme) -> bool:
-    """Return True for a run on rigid stops. Raises InputError for options that such a run cannot have."""
-    # A scheme with an impact law needs rigid stops; compliant and rigid stops take different marches.
-    rigid = [contact.stops.rigid for contact in system.contacts]
-    if isinstance(scheme, RigidScheme) and not all(rigid):
-        stops = system.contacts[rigid.index(False)].stops
-        remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
-        raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
-    if any(rigid) and not all(rigid):
-        raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf")
-    return isinstance(scheme, RigidScheme) or any(rigid)
-
-
-def require_rigid(system: System, scheme: Scheme, treatment: Treatment) -> None:
-    """Raise InputError if the scheme, the restitution of the stops, or the start do not fit together."""
-    if treatment.predicts or treatment.means:
-        rule = "be 'implicit' for rigid stops"
-        raise InputError("contact", treatment.name, rule, "a reaction is no function of positions")
-    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
-    for each in system.contacts:
-        e = each.stops.restitution
-        if restitutes and e is None:
-            remedy = "give the stops a restitution in [0, 1]"
-            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
-        if not restitutes and e is not None:
-            rule = f"be left out for {scheme}, which has no impact law"
-            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
-        moved = float(offset_values(each.offset, 0.0))
-        u = float(each.row @ system.q0) + moved
-        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
-        if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):
-            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
-    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
-        rule = f"decouple in the modes for {scheme}"
-        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
-
-
 def rigid_run(
     system: System, scheme: Scheme, dt: float, steps: int, every: int | None, progress: Callable[[int], None] | None,
     since: int,
-) -> Trajectory:  # fmt: skip
-    """The run, piece by piece in bounded memory; impacts are counted after step ``since``."""
+) -> tuple[dict[str, Any], float]:  # fmt: skip
+    """Fields of the Trajectory and seconds of the march, piece by piece in bounded memory; impacts are counted after
+    step ``since``."""
     (u0,), (v0,) = initial_channels([system], system.q0[None], system.v0[None])
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin = every or steps + 1
@@ -114,15 +76,8 @@ def rigid_run(
         positions, velocities = positions[:0], velocities[:0]
     tip = system.tip_channel
     contacts = tuple(s.record(positions[:, i], velocities[:, i], thin) for i, s in enumerate(samplers))
-    return Trajectory(
-        t=np.arange(0.0, len(positions) * thin, thin) * dt,
-        tip=positions[:, tip],
-        tip_velocity=velocities[:, tip],
-        contacts=contacts,
-        work=Work(steps, march_seconds=seconds),
-        provenance={"march": RIGID},
-        diverged=diverged,
-    )
+    t, u, v = np.arange(0.0, len(positions) * thin, thin) * dt, positions[:, tip], velocities[:, tip]
+    return {"t": t, "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": diverged}, seconds
 
 
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
@@ -155,7 +110,7 @@ def _with_reactions(
 def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
     """The run in pieces."""
     basis, done, history = modes(system), 0, []
-    view = Together(system) if basis is None else InModes(system, basis)
+    view = Coordinates(system, basis)
     y = view.start(system.q0, system.v0)
     # A multistep scheme begins with its starter, whose states are its history, newest first.
     if scheme.starter is not None:

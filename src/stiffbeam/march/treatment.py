@@ -1,8 +1,7 @@
-"""Treatments of contact: which force of a stop acts in a step, and the laws and schemes that each treatment serves."""
+"""Treatments of contact: which force of a stop acts in a step, and the stops and schemes that each treatment serves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -10,10 +9,14 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
-from ..model.contact import Contact
 from ..model.contact import linear as all_linear
-from ..schemes import Scheme
+from ..model.modes import modes
+from ..model.system import System
+from ..model.time_functions import offset_values
+from ..schemes import RigidScheme, Scheme
 from ..trajectory.trajectory import SolverFailure
+
+RIGID = -1  # the rule of rigid stops: reactions by complementarity
 
 
 class Treatment:
@@ -29,11 +32,31 @@ class Treatment:
     def __repr__(self) -> str:
         return f"<Treatment {self.name}>"
 
-    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
-        """LINEAR, BY_LAW or MEAN: how a node finds its forces. Raises InputError for stops with a law that
-        this treatment does not take."""
+    def rule(self, system: System, scheme: Scheme) -> int:
+        """RIGID, or how a node finds its forces: LINEAR, BY_LAW or MEAN. Raises InputError for stops and a start that
+        do not fit the treatment or the scheme."""
+        contacts, rigid = system.contacts, [contact.stops.rigid for contact in system.contacts]
+        if isinstance(scheme, RigidScheme) and not all(rigid):
+            stops = contacts[rigid.index(False)].stops
+            remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
+            raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
+        if any(rigid) and not all(rigid):
+            raise InputError(
+                "contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf"
+            )
+        if isinstance(scheme, RigidScheme) or any(rigid):
+            if self.name != "implicit":
+                rule = "be 'implicit' for rigid stops"
+                raise InputError("contact", self.name, rule, "a reaction is no function of positions")
+            _require_rigid(system, scheme)
+            return RIGID
+        return self.compliant_rule(system)
+
+    def compliant_rule(self, system: System) -> int:
+        """``rule`` of compliant stops."""
         # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
-        return LINEAR if all_linear(contacts) and not (gyroscopic and len(contacts) > 1) else BY_LAW
+        several = len(system.contacts) > 1
+        return LINEAR if all_linear(system.contacts) and not (several and system.gyroscopic) else BY_LAW
 
     def takes(self, scheme: Scheme) -> bool:
         """Return True if the scheme has a form for this treatment."""
@@ -51,13 +74,13 @@ class Extrapolated(Treatment):
     predicts = True
     why = "be 0 for the extrapolated contact, which predicts positions only"
 
-    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
+    def compliant_rule(self, system: System) -> int:
         """LINEAR or BY_LAW. Raises InputError for stops that dissipate."""
-        for contact in contacts:
+        for contact in system.contacts:
             if contact.stops.dissipative:
                 name = "damping" if contact.stops.damping else "dissipation"
                 raise InputError(f"stops.{name}", getattr(contact.stops, name), self.why, "use the implicit contact")
-        return super().rule(contacts, gyroscopic)
+        return super().compliant_rule(system)
 
 
 class Conserving(Extrapolated):
@@ -67,10 +90,10 @@ class Conserving(Extrapolated):
     predicts, means = False, True
     why = "be 0 for the conserving contact, which keeps the energy of the stops"
 
-    def rule(self, contacts: Sequence[Contact], gyroscopic: bool) -> int:
+    def compliant_rule(self, system: System) -> int:
         """MEAN where there are contacts. Raises InputError for stops that dissipate."""
-        rule = super().rule(contacts, gyroscopic)
-        return MEAN if contacts else rule
+        rule = super().compliant_rule(system)
+        return MEAN if system.contacts else rule
 
     def takes(self, scheme: Scheme) -> bool:
         """Return True if the scheme conserves the energy of the linear system under a constant force."""
@@ -85,6 +108,27 @@ class Conserving(Extrapolated):
 
 
 TREATMENTS = {treatment.name: treatment for treatment in (Treatment(), Extrapolated(), Conserving())}
+
+
+def _require_rigid(system: System, scheme: Scheme) -> None:
+    """Raise InputError if the scheme, the restitution of rigid stops, or the start do not fit together."""
+    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
+    for each in system.contacts:
+        e = each.stops.restitution
+        if restitutes and e is None:
+            remedy = "give the stops a restitution in [0, 1]"
+            raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
+        if not restitutes and e is not None:
+            rule = f"be left out for {scheme}, which has no impact law"
+            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
+        moved = float(offset_values(each.offset, 0.0))
+        u = float(each.row @ system.q0) + moved
+        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
+        if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):
+            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
+        rule = f"decouple in the modes for {scheme}"
+        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
 
 
 def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:

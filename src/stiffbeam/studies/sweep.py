@@ -373,7 +373,7 @@ def _last(point: Row, setup: Setup, end: float) -> tuple[Array, Array]:
         assert state_at is not None
         q, v = state_at(np.array([end]))
         return q[0], v[0]
-    plan = Plan.of(setup.system, setup.scheme, setup.dt, end, point["contact"], 1)
+    plan = Plan.of(setup.system, setup.scheme, setup.dt, end, point["contact"])
     *_, (_, q, v, _) = plan.states(setup.system)
     return q[-1], v[-1]
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, numbers, sequence
 from ..kernels.contact import contact_forces
-from ..kernels.march import EVENT, switch_time
+from ..kernels.march import EVENT, TALLY, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
@@ -54,40 +54,41 @@ def forces_at(u: Array, v: Array, law: Array) -> Array:
     return contact_forces(u[:, :m], v[:, :m], law)
 
 
-def events_at_start(tally: Array, law: Array, dt: float, first: tuple[Array, Array], means: bool) -> Array:
-    """Rows of the contacts that are there at t = 0, open, to begin the list of events with; new tallies (M, m, 8) get
-    their numbers. Peak and impulse begin with those of the force there, as in ``with_ends``."""
-    if not np.any(tally[..., SIDE]):
-        return np.zeros((0, EVENT))
+def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
+    """Tallies (M, m, 8) of the steps after ``since``, from positions and velocities (M, C) at t = 0, the contacts
+    first; and rows of the contacts that are there, open, to begin the list of events with.
+
+    Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
+    """
+    m = law.shape[1]
+    tally = np.zeros((*law.shape[:2], TALLY))
+    tally[..., ROW] = -1.0
+    tally[..., SINCE] = since
+    tally[..., SIDE] = side_at_start(u[:, :m], v[:, :m], law)
     # A tally that begins later leaves out the contact at t = 0.
-    member, contact = np.nonzero((tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0))
-    size = np.abs(forces_at(*first, law))[member, contact]
+    member, contact = np.nonzero(tally[..., SIDE]) if not since else 2 * (np.zeros(0, int),)
     rows = np.zeros((len(member), EVENT))
-    rows[:, MEMBER], rows[:, CONTACT], rows[:, TIME], rows[:, END] = member, contact, AT_START, -1.0
-    rows[:, STOP], rows[:, IMPACT_PEAK] = tally[member, contact, SIDE], size
-    rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
-    tally[member, contact, ROW] = np.arange(len(member))
-    return rows
+    if len(member):
+        size = np.abs(forces_at(u, v, law))[member, contact]
+        rows[:, MEMBER], rows[:, CONTACT], rows[:, TIME], rows[:, END] = member, contact, AT_START, -1.0
+        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[member, contact, SIDE], size
+        rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
+        tally[member, contact, PEAK], tally[member, contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
+        tally[member, contact, ROW] = np.arange(len(member))
+    return tally, rows
 
 
-def with_ends(
-    tally: Array, law: Array, dt: float, first: tuple[Array, Array], last: tuple[Array, Array], means: bool,
-    any_jumps: bool,
-) -> Array:  # fmt: skip
-    """The tallies (M, m, 8) of steps 1 to n as those of whole runs. first, last: (u, u'), each (M, C) with the contacts
-    first, at t = 0 and at the last step. The largest force may be that at the start, and the impulse is the trapezoidal
-    rule's, but of means. A tally that begins later stays. any_jumps: True where a law's force jumps."""
-    tally = tally.copy()
-    peak, impulse, whole = tally[..., PEAK], tally[..., IMPULSE], tally[..., SINCE] == 0.0
-    begin, end = (np.abs(forces_at(*motion, law)) for motion in (first, last))
+def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
+    """The tallies (M, m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
+    last: (u, u') there, each (M, C) with the contacts first. A tally that begins later stays."""
+    closed = (tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0)
+    if not closed.any():
+        return tally
     # A force that jumps does not follow from the last state: the tally keeps it.
-    if any_jumps:
-        end = np.where(jumps(all_laws(law)), tally[..., LAST], end)
-    np.fmax(begin, peak, out=peak, where=whole)
-    # The tally sums dt |F| over steps 1 to n; the trapezoidal rule takes half of that at n and half of that at 0.
-    if not means:
-        with np.errstate(over="ignore", invalid="ignore"):
-            np.add(impulse, 0.5 * dt * (begin - end), out=impulse, where=whole)
+    size = np.where(jumps(all_laws(law)), tally[..., LAST], np.abs(forces_at(*last, law)))
+    tally = tally.copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        tally[..., IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
     return tally
 
 

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..basics.arrays import Array
-from ..kernels.march import TALLY
-from ..model.contact import side_at_start
-
 # A tally (..., 8) is what one contact has seen so far.
 SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
 # The steps up to SINCE are passed over; SIDE is followed from the start. LAST is |F| at the last step, of laws that are
@@ -16,15 +10,3 @@ SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
 # t = 0 has a row too, with TIME = AT_START.
 MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(7)
 AT_START = -1.0
-
-
-def new_tally(u0: Array, v0: Array, law: Array, since: int = 0) -> Array:
-    """Tallies of the steps after ``since``, from positions u0 (...,) and velocities v0 under laws (..., 6).
-
-    Contact before the first step is no impact.
-    """
-    tally = np.zeros((*np.shape(u0), TALLY))
-    tally[..., ROW] = -1.0
-    tally[..., SINCE] = since
-    tally[..., SIDE] = side_at_start(u0, v0, law)
-    return tally
