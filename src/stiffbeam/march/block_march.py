@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, aligned
-from ..basics.resources import afford, clock
+from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers
 from ..model.contact import laws
@@ -89,6 +89,7 @@ class Launch(NamedTuple):
     events: Array  # (rows, 7): the contacts that are there
     start: Array  # (2, M, N): y in the coordinates
     z: Array  # the packed state of the first propagator
+    force: Array  # (M, m) of the contacts
     jumps: bool  # True where the force of a stop jumps
 
 
@@ -158,7 +159,7 @@ class Stepper:
         for each in (self.starter, self.block) if jumping else ():
             if each is not None:
                 require_moved(each.one.scheme, each.compliances[0])
-        return Launch(law, u, v, tally, events, start, z, jumping)
+        return Launch(law, u, v, tally, events, start, z, forces_at(u, v, law), jumping)
 
     def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
         """Load plus contact force at time t, (members, N); systems: one a member, or one for all."""
@@ -195,7 +196,6 @@ class March:
     every: int | None  # outputs kept, None for none
     since: int = 0
     done: int = 0
-    seconds: float = 0.0
     positions: Array = field(init=False)  # (M, outputs, C)
     velocities: Array = field(init=False)
     node_forces: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
@@ -232,7 +232,7 @@ class March:
         if kept:
             self.positions[:, 0], self.velocities[:, 0], self.t[:1] = u, v, 0.0
         if self.forces.shape[1]:
-            self.forces[:, 0] = forces_at(u, v, self.law)
+            self.forces[:, 0] = launch.force
         # Room for 64 impacts a member, and for up to 1024 more; ``_segment`` lengthens the list when it is full.
         self._rows = len(launch.events)
         self.events = np.empty((self._rows + 64 * M + min(1024, self.steps // 16), EVENT))
@@ -275,7 +275,6 @@ class March:
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
     ) -> None:
         first, dt, K = self.done, self.stepper.dt, block.steps
-        begun = clock()
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
         rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
@@ -292,7 +291,6 @@ class March:
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
         self._rows = int(cursor[2])
         self.done += steps
-        self.seconds += clock() - begun
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
 

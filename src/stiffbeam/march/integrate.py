@@ -136,20 +136,21 @@ class Plan:
         begun: float | None = None,
     ) -> Trajectory:  # fmt: skip
         """The run of the system, or of a member, with contacts recorded after step ``since``; begun: when its seconds
-        begin, now by default."""
-        begun = clock() if begun is None else begun
+        begin, by default now."""
+        started = clock()
         if self.rule == RIGID:
-            fields, seconds = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
+            fields = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
         else:
             march = March(self.stepper_for(system), [system], self.steps, every, since)
             for done in march.advance():
                 if progress is not None and not march.state.diverged[0]:
                     progress(done)
-            fields, seconds = march.fields(0), march.seconds
+            fields = march.fields(0)
+        ended = clock()
         # States and energy are computed on demand, in a second march.
         return Trajectory(
             **fields,
-            work=Work(self.steps, clock() - begun, seconds),
+            work=Work(self.steps, ended - (started if begun is None else begun), ended - started),
             provenance=self.provenance(every),
             system=system,
             pieces=partial(self.states, system),

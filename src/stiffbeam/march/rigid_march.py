@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import clock
 from ..basics.validation import InputError
 from ..kernels.contact import solve_node
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps
@@ -39,15 +38,13 @@ class Piece:
     velocities: Array  # (k, channels)
     states: tuple[Array, Array]  # q, q' at the ends of the steps, each (k, n)
     reactions: Array  # (k, contacts): means over the steps, by the momentum that they bring
-    seconds: float
 
 
 def rigid_run(
     system: System, scheme: Scheme, dt: float, steps: int, every: int | None, progress: Callable[[int], None] | None,
     since: int,
-) -> tuple[dict[str, Any], float]:  # fmt: skip
-    """Fields of the Trajectory and seconds of the march, piece by piece in bounded memory; impacts are counted after
-    step ``since``."""
+) -> dict[str, Any]:  # fmt: skip
+    """Fields of the Trajectory, piece by piece in bounded memory; impacts are counted after step ``since``."""
     (u0,), (v0,) = initial_channels([system], system.q0[None], system.v0[None])
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin = every or steps + 1
@@ -55,9 +52,8 @@ def rigid_run(
     positions[0], velocities[0] = u0, v0
     starts = zip(system.contacts, u0.tolist(), v0.tolist(), strict=False)
     samplers = [Reactions(c.stops, dt, u, v, since) for c, u, v in starts]
-    seconds, diverged = 0.0, np.nan
+    diverged = np.nan
     for piece in _pieces(system, scheme, dt, steps):
-        seconds += piece.seconds
         # The first step beyond the bound ends the run.
         bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
         if np.any(bad):
@@ -77,7 +73,7 @@ def rigid_run(
     tip = system.tip_channel
     contacts = tuple(s.record(positions[:, i], velocities[:, i], thin) for i, s in enumerate(samplers))
     t, u, v = np.arange(0.0, len(positions) * thin, thin) * dt, positions[:, tip], velocities[:, tip]
-    return {"t": t, "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": diverged}, seconds
+    return {"t": t, "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": diverged}
 
 
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
@@ -144,7 +140,6 @@ def _march(
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
     offsets = [offset for _, offset in system.channels]
     for start in range(first, first + count, STEPS_PER_PIECE):
-        begun = clock()
         length = min(STEPS_PER_PIECE, first + count - start)
         at = (start + np.arange(length)) * dt
         # Loads at the nodes, and what they and moving stops add to the arguments of the nodes.
@@ -154,7 +149,6 @@ def _march(
         shifts = (values @ shifts_by_load).reshape(length, S, m) + _offset_shifts(system, kinds, at, nodes, dt)
         predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
         path, reactions = rigid_steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z)
-        seconds = clock() - begun
         states = path.reshape(length, *shape)
         ends = (start + 1 + np.arange(length)) * dt
         positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
@@ -162,7 +156,7 @@ def _march(
         velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
         # Each node counts by the momentum that its reaction brings in the end.
         means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
-        yield Piece(start, positions, velocities, view.states(both), means, seconds), states[-1]
+        yield Piece(start, positions, velocities, view.states(both), means), states[-1]
 
 
 def _probed(
