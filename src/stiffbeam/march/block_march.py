@@ -20,21 +20,8 @@ from ..model.members import EnsembleMembers
 from ..model.system import System
 from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
-from ..trajectory.ensemble import ContactStatistics, Runs
-from ..trajectory.recorder import end_tallies, forces_at, impacts_of, overflow, record, shares, start_tallies
-from ..trajectory.sampling import (
-    AT_START,
-    CONTACT,
-    END,
-    IMPACT_IMPULSE,
-    IMPACT_PEAK,
-    IMPULSE,
-    MEMBER,
-    PEAK,
-    ROW,
-    SIDE,
-    TIME,
-)
+from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
+from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
 from .probe import Coordinates, independent
 from .propagator import Propagator, build
 from .treatment import Treatment, require_giving_way, require_moved, unsolved
@@ -299,60 +286,29 @@ class March:
         t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
         return self.stepper.force(self._systems[:1] if self._alike else self._systems, t, motion, self.law)
 
-    def fields(self, member: int) -> dict[str, Any]:
-        """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed."""
+    def fields(self, member: int, tip_only: bool = False) -> dict[str, Any]:
+        """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed. tip_only: of
+        the contacts without positions and forces."""
         # Events are in the order of the members, see ``_finish``.
         own = self.events
         if len(self.members) > 1:
             first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
             own = self.events[first:last]
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
-        contacts = []
+        u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
+        contacts, outputs = [], slice(0 if tip_only else None)
         for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
             events = own[own[:, CONTACT] == c] if self.tally.shape[1] > 1 else own
-            node_forces = self.node_forces[member, :, c] if self.node_forces.shape[1] else None
-            forces = self.forces[member, :, c] if self.forces.shape[1] else None
-            tally = self.tally[member, c]
-            contacts.append(
-                record(contact.stops, positions[:, c], velocities[:, c], tally, events, self.steps, node_forces, forces)
-            )
+            node_forces = self.node_forces[member, outputs, c] if self.node_forces.shape[1] else None
+            forces = self.forces[member, outputs, c] if self.forces.shape[1] else None
+            motion, tally = (positions[outputs, c], velocities[outputs, c]), self.tally[member, c]
+            contacts.append(record(contact.stops, *motion, tally, events, self.steps, node_forces, forces))
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             raise unsolved(self.stepper.scheme, -diverged * dt)
-        u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
-
-    def runs(self) -> Runs:
-        """The runs of all members, at the end."""
-        tally, dt, tip = self.tally, self.stepper.dt, self.stepper.system.tip_channel
-        unsolved_in = np.flatnonzero(self.state.diverged < 0)
-        if len(unsolved_in):
-            raise unsolved(self.stepper.scheme, -int(self.state.diverged[unsolved_in[0]]) * dt)
-        diverged = np.where(self.state.diverged > 0, self.state.diverged * dt, np.nan)
-        # A force may overflow although no position does: ``fields`` dates it.
-        for i in np.flatnonzero(~np.all(np.isfinite(tally[..., IMPULSE]), axis=1) & np.isnan(diverged)):
-            diverged[i] = self.fields(int(i))["diverged"]
-        # The contact at t = 0 is no impact. It counts as open at the start if it has pressed at all.
-        first = self.events[:, TIME] == AT_START
-        begun, events = self.events[first], self.events[~first]
-        pressed = begun[begun[:, IMPACT_IMPULSE] != 0.0][:, [MEMBER, CONTACT]].astype(int)
-        open_at_start = np.zeros(tally.shape[:2])
-        open_at_start[tuple(pressed.T)] = 1.0
-        contacts = []
-        for c in range(tally.shape[1]):
-            own, of_contact = events[events[:, CONTACT] == c], tally[:, c]
-            totals = np.array(
-                [shares(of_contact, self.steps), of_contact[:, PEAK], of_contact[:, IMPULSE], open_at_start[:, c]]
-            )
-            contacts.append(ContactStatistics.of(totals, impacts_of(own), own[:, MEMBER].astype(np.int64)))
-        return Runs(
-            tip=self.positions[..., tip].copy(),
-            tip_velocity=self.velocities[..., tip].copy(),
-            contacts=tuple(contacts),
-            diverged=diverged,
-        )
 
     def _finish(self) -> None:
         """Sort the impacts, leave open contacts open, and include the forces at start and end."""

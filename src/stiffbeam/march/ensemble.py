@@ -14,9 +14,9 @@ from ..basics.validation import InputError, function, integer
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from, slim
 from ..trajectory.records import Ledger
-from ..trajectory.trajectory import Work
+from ..trajectory.trajectory import Trajectory, Work
 from .integrate import Plan
 
 SLICE_STEPS = 30_000  # below which a thread takes longer to start
@@ -102,11 +102,10 @@ def integrate_ensemble(
     )
 
 
-def _march(plan: Plan, every: int | None, since: int, apart: bool, part: EnsembleMembers) -> Runs:
+def _march(plan: Plan, every: int | None, since: int, apart: bool, part: EnsembleMembers) -> list[Trajectory]:
     """Runs of some of the members."""
     if apart:
-        each = [part[i : i + 1] for i in range(len(part))]
-        return Runs.joined([_alone(plan, one[0]).runs(one, every, since) for one in each])
+        return [slim(_alone(plan, member).run(member, every, None, since)) for member in part]
     return plan.runs(part, every, since)
 
 

@@ -22,7 +22,7 @@ from ..model.time_functions import covered
 from ..schemes import Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
-from ..trajectory.ensemble import Runs
+from ..trajectory.ensemble import slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import March, Stepper, block_length
@@ -157,27 +157,27 @@ class Plan:
             ledger=partial(self.ledger, system, every or self.steps),
         )
 
-    def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> Runs:
+    def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> list[Trajectory]:
         """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
         if self.rule == RIGID:
             for member in members:
                 self.treatment.rule(member, self.scheme)
-            return Runs.of([self.run(member, every, None, since) for member in members])
+            return [slim(self.run(member, every, None, since)) for member in members]
         contacts = members.all_contacts()
         # By identity: members that share their contacts need one look-up.
         first = {id(each): i for i, each in reversed(list(enumerate(contacts)))}
         steppers = {key: self.stepper_for(members[i]) for key, i in first.items()}
         kinds = [steppers[id(each)] for each in contacts]
-        parts, places = [], []
-        # Members of one rule march together; ``places`` restores the order of the members.
+        runs: dict[int, Trajectory] = {}
+        # Members of one rule march together.
         for stepper in dict.fromkeys(kinds):
-            places_of_kind = [i for i, kind in enumerate(kinds) if kind is stepper]
-            march = March(stepper, members.subset(places_of_kind), self.steps, every, since)
+            places = [i for i, kind in enumerate(kinds) if kind is stepper]
+            march = March(stepper, members.subset(places), self.steps, every, since)
             for _ in march.advance():
                 pass
-            parts.append(march.runs())
-            places += places_of_kind
-        return Runs.joined(parts, places)
+            for k, i in enumerate(places):
+                runs[i] = Trajectory(**march.fields(k, tip_only=True), work=Work(), provenance={})
+        return [runs[i] for i in range(len(members))]
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""

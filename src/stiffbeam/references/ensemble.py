@@ -16,9 +16,9 @@ from ..basics.resources import clock, cores, over_slices
 from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, gathered, record_from
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from, slim
 from ..trajectory.records import Ledger
-from ..trajectory.trajectory import Reference, Work
+from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
 from .exact.contacts import audit, within_float64
@@ -89,7 +89,7 @@ def reference_ensemble(
     report = None if progress is None else lambda done: progress(1 + done)
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
     parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
-    parts = [Runs.of([first], len(times)), *parts]
+    parts = [[slim(first, len(times))], *parts]
     seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
@@ -107,14 +107,14 @@ class Solving:
     since: float
     outputs: int
 
-    def __call__(self, part: EnsembleMembers) -> Runs:
+    def __call__(self, part: EnsembleMembers) -> list[Trajectory]:
         """Runs of some of the members."""
         system, t_end, since = part.system, self.t_end, self.since
         one = solve_exact if self.method == "exact" else partial(_adaptive, self.method)
         # Members that differ in their starts alone share one solver.
         exact = self.method == "exact" and not system.rigid
         if not exact or not set(part.fields) <= {"q0", "v0"}:
-            return Runs.joined([Runs.of([one(x, t_end, self.at, since)], self.outputs) for x in part])
+            return [slim(one(x, t_end, self.at, since), self.outputs) for x in part]
         begun, solver, runs = clock(), Solver(system), []
         for i in range(len(part)):
             start = part.start(i)
@@ -123,8 +123,8 @@ class Solving:
                 audit(system, solution, t_end, start=start)
                 observe = partial(observations, start=start)
                 run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
-            runs.append(Runs.of([run], self.outputs))
-        return Runs.joined(runs)
+            runs.append(slim(run, self.outputs))
+        return runs
 
 
 def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
-from .records import Impacts, Ledger
+from .records import ContactRecord, Impacts, Ledger
 from .schema import dataset_of, frame_of, named, save, values_of
 from .trajectory import Trajectory, Work
 
@@ -48,17 +48,14 @@ class ContactStatistics:
     offsets: NDArray[np.int64]
 
     @classmethod
-    def of(cls, totals: Array, impacts: Impacts, member: NDArray[np.int64]) -> ContactStatistics:
-        """Statistics from (fraction, peak_force, impulse, open_at_start) by member, (4, M), and the member of every
-        impact."""
-        fraction, peak_force, impulse, begun = totals
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=len(fraction)))])
-        # The sort is stable, so that the impacts of a member stay in order of time.
-        impacts = impacts.take(np.argsort(member, kind="stable"))
+    def of(cls, records: Sequence[ContactRecord]) -> ContactStatistics:
+        """Statistics of the records of one contact, one a member."""
         return cls(
-            fraction=fraction, peak_force=peak_force, impulse=impulse, open_at_start=begun > 0.0,
-            impacts=impacts, offsets=offsets,
-        )  # fmt: skip
+            **{name: np.array([getattr(r, name) for r in records]) for name in ("fraction", "peak_force", "impulse")},
+            open_at_start=np.array([r.open_at_start for r in records]),
+            impacts=Impacts.concatenate([r.impacts for r in records]),
+            offsets=np.cumsum([0, *(r.impacts.count for r in records)]),
+        )
 
     @property
     def impact_count(self) -> NDArray[np.int64]:
@@ -91,38 +88,26 @@ class Runs:
         return len(self.diverged)
 
     @classmethod
-    def of(cls, runs: Sequence[Trajectory], outputs: int | None = None) -> Runs:
-        """Runs that were recorded one by one, at least one, with the first ``outputs`` of their output times."""
-        contacts = []
-        for records in zip(*(run.contacts for run in runs), strict=True):
-            begun = [r.impacts.at_start is not None for r in records]
-            totals = np.array([(r.fraction, r.peak_force, r.impulse, x) for r, x in zip(records, begun, strict=True)]).T
-            member = np.repeat(np.arange(len(runs)), [r.impacts.count for r in records])
-            contacts.append(ContactStatistics.of(totals, Impacts.concatenate([r.impacts for r in records]), member))
+    def of(cls, runs: Sequence[Trajectory]) -> Runs:
+        """The records of single runs, at least one."""
         return cls(
-            tip=np.array([run.tip[:outputs] for run in runs]),
-            tip_velocity=np.array([run.tip_velocity[:outputs] for run in runs]),
-            contacts=tuple(contacts),
+            tip=np.array([run.tip for run in runs]),
+            tip_velocity=np.array([run.tip_velocity for run in runs]),
+            contacts=tuple(map(ContactStatistics.of, zip(*(run.contacts for run in runs), strict=True))),
             diverged=np.array([run.diverged for run in runs]),
         )
 
-    @classmethod
-    def joined(cls, parts: Sequence[Runs], places: Sequence[int] | None = None) -> Runs:
-        """Several Runs as one. places: member numbers (M,) of each, None to keep their order."""
-        if len(parts) == 1:
-            return parts[0]
-        place = np.arange(sum(map(len, parts))) if places is None else np.array(places)
-        # ``order`` lists the members of all parts by their numbers.
-        order = np.argsort(place)
-        contacts = []
-        for contact in zip(*(part.contacts for part in parts), strict=True):
-            each = [(c.fraction, c.peak_force, c.impulse, c.open_at_start) for c in contact]
-            totals = np.concatenate(each, axis=1)[:, order]
-            member = np.repeat(place, np.concatenate([c.impact_count for c in contact]))
-            contacts.append(ContactStatistics.of(totals, Impacts.concatenate([c.impacts for c in contact]), member))
-        names = ("tip", "tip_velocity", "diverged")
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-        return cls(**arrays, contacts=tuple(contacts))
+
+def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
+    """What an ensemble keeps of a run: tip and velocity at the first ``outputs`` of its times, and the statistics of
+    its contacts."""
+    none = np.zeros(0)
+    contacts = tuple(replace(c, position=none, velocity=none, force=none) for c in run.contacts)
+    tip, velocity = (x[:outputs].copy() for x in (run.tip, run.tip_velocity))
+    t = run.t[:outputs]
+    return Trajectory(
+        t=t, tip=tip, tip_velocity=velocity, contacts=contacts, work=run.work, provenance={}, diverged=run.diverged
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -255,14 +240,14 @@ class Ensemble(Runs):
 
 def gathered(
     members: EnsembleMembers,
-    parts: list[Runs],
+    parts: list[list[Trajectory]],
     t: Array,
     work: Work,
     provenance: dict[str, Any],
     ledger: Callable[[int], Ledger],
 ) -> Ensemble:
     """The Ensemble of the runs of its members, ``parts`` in their order."""
-    runs = Runs.joined(parts)
+    runs = Runs.of([run for part in parts for run in part])
     return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance, ledger=ledger)
 
 

@@ -109,17 +109,17 @@ def record(
 ) -> ContactRecord:
     """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
     ``force_of_node``; ``steps`` of the whole run. ``force``: at the output times, where it has been computed."""
-    if force is None:
+    if force is None and len(position):
         with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
             force = stops.force(position, velocity)
     # A force that jumps does not follow from the state: the node's counts where there is one.
-    if node_forces is not None and stops.jumps:
+    if force is not None and node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
-        force=force,
+        force=position if force is None else force,
         impacts=impacts_of(events),
         fraction=float(shares(tally, steps)),
         peak_force=float(tally[PEAK]),
