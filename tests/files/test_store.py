@@ -124,7 +124,6 @@ def test_every_result_is_the_same_in_every_container(kind, tmp_path):
     assert json.loads(data.attrs["provenance"])["method"] == result.provenance["method"]
     for name in set(data.data_vars) - {"impact_open_at_start"}:  # the rows that it flags are not among the attributes
         same(data[name], attribute(result, str(name)))
-        same(data[name], result[str(name)])
     for name in set(data.variables) - parameter:
         unit = "J" if str(name).startswith("energy_") else UNITS.get(str(name), "1")
         assert data[name].attrs["long_name"]
@@ -161,8 +160,6 @@ def test_parts_of_a_result_have_the_names_of_the_whole():
     assert members.coords["stops[0].stiffness"].dims == ("member",)
     third = members["impact_time"].values[(members["impact_member"] == 2) & (members["impact_contact"] == 1)]
     same(third, many.contacts[1].impacts_of(2).times)
-    with pytest.raises(sb.InputError, match="energy_loss"):
-        _ = run["ledger_loss"]
 
 
 def test_every_repr_fits_on_one_line():

@@ -18,8 +18,8 @@ from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
-from ..trajectory.recorder import Reactions
-from ..trajectory.records import Ledger, step_ledger
+from ..trajectory.recorder import reaction_counts
+from ..trajectory.records import ContactRecord, Ledger, step_ledger
 from .block_march import initial_channels
 from .probe import Coordinates
 
@@ -44,63 +44,51 @@ def rigid_run(
     system: System, scheme: Scheme, dt: float, steps: int, every: int | None, progress: Callable[[int], None] | None,
     since: int,
 ) -> dict[str, Any]:  # fmt: skip
-    """Fields of the Trajectory, piece by piece in bounded memory; impacts are counted after step ``since``."""
-    (u0,), (v0,) = initial_channels([system], system.q0[None], system.v0[None])
+    """Fields of the Trajectory; impacts are counted after step ``since``."""
+    m, tip = len(system.contacts), system.tip_channel
+    u0, v0 = initial_channels([system], system.q0[None], system.v0[None])
     # Without outputs the interval is longer than the run, so that only the start has a row.
-    thin = every or steps + 1
-    positions, velocities = np.empty((2, steps // thin + 1, len(u0)))
-    positions[0], velocities[0] = u0, v0
-    starts = zip(system.contacts, u0.tolist(), v0.tolist(), strict=False)
-    samplers = [Reactions(c.stops, dt, u, v, since) for c, u, v in starts]
-    diverged = np.nan
+    thin, diverged = every or steps + 1, np.nan
+    outputs, at_steps, means = [(u0, v0)], [u0[:, :m]], [np.zeros((0, m))]
     for piece in _pieces(system, scheme, dt, steps):
         # The first step beyond the bound ends the run.
         bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
         if np.any(bad):
             diverged = (piece.first + 1 + int(np.argmax(bad))) * dt
             break
-        done = piece.first + len(piece.positions)
-        # Outputs of this piece: the multiples of ``thin`` among its steps first + 1 to done.
-        here = np.arange(piece.first // thin + 1, done // thin + 1)
-        positions[here] = piece.positions[here * thin - piece.first - 1]
-        velocities[here] = piece.velocities[here * thin - piece.first - 1]
-        for i, sampler in enumerate(samplers):
-            sampler.feed(piece.positions[:, i], piece.reactions[:, i])
+        # Outputs of this piece: the multiples of ``thin`` among its steps, the first of which is ``first`` + 1.
+        here = slice(thin - 1 - piece.first % thin, None, thin)
+        outputs.append((piece.positions[here], piece.velocities[here]))
+        at_steps.append(piece.positions[:, :m])
+        means.append(piece.reactions)
         if progress is not None:
-            progress(done)
-    if every is None:
-        positions, velocities = positions[:0], velocities[:0]
-    tip = system.tip_channel
-    contacts = tuple(s.record(positions[:, i], velocities[:, i], thin) for i, s in enumerate(samplers))
-    t, u, v = np.arange(0.0, len(positions) * thin, thin) * dt, positions[:, tip], velocities[:, tip]
-    return {"t": t, "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": diverged}
+            progress(piece.first + len(piece.positions))
+    positions, velocities = (np.concatenate(x)[: None if every else 0] for x in zip(*outputs, strict=True))
+    u, R = np.concatenate(at_steps), np.concatenate(means)
+    forces, contacts = np.concatenate([np.zeros((1, m)), R])[::thin][: len(positions)], []
+    for c, contact in enumerate(system.contacts):
+        counts = reaction_counts(contact.stops, dt, u[:, c], R[:, c], since)
+        outputs_of = contact.stops, positions[:, c], velocities[:, c], forces[:, c]
+        contacts.append(ContactRecord(*outputs_of, **counts))
+    t = np.arange(0.0, len(positions) * thin, thin) * dt
+    motion = {"t": t, "tip": positions[:, tip], "tip_velocity": velocities[:, tip]}
+    return motion | {"contacts": tuple(contacts), "diverged": diverged}
 
 
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
     """See ``Pieces``: the forces are the reactions of the steps that end there."""
-    none = np.full((1, len(system.contacts)), np.nan)
-    return (
-        (t, q, v, np.concatenate([none, reactions]))
-        for t, q, v, reactions in _with_reactions(system, scheme, dt, steps)
-    )
+    last, none = (system.q0[None], system.v0[None]), np.full((1, len(system.contacts)), np.nan)
+    for piece in _pieces(system, scheme, dt, steps):
+        q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
+        yield (piece.first + np.arange(len(q))) * dt, q, v, np.concatenate([none, piece.reactions])
+        last = q[-1:], v[-1:]
 
 
 def rigid_ledger(system: System, scheme: Scheme, dt: float, steps: int, every: int) -> Ledger:
     """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
     impacts = isinstance(scheme, RigidScheme) and scheme.restitutes
     outputs = np.arange(0, steps + 1, every) * dt
-    return step_ledger(system, _with_reactions(system, scheme, dt, steps), outputs, impacts)
-
-
-def _with_reactions(
-    system: System, scheme: Scheme, dt: float, steps: int
-) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Times, q, q' and the reactions between them; pieces share end points."""
-    last = system.q0[None], system.v0[None]
-    for piece in _pieces(system, scheme, dt, steps):
-        q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
-        yield (piece.first + np.arange(len(q))) * dt, q, v, piece.reactions
-        last = q[-1:], v[-1:]
+    return step_ledger(system, rigid_states(system, scheme, dt, steps), outputs, impacts)
 
 
 def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:

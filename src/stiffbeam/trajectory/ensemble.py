@@ -17,7 +17,7 @@ from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from .records import ContactRecord, Impacts, Ledger
-from .schema import dataset_of, frame_of, named, save, values_of
+from .schema import dataset_of, frame_of, save, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
@@ -179,10 +179,6 @@ class Ensemble(Runs):
     def stops(self) -> list[Stops]:
         """The stops of every contact of the system; those of members may differ."""
         return [contact.stops for contact in self.members.system.contacts]
-
-    def __getitem__(self, name: str) -> Array:
-        """The values of a variable by its name in the schema: ``ensemble["contact_fraction"]``, (contacts, M)."""
-        return named(self, name)
 
     def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
         """Draw the tip of every member, or where it was not kept what the first contact bears; return ``ax``, or the

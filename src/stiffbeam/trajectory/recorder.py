@@ -245,53 +245,28 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = 
     )
 
 
-class Reactions:
-    """Record of one contact from the mean reactions R of consecutive steps. Impacts are counted after step ``since``.
+def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:
+    """Impacts and totals of one contact from its positions u (k + 1,) at steps 0 to k and the mean reactions (k,) of
+    the steps; impacts are counted after step ``since``.
 
-    An impact is a sequence of steps with R of one sign: it begins with the first and ends with the last of them. An
-    impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force but an
-    impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
+    An impact is a sequence of steps with a reaction of one sign: it begins with the first and ends with the last of
+    them. An impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force but
+    an impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
     """
-
-    def __init__(self, stops: Stops, dt: float, u0: float, v0: float, since: int = 0) -> None:
-        self.stops, self.dt, self.since = stops, dt, since
-        self._fed: list[Array] = []
-        self._closed = bool(u0 <= stops.lower_bound or u0 >= stops.upper_bound)  # since t = 0
-        self._last = -1  # the step in which that contact opens
-
-    def feed(self, u: Array, means: Array) -> None:
-        """Positions at the ends of the next steps (k,), and their reactions."""
-        # The contact at t = 0 lasts to the first position between the stops.
-        if self._closed:
-            free = np.flatnonzero((u > self.stops.lower_bound) & (u < self.stops.upper_bound))
-            self._closed = not len(free)
-            self._last += len(u) if self._closed else 1 + int(free[0])
-        self._fed.append(np.array(means, float))
-
-    def record(self, position: Array, velocity: Array, every: int) -> ContactRecord:
-        """Contact record with position, velocity and the reaction of the previous step at every ``every``-th step."""
-        # R[n] belongs to step n; there is no reaction before the first.
-        R = np.concatenate([[0.0], *self._fed])
-        force = R[::every][: len(position)]
-        R = R[1 + self.since :]
-        size = np.abs(R)
-        return ContactRecord(
-            stops=self.stops,
-            position=position,
-            velocity=velocity,
-            force=force,
-            impacts=self._impacts(R),
-            fraction=float(np.mean(R != 0.0)) if len(R) else 0.0,
-            peak_force=float("nan") if np.any(size) else 0.0,
-            impulse=float(np.sum(size) * self.dt),
-        )
-
-    def _impacts(self, R: Array) -> Impacts:
-        before = np.concatenate([[0.0], *self._fed])[self.since]  # in the last step that does not count
-        t = (self.since + np.arange(len(R) + 1)) * self.dt
-        size = np.concatenate([[0.0], np.abs(R) * self.dt])
-        rows = intervals(t, -np.sign(np.concatenate([[before], R])), size, lambda k, side: t[k - 1])
-        return impacts_in(rows, not self.since, max(0, self._last + 1 - self.since))
+    R = np.concatenate([[0.0], means])  # R[n] belongs to step n; there is no reaction before the first
+    between = (u > stops.lower_bound) & (u < stops.upper_bound)
+    # The contact at t = 0 lasts to the step before the first position between the stops.
+    held = int(np.argmax(between)) if np.any(between) else len(u)
+    t, size = np.arange(since, len(R)) * dt, np.abs(R[since:]) * dt
+    size[0] = 0.0
+    rows = intervals(t, -np.sign(R[since:]), size, lambda k, side: t[k - 1])
+    counted = R[since + 1 :]
+    return {
+        "impacts": impacts_in(rows, not since, max(0, held - since)),
+        "fraction": float(np.mean(counted != 0.0)) if len(counted) else 0.0,
+        "peak_force": float("nan") if np.any(counted) else 0.0,
+        "impulse": float(np.sum(np.abs(counted)) * dt),
+    }
 
 
 NO_STATES = "the run came as arrays without states=(q, q')"

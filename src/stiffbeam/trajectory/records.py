@@ -297,8 +297,8 @@ def step_ledger(
 ) -> Ledger:
     """The energy balance of a run from its states at every step, see ``Pieces``, stored at the times ``outputs``.
 
-    impacts: None for compliant stops. Against rigid ones the pieces hold the mean reactions R of the steps instead of
-    forces, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
+    impacts: None for compliant stops. Against rigid ones the forces are the mean reactions R of the steps that end
+    there, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
     dt R takes in turning U round, (1 - e)/2 |U| of it by Newton's law. It is zero unless ``impacts``: a scheme without
     an impact law has it all in ``loss``. A stop that moves by do puts in -R do.
     """
@@ -316,10 +316,9 @@ def step_ledger(
             # A step counts as contact if either of its ends does.
             either = touching[1:] | touching[:-1]
         else:
-            of_stops, d_stops = _work_of_reactions(system, t, v, forces, impacts)
+            of_stops, d_stops = _work_of_reactions(system, t, v, forces[1:], impacts)
             d_spread = np.zeros(len(dq))
-            # Reactions are means over the steps, one a step, and zero without contact.
-            either = np.any(forces != 0.0, axis=1)
+            either = np.any(forces[1:] != 0.0, axis=1)
         d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + of_stops
         d_viscous = np.zeros(len(dq))
         if system.damped:

@@ -18,7 +18,7 @@ from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import plain, table
 from ..basics.units import Units, unit_of
-from ..basics.validation import InputError, file_path, near
+from ..basics.validation import InputError, file_path
 from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
@@ -83,17 +83,7 @@ IMPACT_FIELDS = {
 Values = dict[str, tuple[tuple[str, ...], Any]]
 
 
-def named(result: Any, name: str) -> Any:
-    """The values of one variable of a run or an ensemble. Raises InputError for a variable that it lacks."""
-    # An energy is worked out only where it is asked for.
-    values = values_of(result, energy=name.startswith("energy_"))
-    if name not in values:
-        known = [*BY_NAME] if name not in BY_NAME else [*values]
-        raise InputError("variable", name, "be one that the result holds", near(name, known))
-    return values[name][1]
-
-
-def values_of(result: Any, x: Any = None, energy: bool = True) -> Values:
+def values_of(result: Any, x: Any = None) -> Values:
     """Dimensions and values of all variables of a run or an ensemble.
 
     x: positions along the beam at which the field is wanted. The rows of impacts are those of all contacts, one contact
@@ -114,7 +104,7 @@ def values_of(result: Any, x: Any = None, energy: bool = True) -> Values:
                 values[name] = (("contact", *(member or ("time",)))[: rows.ndim], _numeric(rows))
         values |= _impacts(contacts)
         values["contact"] = (("contact",), np.arange(len(contacts)))
-    if energy and getattr(result, "has_energy", False):
+    if getattr(result, "has_energy", False):
         values |= {name: (("time",), getattr(result.energy, field)) for field, name in LEDGER_FIELDS.items()}
     if many:
         values["diverged"], values["member"] = (member, result.diverged), (member, np.arange(len(result)))

@@ -21,7 +21,7 @@ from ..basics.units import Units
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import dataset_of, frame_of, named, output_index, save, values_of
+from .schema import dataset_of, frame_of, output_index, save, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -209,11 +209,6 @@ class Trajectory:
     def stops(self) -> list[Stops]:
         """The stops of every contact."""
         return [contact.stops for contact in self.contacts]
-
-    def __getitem__(self, name: str) -> Array:
-        """The values of a variable by its name in the schema: ``run["energy_loss"]`` is ``run.energy.loss``,
-        ``run["contact_force"]`` (contacts, k) the forces of all contacts."""
-        return named(self, name)
 
     @property
     def contact_force(self) -> Array:
