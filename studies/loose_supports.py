@@ -68,7 +68,7 @@ def picture(doubts: dict[int, sb.Doubt], exact: sb.Reference) -> Figure:
     """Record and forces at the supports; how often an impact exceeds a force; uncertainties by source and mesh."""
     assert exact.system is not None
     last = list(doubts)[-1]
-    budget = doubts[last]["impacts at contact 2"]
+    budget = doubts[last]["impacts at contact 1"]
     source = max(budget.shares, key=lambda name: budget.shares[name].value)
     title = f"{last} cells: impacts at the end support are uncertain by {budget.shares[source].value:.0%}"
     figure = new_figure(7.6, f"{title}, most of it from the {source}", 9.6)

@@ -30,11 +30,8 @@ def _draw(module: str, function: str) -> _Any:
 
 
 # Objects offer their pictures; figures, and with it matplotlib, is loaded when the first one is asked for.
-_DRAW |= (
-    {
-        name: _draw(".figures.runs", f"plot_{name}")
-        for name in ("run", "system", "impacts", "ensemble", "comparison", "comparisons", "advice")
-    }
-    | {"scorecard": _draw(".figures.scores", "plot_scorecard")}
-    | {"film": _draw(".figures.animation", "animate")}
-)
+_DRAW |= {
+    "run": _draw(".figures.runs", "run_figure"),
+    "comparison": _draw(".figures.runs", "comparison_figure"),
+    "film": _draw(".figures.animation", "animate"),
+}

@@ -1,7 +1,6 @@
 """Public names of the package, loaded on first use."""
 
 from .basics.validation import InputError as InputError
-from .figures.runs import mode_shapes as mode_shapes
 from .files.cases import Case as Case
 from .files.cases import load_cases as load_cases
 from .files.cases import paper_case as paper_case

@@ -160,7 +160,6 @@ FUNCTIONS = [
     Surface("compare", sb.compare, {"run": run(), "reference": exact()}),
     Surface("modes", sb.modes, {"system": beam()}, 1),
     Surface("static_equilibrium", sb.static_equilibrium, {"system": mass(load=sb.Constant(1.0))}, 1),
-    Surface("mode_shapes", sb.mode_shapes, {"system": beam()}, 1),
     Surface("perturbed", lambda **x: list(sb.perturbed_members(**x)[:3]),
             {"system": beam(), "members": 3, "size": 1e-12, "seed": 1, "scale": 1.0}, 6),
     *(Surface(f"varied {name}", lambda name=name, **x: marched(sb.varied_members(beam(), {name: x["values"]})[0]),

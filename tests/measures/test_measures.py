@@ -12,7 +12,6 @@ from oracles import beam_mode, beam_roots
 from rich.console import Console
 
 import stiffbeam as sb
-from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.errors import after_rest, match, matched_until
 from stiffbeam.measures.frequencies import amplitude_spectrum
@@ -287,7 +286,7 @@ def test_a_contact_away_from_the_tip_is_compared_at_the_contact():
 
 def test_the_figure_has_labelled_panels_with_the_reference_in_each(compared):
     _, ref, run, _ = compared
-    figure = comparison_panels("title", [run], [ref])
+    figure = sb.compare(run, ref).figure()
     axes = figure.get_axes()
     assert len(axes) == 5
     for axis in axes:
@@ -305,7 +304,7 @@ def test_a_system_without_contact_compares_and_draws():
     c = sb.compare(run, ref)
     assert c.contacts == ()
     assert c.tip_error_rms < 0.2
-    comparison_panels("no contact", [run], [ref]).canvas.draw()
+    sb.compare(run, ref).figure().canvas.draw()
 
 
 def test_a_share_above_all_of_the_loss_is_explained():

@@ -9,7 +9,6 @@ import pytest
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.measures.report import common_window
@@ -42,15 +41,15 @@ def test_distributions_are_those_of_every_contact(two):
     members = {f" at contact {n:g}": rows["count"].tolist() for n, rows in exact.groupby("contact_number")}
     peaks = exact.peak_force.tolist()
     assert [len(counts) for counts in members.values()] == [3, 3]
-    assert members[" at contact 1"] != members[" at contact 2"]
+    assert members[" at contact 0"] != members[" at contact 1"]
     labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
     assert labels == [
+        "exact at contact 0",
         "exact at contact 1",
-        "exact at contact 2",
+        "HHT(alpha=-0.1) at contact 0",
         "HHT(alpha=-0.1) at contact 1",
-        "HHT(alpha=-0.1) at contact 2",
     ]
-    assert "At contact 2: Over 3 members" in records.answer.verdict
+    assert "At contact 1: Over 3 members" in records.answer.verdict
     assert records.answer.notes.count("Off by") == 1  # what holds at both contacts stands once
 
     def said(values, digits: str = ".3g") -> str:
@@ -66,12 +65,12 @@ def test_distributions_are_those_of_every_contact(two):
 def test_a_sweep_draws_a_line_for_every_contact(two):
     options = {"parameter": "dt", "values": [1e-4, 5e-5], "periods": 1, "transient": 0}
     records = study("sweep", SMALL, **options)
-    assert (records.table.contact_number == 2).any()
-    assert "impacts per period at contact 2" in str(records)
+    assert (records.table.contact_number == 1).any()
+    assert "impacts per period at contact 1" in str(records)
     count = records.figure().axes[1]
     assert len(count.get_lines()) == 2
     grid = study("sweep", SMALL, **options, second="alpha", second_values=[-0.1, -0.2])
-    assert sum("at contact 2" in axis.get_title(loc="left") for axis in grid.figure().axes) == 3
+    assert sum("at contact 1" in axis.get_title(loc="left") for axis in grid.figure().axes) == 3
 
 
 def test_windows_and_matching_hold_for_all_contacts():
@@ -102,17 +101,17 @@ def test_a_window_ends_between_impacts_of_several_contacts_at_one_time(impacts):
 def test_the_comparison_panels_zoom_on_every_contact():
     system = two_contacts()
     exact, run = sb.reference(system, 6.0), sb.integrate(system, sb.HHT(), 1e-3, 6.0)
-    figure = comparison_panels("two contacts", [run], [exact])
+    figure = sb.compare(run, exact).figure()
     zooms = figure.axes[2:4]
     assert [axis.get_title(loc="left") for axis in zooms] == [
-        "(c) first impact at contact 1, row 4", "(d) first impact at contact 2, row 3",
+        "(c) first impact at contact 0, row 3", "(d) first impact at contact 1, row 2",
     ]  # fmt: skip
     assert figure.axes[4].get_title(loc="left").startswith("(e) force of contact ")
     assert figure.axes[4].get_ylabel() == r"contact force $\sigma$"
     assert figure.axes[5].get_title(loc="left").startswith("(f) spectrum")
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels[0] == "displacement $u(t)$"  # of matrices, which have no tip
-    assert labels[2:4] == ["position at contact 1, row 4", "position at contact 2, row 3"]
+    assert labels[2:4] == ["position at contact 0, row 3", "position at contact 1, row 2"]
     for axis, contact in zip(zooms, exact.contacts, strict=True):
         start, end = axis.get_xlim()
         assert start < contact.impacts.times[0] < end
@@ -156,12 +155,12 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
     system = row_of_masses((0.3, 9.0, 9.0, 0.1, 9.0))
     text = str(sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(system, 4.0)))
     lines = [line.strip() for line in text.splitlines()]
-    assert sum(line.startswith("contact 1 ") for line in lines) == 4  # of reference and run, to the horizon and in all
-    assert sum(line.startswith("contact 4 ") for line in lines) == 4
-    assert "Never touched: contact 2 to contact 3, contact 5." in lines
+    assert sum(line.startswith("contact 0 ") for line in lines) == 4  # of reference and run, to the horizon and in all
+    assert sum(line.startswith("contact 3 ") for line in lines) == 4
+    assert "Never touched: contact 1 to contact 2, contact 4." in lines
     free = row_of_masses((9.0, 9.0))
     lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
-    assert not any("contact 1" in line or "Never touched" in line for line in lines)
+    assert not any("contact 0" in line or "Never touched" in line for line in lines)
     assert any(line.startswith("exact (reference)") and line.split()[-3:] == ["0", "0", "%"] for line in lines)
 
 
@@ -190,16 +189,16 @@ def test_a_solver_that_ends_early_cuts_no_other_error_short():
 def test_pictures_show_six_contacts_that_are_touched():
     system = row_of_masses((9.0, *[0.05] * 8))
     exact, run = sb.reference(system, 3.0), sb.integrate(system, sb.HHT(), 1e-3, 3.0)
-    titles = [axis.get_title(loc="left")[4:] for axis in comparison_panels("many", [run], [exact]).axes]
-    wanted = [f"first impact at contact {i}, row {i}" for i in range(2, 8)]
+    titles = [axis.get_title(loc="left")[4:] for axis in sb.compare(run, exact).figure().axes]
+    wanted = [f"first impact at contact {i}, row {i}" for i in range(1, 7)]
     assert [title for title in titles if "first impact" in title] == wanted
     assert sum("force of contact" in title for title in titles) == 1
     assert titles[-1].startswith("spectrum")
     force = run.plot().axes[1]
-    assert [line.get_label().partition(":")[0] for line in force.lines] == [f"contact {i}" for i in range(2, 8)]
+    assert [line.get_label().partition(":")[0] for line in force.lines] == [f"contact {i}" for i in range(1, 7)]
     free = row_of_masses((9.0, 9.0))
     exact, run = sb.reference(free, 3.0), sb.integrate(free, sb.HHT(), 1e-3, 3.0)
-    assert comparison_panels("none", [run], [exact]).axes[2].get_title(loc="left") == "(c) first oscillations"
+    assert sb.compare(run, exact).figure().axes[2].get_title(loc="left") == "(c) first oscillations"
     assert [text.get_text() for text in run.plot().axes[1].texts] == ["no contact"]
 
 

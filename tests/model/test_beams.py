@@ -277,23 +277,6 @@ def test_multiprecision_takes_the_paper_form_with_tip_mass_and_damping_and_the_e
         assert ("stiffness = 300.1" in system.exact_parameters) == (form == "displacement")
 
 
-def test_the_picture_of_the_modes_has_a_panel_for_each(tmp_path):
-    stops = sb.Stops(upper=1.0, stiffness=1.0, position=0.7)
-    system = sb.semidiscretise(beam("clamped-pinned", mass_damping=0.3, stops=stops), 6, "hermite")
-    figure = sb.mode_shapes(system, 3)
-    figure.savefig(tmp_path / "modes.png")
-    titles = [axis.get_title(loc="left") for axis in figure.axes]
-    assert [title[:7] for title in titles] == ["mode 1:", "mode 2:", "mode 3:"]
-    assert f"{sb.modes(system).omega[0]:.5g}" in titles[0]
-    (line,) = (line for line in figure.axes[1].lines if len(line.get_xdata()) == 200)
-    y = line.get_ydata()
-    assert abs(y[0]) < 1e-12
-    assert abs(y[-1]) < 1e-12
-    assert np.count_nonzero(np.diff(np.sign(y[1:-1]))) == 1  # the second mode has one node inside
-    coupled = sb.System.from_matrices(np.eye(2), np.diag([1.0, 9.0]), [[0.4, 0.1], [0.1, 0.2]], observe=[1, 0])
-    assert len(sb.mode_shapes(coupled).axes) == 2
-
-
 # ------------------------------------------------------------------ case files
 
 

@@ -9,7 +9,6 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.units import unit_of
-from stiffbeam.figures.runs import comparison_panels
 from stiffbeam.files.cases import Case
 from stiffbeam.schemes import registered
 
@@ -65,7 +64,7 @@ def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
 
     run, reference, text = compared(sb.semidiscretise(STEEL, 8), 1e-4, 0.1)
     assert all(words in text for words in ("(N)", "(N s)", "(s)"))
-    words = words_of(comparison_panels("steel", [run], [reference]))
+    words = words_of(sb.compare(run, reference).figure())
     for text in ("tip displacement $u(L, t)$ (m)", "max |$u(L, t)$|", "time $t$ (s)", "a = 150"):
         assert any(text in word for word in words), text
     assert run.energy.energy[-1] > 0.0  # so that the ledger is written

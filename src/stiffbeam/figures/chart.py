@@ -118,14 +118,6 @@ def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
     return figure
 
 
-def axes_for(ax: Axes | None, title: str) -> tuple[Axes, Axes | Figure]:
-    """The axes to draw into, of a new figure without ``ax``, and the object to return."""
-    if ax is not None:
-        return ax, ax
-    figure = new_figure(3.6, title, width=8.0)
-    return figure.subplots(), figure
-
-
 def png(figure: Figure) -> bytes:
     """Return the picture as PNG of 100 dpi, as notebooks show it."""
     content = BytesIO()

@@ -9,12 +9,10 @@ import numpy as np
 
 from .chart import (
     COLOURS,
-    axes_for,
     log_scale,
     look,
     mark_order,
     new_figure,
-    panel_legend,
     say_empty,
     shared_legend,
     short,
@@ -76,18 +74,3 @@ def score_picture(entries: Sequence[Any]) -> Figure:
     mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
     shared_legend(figure, 6)
     return figure
-
-
-def plot_scorecard(card: Any, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-    """The smallest error of the tip of every integrator, problem by problem."""
-    axis, returned = axes_for(ax, f"Test set {card.version}")
-    names = [problem.name for problem in card.problems]
-    for integrator in card.integrators:
-        best = [min((r["tip_error"] for r in card.entry(integrator, x).runs), default=np.nan) for x in names]
-        style: dict[str, Any] = look(integrator) | {"ms": 5, "label": short(integrator)} | kwargs | {"linestyle": ""}
-        axis.plot(range(len(names)), np.maximum(best, 1e-16), **style)
-    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=8)
-    axis.set_ylabel("smallest rms error of u over max |u|")
-    log_scale(axis, x=False)
-    panel_legend(axis)
-    return returned

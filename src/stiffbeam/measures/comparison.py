@@ -28,7 +28,6 @@ from .report import report
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -205,12 +204,7 @@ class Comparison:
 
     def figure(self) -> Figure:
         """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
-        return DRAW["comparison"](self)
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the run beside the reference and return the Figure; or the error against time into ``ax``, and return
-        that. kwargs: of ``Axes.plot``."""
-        return DRAW["comparison"](self, ax, **kwargs)
+        return DRAW["comparison"]([self])
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on; units in attrs."""
@@ -264,7 +258,7 @@ class Comparisons:
 
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure."""
-        return DRAW["comparisons"](self.comparisons)
+        return DRAW["comparison"](self.comparisons)
 
     def __repr__(self) -> str:
         return f"<Comparisons of {', '.join(c.label for c in self.comparisons)}>"
@@ -474,6 +468,6 @@ def _place(system: System, i: int) -> str:
     if len(system.contacts) == 1:
         return ""
     if system.problem is None:
-        return f"contact {i + 1}"
+        return f"contact {i}"
     place = float(system.problem.place(system.problem.all_stops[i]))
     return f"stops at x = {place:g}"

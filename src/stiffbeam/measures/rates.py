@@ -164,7 +164,7 @@ class ContactRates:
 
     def __str__(self) -> str:
         lines = []
-        for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True), 1):
+        for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True)):
             for name, quantity in RATES.items():
                 x = each[name]
                 if np.isfinite(x.value):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only, same
 from ..basics.resources import afford
-from ..basics.text import DRAW, several
+from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
 from .beam import beam_field, beam_field_rate, beam_stress
@@ -28,9 +28,6 @@ from .stencils import BANDED
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from .ode import ODE
 
 
@@ -349,13 +346,6 @@ class System:
     def __repr__(self) -> str:
         parts = {"unknown": self.size, "load": len(self.loads), "contact": len(self.contacts)}
         return f"<System, {self.form}: {', '.join(several(count, noun) for noun, count in parts.items())}>"
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the start of the motion between the stops; return ``ax``, or the new Figure.
-
-        kwargs: of ``Axes.plot``.
-        """
-        return DRAW["system"](self, ax, **kwargs)
 
     @property
     def size(self) -> int:

@@ -31,7 +31,6 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.progress import Show, working
 from ..basics.resources import clock
-from ..basics.text import DRAW
 from ..basics.validation import InputError, instance, integer, one_of, positive, sequence
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -54,8 +53,6 @@ from .ensemble import difference, too_uncertain
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Tell = Callable[[str], None]
 BETWEEN = 5  # steps of one motion that are tried between a step and its half; means say themselves how sure they are
@@ -264,11 +261,6 @@ class Advice:
         run = self.recommendation and vars(self.recommendation) | {"scheme": str(self.recommendation.scheme)}
         rest = {name: value for name, value in vars(self).items() if name not in ("candidates", "system")}
         return {"measured": ["recommendation.seconds"], **rest, "recommendation": run, "units": list(self.system.units)}
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the worst error of every run that was tried against its cost; return ``ax``, or the new Figure. kwargs:
-        of ``Axes.plot``."""
-        return DRAW["advice"](self, ax, **kwargs)
 
     def _repr_html_(self) -> str:
         return f"<p>{'</p><p>'.join(map(escape, str(self).splitlines()))}</p>{self.to_dataframe().to_html(index=False)}"

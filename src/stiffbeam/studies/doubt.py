@@ -336,7 +336,7 @@ def _quantities(exact: Ensemble, past: Ensemble | None) -> list[Quantity]:
     functions: dict[str, Callable[[Ensemble], Array]] = {}
     spans: dict[str, Column] = {}
     for i in range(len(exact.contacts)):
-        place = f" at contact {i + 1}" if len(exact.contacts) > 1 else ""
+        place = f" at contact {i}" if len(exact.contacts) > 1 else ""
         for quantity, field in QUANTITIES.items():
             functions[quantity + place] = lambda many, i=i, field=field: getattr(many.contacts[i], field)
             if quantity == "impacts" and _driven(exact.members.system):

@@ -116,8 +116,8 @@ class Ensemble(Study):
                 ledger = many.ledger(i)
                 losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
         rows: list[Row] = []
-        for number, contact in enumerate(many.contacts, 1):
-            of_run = number == 1
+        for number, contact in enumerate(many.contacts):
+            of_run = number == 0
             rows += [
                 {
                     "kind": "member", "member": i, "contact_number": number, "count": int(contact.impact_count[i]),

@@ -93,7 +93,7 @@ class Space(Study):
             *(
                 {"quantity": f"first impact's {name}{f' at contact {i}' if len(fine.contacts) > 1 else ''}",
                  "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
-                for i, (a, b) in enumerate(zip(coarse.contacts, fine.contacts, strict=True), 1)
+                for i, (a, b) in enumerate(zip(coarse.contacts, fine.contacts, strict=True))
                 for name, column in (("time", "times"), ("peak force", "peaks"), ("impulse", "impulses"))
                 for x, y in [(getattr(a.impacts, column), getattr(b.impacts, column))]
                 if len(x) and len(y)

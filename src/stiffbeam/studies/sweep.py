@@ -395,7 +395,7 @@ def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     if np.isfinite(many.diverged[i]):
         return [named | {"lost": str(Diverged(point["method"], many.diverged[i], "use a smaller dt"))}]
     rows: list[Row] = []
-    for place, seen in enumerate(many.contacts, 1):
+    for place, seen in enumerate(many.contacts):
         statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
         rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
     if point["second"] is None and "t_end" not in point:
@@ -409,7 +409,7 @@ def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
 
 def _rigid(system: System, contacts: Table) -> bool:
     """True for the rows of a rigid stop, which has impulses and no largest force: 0 where nothing touches it."""
-    return bool(len(contacts)) and system.contacts[int(contacts.contact_number.iloc[0]) - 1].stops.rigid
+    return bool(len(contacts)) and system.contacts[int(contacts.contact_number.iloc[0])].stops.rigid
 
 
 def _places(contacts: Table) -> list[tuple[str, Table]]:

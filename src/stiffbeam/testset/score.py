@@ -13,7 +13,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.progress import Show, working
 from ..basics.storage import write_whole
-from ..basics.text import DRAW, plain, several
+from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
@@ -28,7 +28,6 @@ from .problem import problems as all_problems
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
@@ -211,11 +210,6 @@ class Scorecard:
 
         notes = "".join(f"<p>{escape(line)}</p>" for line in [self.summary(), *self.notes()])
         return self.table().to_html(index=False) + notes
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the smallest error of every integrator, problem by problem; return ``ax``, or the new Figure. kwargs: of
-        ``Axes.plot``."""
-        return DRAW["scorecard"](self, ax, **kwargs)
 
     def figure(self, problem: str) -> Figure:
         """Motion of a problem, and the errors of tip and impact times over the cost."""

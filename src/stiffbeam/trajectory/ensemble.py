@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, several
+from ..basics.text import several
 from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
@@ -23,8 +23,6 @@ from .trajectory import Trajectory, Work
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 MEMBERS_PER_SLICE = 64  # made by one thread in one go
@@ -179,11 +177,6 @@ class Ensemble(Runs):
     def stops(self) -> list[Stops]:
         """The stops of every contact of the system; those of members may differ."""
         return [contact.stops for contact in self.members.system.contacts]
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the tip of every member, or where it was not kept what the first contact bears; return ``ax``, or the
-        new Figure. kwargs: of ``Axes.plot``."""
-        return DRAW["ensemble"](self, ax, **kwargs)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each member, the index: the varied parameter by its name where it is a number,

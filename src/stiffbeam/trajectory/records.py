@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
-from ..basics.text import DRAW, several
+from ..basics.text import several
 from ..basics.validation import bound
 from ..model.contact import Stops, channel_motion
 from ..model.system import System
@@ -19,8 +19,6 @@ from .schema import IMPACT_FIELDS, LEDGER_FIELDS, frame_of
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 COLUMNS = tuple(IMPACT_FIELDS)  # attributes of Impacts: times, ends, stops, peaks, impulses
@@ -147,11 +145,6 @@ class Impacts:
         span = f", t = {self.times[0]:g} to {self.times[-1]:g}" if self.count else ""
         how = "by events" if self.kind == "event" else self.kind
         return f"<Impacts: {self.count} {how}{span}{', in contact at t = 0' if self.at_start else ''}>"
-
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw the largest force, or of rigid stops the impulse, of every impact against its time; return ``ax``, or
-        the new Figure. kwargs: of ``Axes.plot``."""
-        return DRAW["impacts"](self, ax, **kwargs)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact

@@ -26,7 +26,6 @@ from .schema import dataset_of, frame_of, output_index, save, values_of
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..model.contact import Stops
@@ -298,10 +297,9 @@ class Trajectory:
             )
         return self.system
 
-    def plot(self, ax: Axes | None = None, **kwargs: Any) -> Axes | Figure:
-        """Draw displacement, contact forces, phase portrait and energy, and return the Figure; or draw the tip into
-        ``ax`` and return it. kwargs: of ``Axes.plot``."""
-        return DRAW["run"](self, ax, **kwargs)
+    def plot(self) -> Figure:
+        """Draw displacement, contact forces, phase portrait and energy, and return the matplotlib Figure."""
+        return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
