@@ -125,8 +125,6 @@ print(sb.score(central_differences, problems))
 Any other program writes a CSV file with the columns t, u and, if available, v, with equal steps up to `t_end`. Several
 files with different steps also give an order:
 
-    stiffbeam score --list                                   the problems
-    stiffbeam score --list --problem bouncing-ball           the file of one
     stiffbeam score --trajectory ball.csv --problem bouncing-ball
     stiffbeam score mymodule:solve                           a function as above, in mymodule.py
 

@@ -91,7 +91,7 @@ OPTIONS = {
     "compare": {"--schemes": "hht", "--references": "exact", "--contact": "implicit", "--dt": "1e-3", "--t-end": "0.02",
                 "--json": "-", "--out": "out"},
     "reference": {"--method": "exact", "--form": "displacement", "--digits": "30", "--rtol": "1e-6", "--t-end": "0.02",
-                  "--out": "r.nc", "--check": "r.nc", "--json": "-"},
+                  "--out": "r.nc", "--json": "-"},
     **{" ".join(words): {"--schemes": "hht", "--integrators": "hht", "--t-end": "0.02", "--dt": "1e-3",
                          "--halvings": "2", "--jobs": "1", "--values": "9:10:2", "--members": "2",
                          "--form": "displacement", "--json": "-"}

@@ -31,7 +31,7 @@ def test_a_broken_solver_is_named_and_the_others_go_on(command, monkeypatch):
             raise ImportError("no library")
         return real(system, end, "exact", t_eval)
 
-    monkeypatch.setattr("stiffbeam.references.reference", broken)
+    monkeypatch.setattr("stiffbeam.integrators.reference", broken)
     code, out, _ = command("doctor")
     assert code == 1
     rows = [line.split() for line in out.splitlines() if "works" in line or "fails" in line]

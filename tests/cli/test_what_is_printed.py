@@ -130,13 +130,9 @@ def test_nothing_is_observed_by_a_row_of_zeros():
 
 
 REFUSED = [
-    ("score --list bdf2", "INTEGRATORS must be left out with --list"),
-    ("score --list --problem bilinear-gap --json x.json", "--json must be left out with --list"),
     ("score bdf2 --problem bilinear-gap --trajectory a.csv", "INTEGRATORS must be left out with --trajectory"),
     ("reference table10 --method cvode --digits 50", "--digits must be left out"),
     ("reference table10 --rtol 1e-3", "--rtol must be left out"),
-    ("reference --check . --rtol 1e-3", "--rtol must be left out with --check"),
-    ("reference --remake x --form hermite", "--form must be left out with --remake"),
     ("sweep table10 --values 9,10 --second-values 1,2", "second_values must be left out without second"),
 ]
 

@@ -465,15 +465,6 @@ def test_columns_are_known_by_their_names(tmp_path):
         read_trajectory(file)
 
 
-def test_the_problems_are_listed_and_shown(command):
-    code, out, _ = command("score", "--list")
-    assert code == 0
-    assert all(name in out for name in sb.problems())
-    code, out, _ = command("score", "--list", "--problem", "hertz")
-    assert read(out).name == "hertz"
-    assert command("score", "--problem", "hertzz")[0] == 2
-
-
 @pytest.mark.slow
 def test_the_page_runs_as_written(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)

@@ -20,7 +20,20 @@ from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
-from .output import Json, check_json, console, default_folder, make_folder, named_values, say, write_json
+from .output import (
+    CaseName,
+    EndTime,
+    Form,
+    Json,
+    Step,
+    check_json,
+    console,
+    default_folder,
+    make_folder,
+    named_values,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from ..basics.progress import Show
@@ -73,7 +86,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
     """The command of a study; its options are the fields of the dataclass."""
 
     def run(
-        case: str = "table10", /, *, options: Any = None, dt: float | None = None, t_end: float | None = None,
+        case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
         out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
     ) -> int:  # fmt: skip
         from ..files.cases import find_case
@@ -111,26 +124,18 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 _SHARED = """
     Parameters
     ----------
-    case
-        table1 .. table17, a case file, or file.toml:name.
-    dt
-        Time step in place of the case's.
-    t_end
-        End time in place of the case's.
     out
         Folder for table, text, picture and finished points; by default stiffbeam-output/CASE.
     jobs
         Processes; by default one per core.
     smoke
         Small configuration: seconds instead of minutes.
-    json
-        Write the records to this file, - for stdout.
     """
 
 
 def advise(
-    case: str, *, want: str | None = None, schemes: str | None = None, form: str | None = None,
-    t_end: float | None = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
+    case: CaseName, *, want: str | None = None, schemes: str | None = None, form: Form = None,
+    t_end: EndTime = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
     out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
@@ -142,17 +147,11 @@ def advise(
 
     Parameters
     ----------
-    case
-        table1 .. table17, a case file, or file.toml:name.
     want
         Admissible relative errors: tip (rms), impacts, peak_force, impulse; by default
         tip=1e-3,impacts=0.05,peak_force=0.05.
     schemes
         Comma-separated; by default all.
-    form
-        displacement, velocity-curvature or hermite.
-    t_end
-        In place of the case's.
     most_steps
         Largest number of steps of a run; the search ends there.
     members
@@ -161,8 +160,6 @@ def advise(
         CPU seconds after which the search ends with what it knows by then.
     out
         Folder of finished runs; by default stiffbeam-output/CASE.
-    json
-        Write the records to this file, - for stdout.
     """
     from ..files.cases import find_case
     from ..schemes.labels import parse_run, split_runs
@@ -190,8 +187,8 @@ def advise(
 
 
 def doubt(
-    case: str, *, uncertain: str | None = None, scheme: str | None = None, dt: float | None = None,
-    t_end: float | None = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Json = None,
+    case: CaseName, *, uncertain: str | None = None, scheme: str | None = None, dt: Step = None,
+    t_end: EndTime = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Json = None,
 ) -> None:  # fmt: skip
     """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
 
@@ -202,24 +199,16 @@ def doubt(
 
     Parameters
     ----------
-    case
-        table1 .. table17, a case file, or file.toml:name.
     uncertain
         path=low:high,...; by default the ranges of the case file.
     scheme
         Scheme to examine; by default the case's first.
-    dt
-        Time step in place of the case's.
-    t_end
-        End time in place of the case's.
     members
         Number of systems with random parameters, at least 8.
     seed
         Seed of the random systems.
     tolerance
         Tolerance of the data horizon, relative to the largest |u|.
-    json
-        Write the records to this file, - for stdout.
     """
     from ..files.cases import find_case
     from ..schemes.labels import parse_run
@@ -244,109 +233,44 @@ def _range(text: str) -> tuple[float, float]:
 
 
 def reference(
-    case: str | None = None, *, method: str | None = None, form: str | None = None, digits: str = "auto",
-    rtol: float | None = None, t_end: float | None = None, out: Path | None = None, check: Path | None = None,
-    remake: Path | None = None, cache: bool = False, doubles: bool = False, json: Json = None,
-) -> int:  # fmt: skip
-    """Compute, freeze and verify reference solutions.
+    case: CaseName, *, method: str | None = None, form: Form = None, digits: str = "auto", rtol: float | None = None,
+    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+) -> None:  # fmt: skip
+    """Compute a reference solution, and write it to a file.
 
     Example: stiffbeam reference table10 --method multiprecision --t-end 1 --out exact.nc
 
     Parameters
     ----------
-    case
-        table1 .. table17, a case file, or file.toml:name.
     method
         exact, multiprecision or an adaptive solver; by default the best for the case.
-    form
-        displacement, velocity-curvature or hermite.
     digits
         Digits of multiprecision: a number, or auto.
     rtol
         Relative tolerance of the adaptive solvers; by default 1e-10.
-    t_end
-        In place of the case's.
     out
         netCDF file to write.
-    check
-        Verify a frozen reference, or a folder with a manifest.
-    remake
-        Compute the missing frozen references of the paper in this folder.
-    cache
-        Store the reference, and use a stored one.
-    doubles
-        Read decimals as the nearest doubles.
-    json
-        Write the records to this file, - for stdout.
     """
-    if sum(x is not None for x in (case, check, remake)) != 1:
-        remedy = "give exactly one of them"
-        raise InputError("reference", "its arguments", "be one of CASE, --check PATH and --remake DIR", remedy)
-    if case is None:
-        options = {
-            "--method": method, "--form": form, "--digits": digits != "auto", "--rtol": rtol, "--out": out,
-            "--t-end": t_end, "--cache": cache, "--doubles": doubles,
-        }  # fmt: skip
-        for flag, value in options.items():
-            if value:
-                alone = "--check" if remake is None else "--remake"
-                raise InputError(flag, str(value), f"be left out with {alone}", "it is an option of CASE")
-    check_json(json)
-    with progress() as show:
-        if check is not None:
-            from ..studies.references import check as check_files
-
-            records = check_files(check, show)
-        elif remake is not None:
-            from ..studies.references import remake as remake_files
-
-            make_folder(remake, "--remake")
-            records = [{"file": name, "written": True} for name in remake_files(remake, show)]
-        else:
-            assert case is not None
-            records = [_reference(case, method, form, digits, rtol, t_end, out, cache, doubles, show)]
-    if not write_json("reference", {"references": records}, json):
-        for record in records:
-            say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
-        if not records:
-            say("nothing to do: every reference is there and whole")
-    return int(any(record.get("problem") for record in records))
-
-
-def _reference(
-    name: str, asked: str | None, form: str | None, digits: str, rtol: float | None, t_end: float | None,
-    out: Path | None, cache: bool, doubles: bool, show: Show,
-) -> dict[str, Any]:  # fmt: skip
-    """Record of one reference, saved where asked."""
-    from ..basics.validation import as_doubles
     from ..files.cases import case_text, find_case
-    from ..files.reference_cache import cached_reference
+    from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
-    case = find_case(name)
-    end = case.t_end if t_end is None else t_end
-    method = asked or (BEST[1] if substitute(case.system(form), end) else BEST[0])
+    check_json(json)
+    chosen = find_case(case)
+    system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
+    method = method or (BEST[1] if substitute(system, end) else BEST[0])
     kind = REFERENCES[method].kind if method in REFERENCES else ""
-    used = {
-        "--digits": digits == "auto" or kind == MULTIPRECISION,
-        "--rtol": rtol is None or kind == ADAPTIVE,
-    }
-    for flag, fits in used.items():
+    for flag, fits in (("--digits", digits == "auto" or kind == MULTIPRECISION),
+                       ("--rtol", rtol is None or kind == ADAPTIVE)):  # fmt: skip
         if not fits and kind:
             raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
-    if doubles:
-        if out is not None:
-            raise InputError("--doubles", "with --out", "be left out here", "a frozen case is read as decimals")
-        case = replace(case, problem=as_doubles(case.problem))
     if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
         raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
-    system = case.system(form)
-    show(f"{method}@{system.form}", 0, 0)
-    if cache and out is not None and method == "multiprecision":
-        raise InputError("--cache", "with --out", "be left out here", "the file written is itself one to keep")
-    solve, many = cached_reference if cache else reference, "auto" if digits == "auto" else int(digits)
-    solution = solve(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
+    many = "auto" if digits == "auto" else int(digits)
+    with progress() as show:
+        show(f"{method}@{system.form}", 0, 0)
+        solution = reference(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
         "measured": ["seconds"], "reference": solution.label, "t_end": end, "horizon": solution.horizon,
         "units": list(solution.units), "against": solution.provenance["horizon_against"],
@@ -354,16 +278,15 @@ def _reference(
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
     if out is not None:
-        from ..files.store import can_freeze, freeze
-
-        frozen = can_freeze(solution) and case.beam is not None
-        record["file"] = freeze(solution, case_text(name), out)["file"] if frozen else str(solution.save(out))
-    return record
+        frozen = can_freeze(solution) and chosen.beam is not None
+        record["file"] = freeze(solution, case_text(case), out)["file"] if frozen else str(solution.save(out))
+    if not write_json("reference", {"references": [record]}, json):
+        say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
 
 
 def score(
     integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
-    show: Annotated[bool, Parameter(name="--list")] = False, out: Path | None = None, json: Json = None,
+    out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Errors and orders of integrators on problems with known answers.
 
@@ -380,37 +303,21 @@ def score(
         Comma-separated names; by default all, in minutes for a function in Python.
     trajectory
         Score this file instead: columns t, u and, if known, v; repeat for other time steps.
-    show
-        List the problems, or print the file of one --problem.
     out
         Folder for table, records and pictures.
-    json
-        Write the records to this file, - for stdout.
     """
     from ..schemes.labels import split_runs
     from ..testset.measure import read_trajectory
-    from ..testset.problem import VERSION, folder, problems
-    from ..testset.problem import problem as find
+    from ..testset.problem import problems
     from ..testset.score import score as score_all
     from ..testset.score import score_trajectories
 
-    alone = "--list" if show else "--trajectory" if trajectory else None
-    others = {"INTEGRATORS": integrators} | ({"--trajectory": trajectory, "--out": out, "--json": json} if show else {})
-    for name, value in others.items():
-        if alone is not None and value:
-            raise InputError(name, str(value), f"be left out with {alone}", "give one command for each")
+    if integrators is not None and trajectory:
+        raise InputError("INTEGRATORS", integrators, "be left out with --trajectory", "give one command for each")
     check_json(json)
     if out is not None:
         make_folder(out)  # before the work begins
     names = None if problem is None else [name.strip() for name in problem.split(",")]
-    if show:
-        for name in names or []:
-            say(folder().joinpath(f"{find(name).name}.toml").read_text(encoding="utf-8").rstrip("\n"))
-        if names is None:
-            say(f"Test set {VERSION}")
-            for each in problems().values():
-                say(f"  {each.name:<22}{each.title}")
-        return 0
     if trajectory:
         if names is None or len(names) != 1:
             raise InputError("--problem", problem, "name one problem for --trajectory", ", ".join(problems()))
@@ -436,8 +343,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     ----------
     show
         Print one case as TOML, as a start for your own file.
-    json
-        Write the records to this file, - for stdout.
     """
     from ..files.paper import case_blocks, paper_entries, paper_text
 
@@ -468,13 +373,7 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
 
 
 def doctor(*, json: Json = None) -> int:
-    """Print versions and cache folders, and test every solver on a small problem.
-
-    Parameters
-    ----------
-    json
-        Write the records to this file, - for stdout.
-    """
+    """Print versions and cache folders, and test every solver on a small problem."""
     check_json(json)
     with progress() as show:
         installed, places, solvers = _installed(), _places(), _solvers(show)
@@ -526,33 +425,19 @@ def _places() -> dict[str, Any]:
 
 
 def _solvers(show: Show) -> list[dict[str, Any]]:
-    """Results of every reference and a scheme on a mass that meets a stop once, compared with the exact solution."""
-    import numpy as np
-
-    from ..march.integrate import integrate
-    from ..measures.errors import tip_error
-    from ..model.contact import Contact, Stops
-    from ..model.system import System
-    from ..references import reference
+    """Results of every reference and a scheme on a mass that meets a stop, a problem with a known answer."""
     from ..references.registry import METHODS
-    from ..schemes import SDIRK
+    from ..testset.score import score
 
-    system = System.from_matrices(
-        [[1.0]], [[10.0]], contacts=[Contact(np.ones(1), Stops(upper=0.1, stiffness=1e3))], initial_velocity=[1.0]
-    )
-    end, rows = 0.5, []
-    times = np.arange(5001) * 1e-4
-    exact = reference(system, end, t_eval=times)
+    rows = []
     for i, name in enumerate(["SDIRK", *METHODS]):
         show(name, i, 1 + len(METHODS))
-        begun, solver = time.perf_counter(), {"name": name, "agrees": False}
+        begun, row = time.perf_counter(), {"name": name, "agrees": False}
         try:
-            scheme = SDIRK() if name == "SDIRK" else None
-            run = integrate(system, scheme, 1e-4, end) if scheme else reference(system, end, name, t_eval=times)
-            error = tip_error(run.tip, exact.tip).max
-            solver |= {"agrees": bool(error < 1e-3), "error": error}
-            solver["said"] = f"within {error:.1e} of the exact solution in {time.perf_counter() - begun:.2g} s"
+            (entry,) = score(name, "bilinear-oscillator").entries
+            row |= {"agrees": bool(entry.runs and not entry.flagged), "error": entry.best.get("tip_error")}
+            row["said"] = entry.reason or f"tip error {row['error']:.1e} in {time.perf_counter() - begun:.2g} s"
         except Exception as failure:  # whatever is broken here is what the command is asked to say
-            solver["said"] = f"{type(failure).__name__}: {failure}"
-        rows.append(solver)
+            row["said"] = f"{type(failure).__name__}: {failure}"
+        rows.append(row)
     return rows

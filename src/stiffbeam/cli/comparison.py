@@ -14,7 +14,20 @@ from ..basics.progress import TALK, progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
-from .output import Json, check_json, console, default_folder, file_name, json_text, make_folder, say, write_json
+from .output import (
+    CaseName,
+    EndTime,
+    Json,
+    Step,
+    check_json,
+    console,
+    default_folder,
+    file_name,
+    json_text,
+    make_folder,
+    say,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,13 +42,13 @@ if TYPE_CHECKING:
 
 
 def compare(
-    case: str,
+    case: CaseName,
     *,
     schemes: str | None = None,
     references: str | None = None,
     contact: str = "implicit",
-    dt: float | None = None,
-    t_end: float | None = None,
+    dt: Step = None,
+    t_end: EndTime = None,
     out: Path | None = None,
     json: Json = None,
     cache: bool = True,
@@ -48,22 +61,14 @@ def compare(
 
     Parameters
     ----------
-    case
-        table1 .. table17, a case file, or file.toml:name.
     schemes
         Comma-separated schemes, solvers and functions module:function, such as 'BDF2,SDIRK.printed,mymodule:radau'.
     references
         Comma-separated; the first that supports the case is the main one. By default those that support it.
     contact
         implicit, conserving, or extrapolated as in the paper.
-    dt
-        Time step in place of the case's.
-    t_end
-        End time in place of the case's.
     out
         Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
-    json
-        Write the records to this file, - for stdout.
     cache
         Store references and use stored ones.
     budget

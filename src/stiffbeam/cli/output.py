@@ -19,7 +19,14 @@ from ..basics.validation import InputError, file_path
 if TYPE_CHECKING:
     from rich.console import Console
 
-Json = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # a file, or - for stdout
+# Options that several commands have.
+CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or file.toml:name.")]
+Step = Annotated[float | None, Parameter(help="Time step in place of the case's.")]
+EndTime = Annotated[float | None, Parameter(help="End time in place of the case's.")]
+Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or hermite.")]
+Json = Annotated[
+    Path | None, Parameter(allow_leading_hyphen=True, help="Write the records to this file, - for stdout.")
+]
 
 
 def console(width: int | None = None, quiet: bool = False) -> Console:
