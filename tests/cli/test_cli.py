@@ -84,8 +84,6 @@ def test_a_case_shown_is_a_file_that_compare_takes(command, tmp_path):
     assert (code, err) == (0, "")
     assert "table10 Flexible beam, wide clearance: HHT against SDIRK" in words(out)
     assert "\nPicture: stiffbeam-output/table10/comparison.png\n" in out
-    assert "s of computing" not in out
-    assert "s of computing" in Path("stiffbeam-output/table10/comparison.txt").read_text(encoding="utf-8")
     stored = sb.load(tmp_path / "stiffbeam-output" / "table10" / "HHT-alpha=-0.1-displacement.nc")
     system = sb.semidiscretise(sb.paper_case(10).problem, 25)
     assert stored.fingerprint == system.fingerprint

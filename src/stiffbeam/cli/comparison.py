@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from ..basics.progress import TALK, progress
+from ..basics.progress import progress
 from ..basics.storage import write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
@@ -125,7 +125,7 @@ def compare(
             if answered:  # what is printed is written too
                 _write(answered[-1], folder, written)
             raise
-        for line in _report(result, False).failed()[shown[0] :]:
+        for line in _report(result).failed()[shown[0] :]:
             terminal.print(line)
         rated = _rates(result) if rates else []
         for label, each in rated:
@@ -148,7 +148,7 @@ def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
     from ..measures.report import WIDTH
 
     text = StringIO()
-    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_report(result, verbose=True).rich())
+    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_report(result).rich())
     written.append(write_whole(folder / "comparison.txt", text.getvalue()))
     records = result.to_dict() | {"files": [path.name for path in written]}
     written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
@@ -221,17 +221,16 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     return written
 
 
-def _report(result: CaseComparison, verbose: bool) -> Report:
+def _report(result: CaseComparison) -> Report:
     from ..measures.report import report
 
-    parts = (result.comparisons, result.references, result.failures, result.truths, result.refused)
-    return report(*parts, verbose=verbose)
+    return report(result.comparisons, result.references, result.failures, result.truths, result.refused)
 
 
 def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:
     """Print the tables of the schemes and the main reference."""
     terminal.print()
-    terminal.print(_report(result, TALK.verbose).rich())
+    terminal.print(_report(result).rich())
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
         command = f"stiffbeam ensemble {shlex.quote(case)}"
         terminal.print(f"\nStatistics past the horizon, over many runs: {command}", soft_wrap=True)

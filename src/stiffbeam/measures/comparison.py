@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.text import DRAW, plain, table
+from ..basics.text import DRAW, plain
 from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.scales import scales
@@ -128,8 +128,39 @@ class ContactComparison:
     reference_totals: ContactMeasures
 
 
+class Tables:
+    """Views of one comparison or of several: tables and a picture."""
+
+    def _all(self) -> tuple[Comparison, ...]:
+        """The comparisons in the tables."""
+        raise NotImplementedError
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One line a run, the entries of ``Comparison.to_dict`` flat: phase_lag, contact0_run_peak_force and so on;
+        units in attrs."""
+        import pandas
+
+        frame = pandas.json_normalize([c._records(named=True) for c in self._all()], sep="_")
+        frame.attrs["units"] = list(self._all()[0].units)
+        return frame
+
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return report(self._all()).latex()
+
+    def figure(self) -> Figure:
+        """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
+        return DRAW["comparison"](self._all())
+
+    def __str__(self) -> str:
+        return str(report(self._all()))
+
+    def _repr_html_(self) -> str:
+        return report(self._all()).html()
+
+
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Tables):
     """A run against a reference on [0, window], window = min(t_end, horizon), and totals to t_end beside it.
 
     Parameters
@@ -194,45 +225,35 @@ class Comparison:
         inside = steps_to(self.times, time)
         return rms(self.error[:inside], self.times[:inside])
 
+    def _all(self) -> tuple[Comparison, ...]:
+        return (self,)
+
+    def _records(self, named: bool = False) -> dict[str, Any]:
+        """All numbers; the contacts as a list, or each under its name in a DataFrame, with texts in place of lists."""
+        records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
+        rest = {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
+        if named:
+            rest |= {"units": "; ".join(self.units), "missing": "; ".join(self.missing)}
+            rest |= {f"contact{i}": contact for i, contact in enumerate(rest.pop("contacts"))}
+        return rest
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
         return plain(self._records())
-
-    def _records(self) -> dict[str, Any]:
-        records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
-        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
-
-    def figure(self) -> Figure:
-        """The run beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
-        return DRAW["comparison"]([self])
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """One line, the entries of ``to_dict`` flat: phase_lag, contact0_run_peak_force and so on; units in attrs."""
-        entries = self._records()
-        contacts = {f"contact{i}": contact for i, contact in enumerate(entries.pop("contacts"))}
-        columns = {name: [value] for name, value in _flat("", entries | contacts).items()}
-        return table(columns, {"units": list(self.units)})
-
-    def to_latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return report([self]).latex()
 
     def __repr__(self) -> str:
         error = f"{100 * self.tip_error_rms:.3g} %"
         return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
 
-    def __str__(self) -> str:
-        return str(report([self]))
-
-    def _repr_html_(self) -> str:
-        return report([self]).html()
-
 
 @dataclass(frozen=True, repr=False)
-class Comparisons:
+class Comparisons(Tables):
     """Several runs against one reference, as one table: a sequence of Comparison."""
 
     comparisons: tuple[Comparison, ...]
+
+    def _all(self) -> tuple[Comparison, ...]:
+        return self.comparisons
 
     def __getitem__(self, i: int) -> Comparison:
         return self.comparisons[i]
@@ -244,40 +265,8 @@ class Comparisons:
         """Plain numbers and texts, for JSON."""
         return {"comparisons": [c.to_dict() for c in self.comparisons]}
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """One line a run, see ``Comparison.to_dataframe``."""
-        import pandas
-
-        frame = pandas.concat([c.to_dataframe() for c in self.comparisons], ignore_index=True)
-        frame.attrs["units"] = list(self.comparisons[0].units)
-        return frame
-
-    def to_latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return report(self.comparisons).latex()
-
-    def figure(self) -> Figure:
-        """The runs beside the reference, a matplotlib Figure."""
-        return DRAW["comparison"](self.comparisons)
-
     def __repr__(self) -> str:
         return f"<Comparisons of {', '.join(c.label for c in self.comparisons)}>"
-
-    def __str__(self) -> str:
-        return str(report(self.comparisons))
-
-    def _repr_html_(self) -> str:
-        return report(self.comparisons).html()
-
-
-def _flat(prefix: str, value: Any) -> dict[str, Any]:
-    """A nested dictionary as one, names joined by underscores; a tuple of texts as one text."""
-    if not isinstance(value, dict):
-        return {prefix: "; ".join(value) if isinstance(value, tuple) else value}
-    flat: dict[str, Any] = {}
-    for name, item in value.items():
-        flat |= _flat(f"{prefix}_{name}" if prefix else name, item)
-    return flat
 
 
 @overload

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
-from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
+Counts = tuple[str, str, str, str]  # impacts, share of the time, peak and impulse of a contact
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
 WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
 LINE = 100  # columns of a sentence on a wide terminal: longer lines are hard to follow
@@ -77,7 +77,7 @@ def verdict(comparisons: Sequence[Comparison]) -> str:
     Of several runs the first and the last to part from the reference are named.
     """
     known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
-    ends = sorted((c.matched_until, short(c.label.partition("@")[0])) for c in known)
+    ends = sorted((c.matched_until, method_of(c.label)) for c in known)
     if not ends:
         errors = sorted(c.tip_error_rms for c in comparisons)
         span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
@@ -102,7 +102,7 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
 
 @dataclass(frozen=True)
 class Report:
-    """Tables of a comparison, each a title and a DataFrame of texts, with notes above, between and below them."""
+    """Tables of a comparison, each a title and a DataFrame of texts, with remarks above and notes below them."""
 
     remarks: tuple[str, ...]
     tables: tuple[tuple[str, Any], ...]
@@ -129,7 +129,7 @@ class Report:
             for head in frame.columns[1:]:
                 table.add_column(str(head).replace(" ", "\n", 1), justify="right", no_wrap=True)
             for name, *cells in frame.itertuples(index=False):
-                table.add_row(name, *cells, style="" if name not in frame.attrs["references"] else "bold")
+                table.add_row(name, *cells, style="bold" if name.startswith(("exact", frame.run[0])) else "")
             # Narrower gaps where it would not fit a file or an ordinary terminal.
             table.padding = 0 if Measurement.get(wide, wide.options, table).maximum > WIDTH else table.padding
             parts += [table, ""]
@@ -175,103 +175,107 @@ def report(
     failures: Sequence[tuple[str, str]] = (),
     truths: Mapping[str, Reference] | None = None,
     refused: Container[str] = (),
-    verbose: bool = False,
 ) -> Report:
     """Return the tables of comparisons: one per form to the horizon, one of the whole runs, and the failures.
 
     truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
-    failures that the case does not allow. verbose: with all details below the tables, as in the file.
+    failures that the case does not allow.
     """
-    remarks = tuple(dict.fromkeys(c.remark for c in comparisons if c.remark))
-    # The runs of one form have one reference and one table.
+    # The runs of one form have one reference and two tables.
     by_reference = [
         [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
     ]
-    touched = [_touched(of_form) for of_form in by_reference]
-    tables = [_to_horizon(of_form) for of_form, _ in touched]
-    tables += [_to_end(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])) for of_form, _ in touched]
-    shown = [c for of_form, _ in touched for c in of_form]
-    notes = (_notes(shown, references) + [said for _, said in touched if said]) if shown else []
-    notes += _details(shown, references) if verbose and shown else []
-    lost = tuple(("refused" if label in refused else "failed", label, message) for label, message in failures)
-    return Report(remarks, tuple(tables), tuple(dict.fromkeys(notes)), lost)
+    tables = [_to_horizon(of_form) for of_form in by_reference]
+    tables += [_to_end(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])) for of_form in by_reference]
+    return Report(
+        remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
+        tables=tuple(tables),
+        notes=tuple(dict.fromkeys(_notes(comparisons, references))) if comparisons else (),
+        failures=tuple(("refused" if label in refused else "failed", label, message) for label, message in failures),
+    )
 
 
-def _names(comparisons: Sequence[Comparison]) -> list[str]:
-    """Short names, or whole labels if two runs would share one."""
-    methods = [c.label.partition("@")[0] for c in comparisons]  # a label is method@form
-    names = [short(method) for method in methods]
-    return [method if names.count(name) > 1 else name for method, name in zip(methods, names, strict=True)]
+def method_of(label: str) -> str:
+    """The short name of the method in a label, which is method@form."""
+    return short(label.partition("@")[0])
 
 
-def _touched(comparisons: Sequence[Comparison]) -> tuple[list[Comparison], str]:
-    """The comparisons without the contacts that neither run nor reference touches, and a sentence that names those."""
+@dataclass(frozen=True)
+class _Line:
+    """A line of a table: of a run or its reference as a whole, with its only contact, or of one of several contacts."""
 
-    def free(contact: ContactComparison) -> bool:
+    name: str
+    of: Comparison
+    run: bool
+    contact: ContactComparison | None
+    whole: bool = True
+    several: bool = False  # its contacts have lines of their own
+
+    def counts(self, measures: ContactMeasures | None) -> Counts:
+        """Impacts at the time steps, share of the time, peak and impulse; empty where the lines of contacts follow."""
+        if measures is None:
+            return ("", "", "", "") if self.several else ("0", percent(0.0), "0", "0")
+        impacts = str(measures.impacts) if measures.impacts >= 0 else DASH
+        return impacts, percent(measures.fraction), number(measures.peak_force, 4), number(measures.impulse, 4)
+
+
+def _lines(comparisons: Sequence[Comparison], main: str) -> Iterator[_Line]:
+    """The lines of the reference, called ``main``, and of every run with one reference."""
+    touched = _touched(comparisons)
+    names = [method_of(c.label) for c in comparisons]
+    names = [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
+    runs, several = [(name, c, True) for name, c in zip(names, comparisons, strict=True)], len(touched) > 1
+    for name, c, run in [(main, comparisons[0], False), *runs]:
+        yield _Line(name, c, run, c.contacts[touched[0]] if len(touched) == 1 else None, several=several)
+        for i in touched if several else ():
+            yield _Line(f"  {c.contacts[i].place.removeprefix('stops at ')}", c, run, c.contacts[i], whole=False)
+
+
+def _touched(comparisons: Sequence[Comparison]) -> list[int]:
+    """Numbers of the contacts that a run or the reference touches; the only contact in any case."""
+    contacts = range(len(comparisons[0].contacts))
+
+    def touches(contact: ContactComparison) -> bool:
         measures = (contact.run, contact.reference, contact.run_totals, contact.reference_totals)
-        return not any(m.impacts or m.event_impacts or m.fraction for m in measures)
+        return any(m.impacts or m.event_impacts or m.fraction for m in measures)
 
-    places = [contact.place for contact in comparisons[0].contacts]
-    untouched = [all(free(c.contacts[i]) for c in comparisons) for i in range(len(places))]
-    if len(places) < 2 or not any(untouched):
-        return list(comparisons), ""
-    shorter = [
-        replace(c, contacts=tuple(x for x, drop in zip(c.contacts, untouched, strict=True) if not drop))
-        for c in comparisons
-    ]
-    if all(untouched):  # the remark says so
-        return shorter, ""
-    runs = [list(group) for drop, group in groupby(range(len(places)), untouched.__getitem__) if drop]
-    names = (places[g[0]] if len(g) == 1 else f"{places[g[0]]} to {places[g[-1]]}" for g in runs)
-    return shorter, f"Never touched: {', '.join(names)}."
+    return [i for i in contacts if len(contacts) == 1 or any(touches(c.contacts[i]) for c in comparisons)]
 
 
-def _frame(rows: Sequence[Mapping[str, str]], references: Sequence[str]) -> Any:
+def _frame(rows: Sequence[Mapping[str, str]]) -> Any:
     """The rows as a DataFrame without the columns that say nothing."""
     import pandas
 
     frame: Any = pandas.DataFrame(list(rows))
-    frame = frame.loc[:, [any(cell not in (DASH, "") for cell in frame[head]) for head in frame]]
-    frame.attrs["references"] = list(references)
-    return frame
+    return frame.loc[:, [any(cell not in (DASH, "") for cell in frame[head]) for head in frame]]
 
 
 def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
     """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
-    first = comparisons[0]
-    method, _, form = first.reference.partition("@")
-    common, main = common_window(comparisons), f"{short(method)} (reference)"
+    first, common = comparisons[0], common_window(comparisons)
     lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
-
-    def line(name: str, c: Comparison, whose: str, contact: ContactComparison | None) -> dict[str, str]:
-        """A line of a whole run, or of one of several contacts."""
-        one = contact or (c.contacts[0] if len(c.contacts) == 1 else None)
-        known = whose == "run" and (one is None or one.run.impacts >= 0)
-        whole, match = whose == "run" and contact is None, one.matching if one and known else None
-        until = c.matched_until if contact is None else match.matched_until if match else np.nan
-        counts = _counts(getattr(one, whose) if one else None, bool(c.contacts) and one is None)
-        return {
-            "run": name,
-            "tip error": percent(c.tip_error_to(min(common, c.window))) if whole else DASH,
-            lag: number(c.phase.lag, 2) if whole else DASH,
-            delay: number(match.median_delay, 2) if match else DASH,
-            "energy lost": percent(c.energy_lost) if whole else DASH,
-            "impacts right to": _until(until, c.window, first.window) if whose == "run" else DASH,
-            **{head: counts[head] for head in ("impacts", "contact time")},
-        }
-
-    rows = [line(main, first, "reference", None)]
-    rows += [line(_line(x), first, "reference", x) for x in _several(first)]
-    for name, c in zip(_names(comparisons), comparisons, strict=True):
-        rows += [line(name, c, "run", None), *(line(_line(x), c, "run", x) for x in _several(c))]
-    title = f"To the horizon t = {number(first.window)}, {form} form"
-    return title, _frame(rows, [main])
+    rows = []
+    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
+        c, one, known = line.of, line.contact, line.run and (line.contact is None or line.contact.run.impacts >= 0)
+        impacts, share, *_ = line.counts(one and (one.run if line.run else one.reference))
+        until = c.matched_until if line.whole else one.matching.matched_until if one and known else np.nan
+        errors = line.run and line.whole
+        rows.append({
+            "run": line.name,
+            "tip error": percent(c.tip_error_to(min(common, c.window))) if errors else DASH,
+            lag: number(c.phase.lag, 2) if errors else DASH,
+            delay: number(one.matching.median_delay, 2) if one and known else DASH,
+            "energy lost": percent(c.energy_lost) if errors else DASH,
+            "impacts right to": _until(until, c.window, first.window) if line.run else DASH,
+            "impacts": impacts,
+            "contact time": share,
+        })  # fmt: skip
+    return f"To the horizon t = {number(first.window)}, {first.reference.partition('@')[2]} form", _frame(rows)
 
 
 def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple[str, Any]:
     """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
     first = comparisons[0]
-    method, _, form = first.reference.partition("@")
     units, end = first.units, max(c.t_end for c in comparisons)
     # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
     beyond = first.window < end * (1 - 1e-9)
@@ -279,54 +283,29 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
     parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
     if not beyond and parted < first.window:
         said = f"; impacts differ from t = {number(parted)} on"
-    main = f"{short(method)} ({'double precision' if truth is not None else 'reference'})"
-    rows: list[dict[str, str]] = []
 
-    def line(name: str, c: Comparison, whose: str, contact: ContactComparison | None) -> dict[str, str]:
-        one = contact or (c.contacts[0] if len(c.contacts) == 1 else None)
-        whole = whose == "run_totals" and contact is None
-        counts = _counts(getattr(one, whose) if one else None, bool(c.contacts) and one is None)
+    def row(name: str, counts: Counts, speed: float = np.nan, lost: float = np.nan) -> dict[str, str]:
+        impacts, share, peak, impulse = counts
         return {
-            "run": name, "ns per step": number(c.ns_per_step, 3) if whole else DASH,
-            "impacts": counts["impacts"], "contact time": counts["contact time"],
-            with_unit(units, "peak force", "force"): counts["peak"],
-            with_unit(units, "impulse", "impulse"): counts["impulse"],
-            "energy lost": percent(c.totals_energy_lost) if whole else DASH,
+            "run": name, "ns per step": number(speed, 3), "impacts": impacts, "contact time": share,
+            with_unit(units, "peak force", "force"): peak, with_unit(units, "impulse", "impulse"): impulse,
+            "energy lost": percent(lost),
         }  # fmt: skip
 
-    rows.append(line(main, first, "reference_totals", None))
-    rows += [line(_line(x), first, "reference_totals", x) for x in _several(first)]
-    names = [main]
-    if truth is not None and len(truth.contacts) == len(first.contacts) == 1:
-        names.append(f"exact ({truth.provenance['digits']} digits)")
-        record, sampled = truth.contacts[0], truth.impacts_sampled(first.dt).count
-        of_truth = ContactMeasures(sampled, record.impacts.count, record.fraction, record.peak_force, record.impulse)
-        one = replace(first, contacts=(replace(first.contacts[0], reference_totals=of_truth),))
-        rows.insert(0, line(names[-1], one, "reference_totals", None))
-    for name, c in zip(_names(comparisons), comparisons, strict=True):
-        if c.steps:
-            rows += [line(name, c, "run_totals", None), *(line(_line(x), c, "run_totals", x) for x in _several(c))]
-    return f"To t = {end:g}, {form} form{said}", _frame(rows, names)
-
-
-def _several(comparison: Comparison) -> tuple[ContactComparison, ...]:
-    """The contacts with their own lines: all of them if there are several."""
-    return comparison.contacts if len(comparison.contacts) > 1 else ()
-
-
-def _line(contact: ContactComparison) -> str:
-    return f"  {contact.place.removeprefix('stops at ')}"
-
-
-def _counts(measures: ContactMeasures | None, elsewhere: bool) -> dict[str, str]:
-    """Impacts at the time steps, share of the time, peak and impulse of a contact; empty if its lines follow."""
-    if measures is None and elsewhere:
-        return dict.fromkeys(("impacts", "contact time", "peak", "impulse"), "")
-    x = measures or ContactMeasures(0, 0, 0.0, 0.0, 0.0)
-    return {
-        "impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction),
-        "peak": number(x.peak_force, 4), "impulse": number(x.impulse, 4),
-    }  # fmt: skip
+    rows, role = list[dict[str, str]](), "double precision" if truth else "reference"
+    for line in _lines(comparisons, f"{method_of(first.reference)} ({role})"):
+        c, one = line.of, line.contact
+        counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
+        if line.run and line.whole and c.steps:
+            rows.append(row(line.name, counts, c.ns_per_step, c.totals_energy_lost))
+        elif not line.run or c.steps:
+            rows.append(row(line.name, counts))
+        if truth is not None and len(rows) == len(truth.contacts) == 1 and one is not None:
+            record = truth.contacts[0]
+            sampled = truth.impacts_sampled(first.dt).count
+            measures = ContactMeasures(sampled, sampled, record.fraction, record.peak_force, record.impulse)
+            rows.insert(0, row(f"exact ({truth.provenance['digits']} digits)", line.counts(measures)))
+    return f"To t = {end:g}, {first.reference.partition('@')[2]} form{said}", _frame(rows)
 
 
 def _until(until: float, window: float, horizon: float) -> str:
@@ -335,51 +314,33 @@ def _until(until: float, window: float, horizon: float) -> str:
     return DASH if np.isnan(until) else number(until) if until < window else end
 
 
-def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
+def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> Iterator[str]:
     """The notes without which the tables would be misread."""
-    first = comparisons[0]
-    common = common_window(comparisons)
-    lines = [
+    first, common = comparisons[0], common_window(comparisons)
+    yield (
         f"Tip error: rms over max |u|, to t = {number(common)}"
         f"{'' if common == first.window else ', where the impacts of all runs still match'}. Lag, delay: > 0 is late. "
         "Energy lost: by the scheme, of the energy supplied. Impacts: those that the time steps show."
-    ]
-    events = sum(c.reference_totals.event_impacts for c in first.contacts)
-    if events != sum(c.reference_totals.impacts for c in first.contacts):
-        lines.append(f"The reference has {events} impacts to t = {first.t_end:g} in all.")
+    )
+    touched, contacts = _touched(comparisons), first.contacts
+    if 0 < len(touched) < len(contacts):
+        yield f"Never touched: {len(contacts) - len(touched)} of {len(contacts)} contacts."
+    events = sum(c.reference_totals.event_impacts for c in contacts)
+    if events != sum(c.reference_totals.impacts for c in contacts):
+        yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
     if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
-        lines.append("Energy lost is – if the time step does not resolve the dissipation of dampers.")
+        yield "Energy lost is – if the time step does not resolve the dissipation of dampers."
     system = None if first.pair is None else first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
-        lines.append("The reference is exact for this mesh; `stiffbeam study space` measures the mesh.")
-    lines += [
-        f"{short(r.label.partition('@')[0])} was computed {r.provenance['budget']}, and its tip error is to that time."
-        for r in references
-        if "budget" in r.provenance
-    ]
+        yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
+    for r in references:
+        if "budget" in r.provenance:
+            yield f"{method_of(r.label)} was computed {r.provenance['budget']}, and its tip error is to that time."
     if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
-        lines.append("A contact that begins at t = 0 counts as contact, not as an impact.")
+        yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:
-        lengths = np.diff(c.times)
+        name, lengths = c.label.partition("@")[0], np.diff(c.times)
         if np.ptp(lengths) > EVEN * c.dt:
             least, most, median = (number(x) for x in (lengths.min(), lengths.max(), c.dt))
-            lines.append(f"{c.label.partition('@')[0]}: steps of {least} to {most}, {median} in the median.")
-    return lines + [f"{c.label.partition('@')[0]}, {reason}." for c in comparisons for reason in c.missing]
-
-
-def _details(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> list[str]:
-    """Horizons and cost of the references, set-up."""
-    lines = [
-        f"{r.label}: horizon {number(r.horizon)} "
-        f"(against {r.provenance.get('horizon_against', '')}), {number(r.work.seconds)} s of computing"
-        f"{' in an earlier run' if r.provenance.get('kept') else ''}."
-        for r in references
-    ]
-    steps = [c for c in comparisons if c.steps and np.isfinite(c.seconds)]
-    if steps:
-        # Set-up is what the run takes beyond its steps, in milliseconds.
-        ms = [1e3 * c.seconds - 1e-6 * c.ns_per_step * c.steps for c in steps]
-        lines.append(
-            f"A run is {max(c.steps for c in steps)} steps and {max(0.0, float(np.median(ms))):.2g} ms of set-up."
-        )
-    return lines
+            yield f"{name}: steps of {least} to {most}, {median} in the median."
+        yield from (f"{name}, {reason}." for reason in c.missing)
