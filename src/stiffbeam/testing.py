@@ -119,7 +119,7 @@ def check_solver(function: Callable[..., Any] | str) -> pandas.DataFrame:
     from .testset.score import score
 
     one = integrator(function)
-    card = score(one, PROBLEMS, statistics=False)
+    card = score(one, PROBLEMS)
     for entry in card.flagged:
         raise AssertionError(f"{one.label}: known answers: {entry.problem.name}: {entry.outcome}, {entry.reason}")
     return _table(

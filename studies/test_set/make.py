@@ -17,16 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import mpmath as mp
-import numpy as np
 from definitions import DEFINITIONS, Definition
 from derivatives import derivatives
 from truth import Truth, text
 
-import stiffbeam as sb
 from stiffbeam.testset.problem import Problem
 
 FOLDER = Path(__file__).parents[2] / "reference" / "problems"
-MEMBERS, SIZE, SEED = 200, 1e-10, 1
 DERIVATIVE_DIGITS = 22
 HOW = (
     "at t_end, by paths of parameters; differences of order 8 of the answers in 60 digits, and Taylor series with "
@@ -53,24 +50,6 @@ def answers_of(definition: Definition, truth: Truth) -> dict[str, tuple[Any, str
         found |= {"energy": (energy, how), "energy_scale": (scale, how)}
     found |= truth.more | definition.more(truth)
     return found | {"tip": (truth.tip, truth.how), "tip_velocity": (truth.velocity, truth.how)}
-
-
-def statistics_of(definition: Definition) -> dict[str, Any] | None:
-    """Mean and standard deviation over an ensemble of exact motions whose initial data differ by ``SIZE``."""
-    if definition.statistics is None:
-        return None
-    t_end, steps = definition.statistics
-    system = problem_of(definition).system
-    members = sb.perturbed_members(system, members=MEMBERS, size=SIZE, seed=SEED)
-    ensemble = sb.reference_ensemble(system, t_end, members=members)
-    contact = ensemble.contact
-    peaks = [np.nanmedian(contact.impacts_of(i).peaks) for i in range(MEMBERS)]
-    values = {"impacts": contact.impact_count, "contact_fraction": contact.fraction, "median_peak": peaks}
-    return {
-        "t_end": t_end, "members": MEMBERS, "size": SIZE, "seed": SEED, "steps": list(steps),
-        "how": "float64 exact solutions of the system with perturbed initial data (stiffbeam.reference_ensemble)",
-        "values": {k: {"mean": float(np.mean(x)), "deviation": float(np.std(x, ddof=1))} for k, x in values.items()},
-    }  # fmt: skip
 
 
 def toml(value: Any) -> str:
@@ -106,10 +85,6 @@ def file_text(number: int, definition: Definition, truth: Truth) -> str:
         else:
             lines.append(f'value = "{text(value)}"')
         lines.append(f"how = {toml(how)}")
-    if (known := statistics_of(d)) is not None:
-        values = known.pop("values")
-        lines += ["", "[statistics]", *(f"{k} = {toml(v)}" for k, v in known.items()), "", "[statistics.values]"]
-        lines += [f"{k} = {toml(v)}" for k, v in values.items()]
     return "\n".join(lines) + "\n"
 
 

@@ -18,7 +18,7 @@ from ..files.reader import Reader, located
 from ..model.system import System
 
 # Of the test set: the first number changes when an answer does, the second when problems or answers are added.
-VERSION = "3.3"
+VERSION = "3.4"
 
 
 @dataclass(frozen=True)
@@ -32,22 +32,6 @@ class Answer:
     def value(self) -> Any:
         """The nearest double, or doubles as an array."""
         return float(self.digits) if isinstance(self.digits, str) else np.array([float(x) for x in self.digits])
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Statistics past the horizon, where no single motion is known: mean and standard deviation of each quantity over
-    ``members`` exact motions to ``t_end`` whose initial data differ by ``size``. steps: the numbers of steps of a
-    score.
-    """
-
-    t_end: float
-    members: int
-    size: float
-    seed: int
-    steps: tuple[int, ...]
-    how: str
-    values: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +59,6 @@ class Problem:
         of the first contact and of exit; ``peak_force``; and ``energy`` at t_end, against ``energy_scale``.
     data : mapping
         The [system] of the file.
-    statistics : Statistics, optional
-        Values past the horizon.
     derivatives : mapping of str to mapping of str to Answer
         Of ``tip`` and ``tip_velocity`` at t_end, by the path of a parameter: ``derivatives["tip"]["q0[0]"]``. Empty
         where none are known.
@@ -99,7 +81,6 @@ class Problem:
     order_limit: float
     answers: Mapping[str, Answer]
     data: Mapping[str, Any]
-    statistics: Statistics | None = None
     derivatives: Mapping[str, Mapping[str, Answer]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -165,10 +146,6 @@ def read(text: str) -> Problem:
         name: Answer(tuple(x["value"]) if isinstance(x["value"], list) else x["value"], x["how"])
         for name, x in table["answers"].items()
     }
-    known, statistics = table.get("statistics"), None
-    if known is not None:
-        values = {name: (x["mean"], x["deviation"]) for name, x in known.pop("values").items()}
-        statistics = Statistics(**known | {"steps": tuple(known["steps"])}, values=values)
     derivatives = table.get("derivatives", {})
     how = derivatives.pop("how", "")
     known_derivatives = {
@@ -176,7 +153,7 @@ def read(text: str) -> Problem:
     }
     plain = ("number", "name", "title", "source", "catches", "t_end", "samples", "order_limit")
     given = {key: table[key] for key in plain}
-    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"], statistics=statistics,
+    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"],
                    derivatives=known_derivatives)  # fmt: skip
 
 

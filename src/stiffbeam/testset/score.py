@@ -59,7 +59,7 @@ class Entry:
     of a function), seconds, and the columns of ``errors_of``. outcome: "converges", "error does not fall", "order too
     low", "impact missing", "failed", "not taken" or "not judged"; reason: a sentence, "" where it converges. order:
     observed, of the tip error. expected: the smaller of its order on smooth motion and the problem's limit, NaN if
-    unknown. past: past the horizon, statistics less those of the exact ensemble, in standard deviations.
+    unknown.
     """
 
     integrator: str
@@ -70,7 +70,6 @@ class Entry:
     reason: str = ""
     order: Order = NONE
     expected: float = float("nan")
-    past: tuple[dict[str, float], ...] = ()
 
     @property
     def flagged(self) -> bool:
@@ -129,7 +128,7 @@ class Scorecard:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
-        entries = [e.row() | {"runs": list(e.runs), "past_horizon": list(e.past)} for e in self.entries]
+        entries = [e.row() | {"runs": list(e.runs)} for e in self.entries]
         return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": self.version,
                       "entries": entries})  # fmt: skip
 
@@ -188,13 +187,6 @@ class Scorecard:
         for (outcome, _, *names), those in together.items():
             who = ", ".join(short(e.integrator) for e in those)
             lines.append(f"{who} on {', '.join(names)}: {outcome}, {those[0].reason}")
-        for e in self.entries:
-            if e.past and e.problem.statistics is not None:
-                off = ", ".join(f"{name} {x:+.1f}" for name, x in e.past[-1].items() if name != "steps")
-                lines.append(
-                    f"{short(e.integrator)} on {e.problem.name} to t = {e.problem.statistics.t_end:g} in "
-                    f"{e.past[-1]['steps']:.0f} steps: {off} standard deviations of the exact motions."
-                )
         return lines
 
     def __repr__(self) -> str:
@@ -247,7 +239,6 @@ def score(
     integrators: Any = None,
     problems: str | Problem | Iterable[str | Problem] | None = None,
     order: float | None = None,
-    statistics: bool = True,
     progress: bool | Show = False,
 ) -> Scorecard:
     """Return the errors of integrators on problems with known answers, with orders and a verdict each.
@@ -268,8 +259,6 @@ def score(
     order : float, optional
         Order of the functions on smooth motion. Where ``free-oscillator`` is among the problems, the order measured
         there counts if it is higher.
-    statistics : bool
-        Also measure past the horizon.
     progress : bool or callable
         True shows a bar; a function is called as show(what, done, total).
 
@@ -301,7 +290,7 @@ def score(
             smooth = runner.order
             for k, each in enumerate(chosen):
                 show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
-                entry = _entry(runner, each, smooth, statistics)
+                entry = _entry(runner, each, smooth)
                 if each.name == SMOOTH and entry.order.points >= 3:
                     # Its order with contact follows from that without, even if it states a lower one.
                     smooth = float(np.nanmax([smooth, entry.order.slope]))
@@ -355,7 +344,7 @@ def _solved(runner: Integrator, each: Problem, level: float, t_end: float) -> Tr
     return runner.run(each.system, t_end / level, t_end)
 
 
-def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -> Entry:
+def _entry(runner: Integrator, each: Problem, smooth: float) -> Entry:
     """All runs of an integrator on a problem, judged."""
     entry = Entry(runner.label, each, (), runner.kind == SOLVER)
     try:
@@ -364,8 +353,7 @@ def _entry(runner: Integrator, each: Problem, smooth: float, statistics: bool) -
         return replace(entry, outcome=NOT_TAKEN, reason=str(error))
     except (Diverged, SolverFailure) as error:
         return replace(entry, outcome=FAILED, reason=str(error))
-    past = _past(runner, each) if statistics and each.statistics is not None else ()
-    entry = replace(entry, runs=tuple(runs), past=past, reason=reason, outcome=FAILED if reason else "")
+    entry = replace(entry, runs=tuple(runs), reason=reason, outcome=FAILED if reason else "")
     return entry if reason else verdict(entry, smooth)
 
 
@@ -398,24 +386,6 @@ def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], st
     if error is not None and not rows:
         raise error
     return rows, ""
-
-
-def _past(runner: Integrator, each: Problem) -> tuple[dict[str, float], ...]:
-    """Deviation of the statistics of one run from those of the exact ensemble, in standard deviations."""
-    known, rows = each.statistics, []
-    if known is None or runner.kind not in (SCHEME, FUNCTION):
-        return ()
-    for steps in known.steps:
-        try:
-            record = _solved(runner, each, steps, known.t_end).contacts[0]
-        except (Diverged, SolverFailure):
-            continue
-        share = float(np.mean(record.stops.state(record.position, record.velocity) != 0))
-        seen = {"impacts": float(record.impacts.count), "contact_fraction": share,
-                "median_peak": record.impacts.median_peak}  # fmt: skip
-        off = {name: (seen[name] - mean) / deviation for name, (mean, deviation) in known.values.items()}
-        rows.append({"steps": float(steps), **off})
-    return tuple(rows)
 
 
 def verdict(entry: Entry, smooth: float) -> Entry:
