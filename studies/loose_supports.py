@@ -131,7 +131,7 @@ def main() -> None:
     print(f"The exact motion of the nominal tube is known to {exact.horizon:g} s.")
     rates = sb.contact_rates(exact, tangents=[sliding(case.cells, x) for x in (0.6, 1.2)])
     for i, (contact, each) in enumerate(zip(exact.contacts, rates.rates, strict=True)):
-        rates.impacts_to_dataframe(i).to_csv(out / f"impacts-{i + 1}.csv")
+        contact.impacts.to_dataframe().to_csv(out / f"impacts-{i + 1}.csv")
         impacts, impulse, normal, along = (each[x] for x in ("impact", "impulse", "normal_work", "sliding_work"))
         print(
             f"support {i + 1}: {impacts.value:g} impacts a second ({impacts.low:.0f} to {impacts.high:.0f}), the "

@@ -64,54 +64,23 @@ def within_reference(
 ) -> None:
     """Assert |u_run - u_ref| <= tolerance max |u_ref| at the run's times up to ``until`` (default: its end).
 
-    run: a Trajectory, or arrays (t, u) or (t, u, v) of the tip or (t, q, v) of all unknowns, t increasing. Raises
-    InputError for what would prove nothing: a time past the horizon of the reference, where no solution is known to
-    compare with, a reference without a horizon, a run of another system, no time up to ``until``, numbers that are
-    complex or not finite.
+    run: a Trajectory, or arrays as ``compare`` takes them. Raises InputError for what would prove nothing: a time past
+    the horizon of the reference, where no solution is known to compare with, a reference without a horizon, a run of
+    another system, times that decrease, numbers that are complex or not finite.
     """
     __tracebackhide__ = True  # the report shows the test, not this function
     import numpy as np
 
-    from .basics.validation import InputError, positive, unmasked
-    from .measures.errors import require_same_system
-    from .trajectory.trajectory import Trajectory
+    from .basics.validation import InputError, positive
+    from .measures.errors import relative_error, run_of
 
-    tolerance = positive("tolerance", tolerance)
-    rule = "be a run, or (t, u), (t, u, v) or (t, q, v)"
-    if isinstance(run, (tuple, list)):
-        if len(run) not in (2, 3):
-            raise InputError("run", f"{len(run)} arrays", rule, "leave others out")
-        if len(run) == 3 and np.ndim(run[1]) == 2:
-            run = Trajectory.from_arrays(run[0], states=(run[1], run[2]), system=reference.system)
-    elif not isinstance(run, Trajectory):
-        raise InputError("run", type(run).__name__, rule, "put the arrays into a list: [t, u]")
-    if isinstance(run, Trajectory):
-        require_same_system(run, reference)
-    given = (run.t, run.tip) if isinstance(run, Trajectory) else run[:2]
-    unmasked("run", *given)
-    if any(np.iscomplexobj(x) for x in given):
-        raise InputError("run", "complex numbers", "be real", "take the real part")
-    t, u = (np.asarray(x, float) for x in given)
-    if t.shape != u.shape or t.ndim != 1 or not len(t):
-        remedy = "give one displacement per time"
-        raise InputError("run", (t.shape, u.shape), "be times and displacements of one length", remedy)
-    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
-        raise InputError("run", "its times", "be finite and increase", "sort them, and leave repeated ones out")
-    if not np.all(np.isfinite(u)):
-        rule, remedy = "be finite", "end the run before it overflows"
-        raise InputError("run", f"a displacement that is not finite at t = {t[~np.isfinite(u)][0]:g}", rule, remedy)
-    end = float(t[-1]) if until is None else until
+    tolerance, run = positive("tolerance", tolerance), run_of(run, reference, "run")
+    end = float(run.t[-1]) if until is None else positive("until", until)
     if not end <= reference.horizon * (1 + 1e-12):
-        raise InputError(
-            "until", end, f"be at most the horizon {reference.horizon:g}",
-            "pass until=reference.horizon or a reference that reaches further",
-        )  # fmt: skip
-    inside = t <= end * (1 + 1e-12)
-    if not np.any(inside):
-        remedy = "raise until, or start the run earlier"
-        raise InputError("until", end, f"be at least the run's first time {t[0]:g}", remedy)
-    expected = reference.at(t[inside])[0]
-    error = np.abs(u[inside] - expected) / (float(np.max(np.abs(expected))) or 1.0)
+        remedy = "pass until=reference.horizon or a reference that reaches further"
+        raise InputError("until", end, f"be at most the horizon {reference.horizon:g}", remedy)
+    t = run.t[run.t <= end * (1 + 1e-12)]
+    error = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0]))
     worst = int(np.argmax(error))
     assert error[worst] <= tolerance, (
         f"off by {error[worst]:.3e} of the largest displacement at t = {t[worst]:.6g}, allowed {tolerance:.3e}"

@@ -173,7 +173,8 @@ def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> 
     rates, impacts = [], []
     for label, each in measured:
         rates.append(each.to_dataframe().reset_index().assign(run=label))
-        impacts += [each.impacts_to_dataframe(i).assign(run=label, contact=i) for i in range(len(each.rates))]
+        records = enumerate(each.run.contacts)
+        impacts += [one.impacts.to_dataframe().assign(run=label, contact=i) for i, one in records]
     tables = {"comparison-rates.csv": rates, "comparison-impacts.csv": impacts}
     joined = {name: pandas.concat(x).set_index(["run", "contact"]) for name, x in tables.items()}
     return [write_whole(folder / name, table.to_csv()) for name, table in joined.items()]

@@ -11,7 +11,6 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +30,7 @@ from ..references.exact.motion import Motion, Solver, fresh_after, joined
 from ..references.exact.solution import reference_of
 from ..schemes.labels import run_label, scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
-from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS, output_index
+from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
 from .cases import parse_case
 
@@ -215,8 +214,8 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     file : path
     system : System, optional
         The system that the run is of. With it a scheme's run and an exact solution have states and the field over x
-        again: they are computed anew on first use. So an exact solution answers ``at`` any time. Without it a
-        trajectory has what the file holds, and a frozen reference uses its own case.
+        again: they are computed anew. So an exact solution answers ``at`` any time. Without it a trajectory has what
+        the file holds, and a frozen reference uses its own case.
     t_eval : array (k,), optional
         Output times of a frozen reference, which answers at any time.
 
@@ -307,18 +306,13 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         "stored_fingerprint": data.attrs["fingerprint"],
         "system": system,
     }
-    # A system allows more than the file holds: its states and fields are computed on first use.
     if data.attrs["kind"] == "reference":
-        exact = _Again(system, common) if system is not None and common["provenance"]["method"] == "exact" else None
-        run = Reference(
-            **common,
-            horizon=float(data.attrs["horizon"]),
-            evaluate=exact and exact.values,
-            state_at=exact and exact.states,
-            contact_by_events=exact and exact.contact_between,
-            solution=exact,
-        )
-    else:
+        horizon, provenance = float(data.attrs["horizon"]), common["provenance"]
+        if system is not None and provenance["method"] == "exact":  # solved again, it answers at any time
+            solved = solve(system, provenance["t_end"], "exact", common["t"], 0.0, None)
+            return replace(solved, horizon=horizon, work=common["work"], provenance=provenance)
+        run = Reference(**common, horizon=horizon)
+    else:  # its states are computed on first use
         run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
     energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
     # The cached property is filled in: without states nothing could compute it.
@@ -341,41 +335,3 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         return plan.states(system)
 
     return pieces
-
-
-class _Again:
-    """The exact solution of a loaded reference, solved when it is asked for more than the file holds."""
-
-    def __init__(self, system: System, saved: dict[str, Any]) -> None:
-        self._system, self._saved = system, saved
-
-    @cached_property
-    def _solved(self) -> Reference:
-        return solve(self._system, self._saved["provenance"]["t_end"], "exact", None, 0.0, None)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # what copies and pickles ask for
-            raise AttributeError(name)
-        return getattr(self._solved.solution, name)
-
-    def states(self, t: Array) -> tuple[Array, Array]:
-        """(q, q') at the times t."""
-        assert self._solved.state_at is not None
-        return self._solved.state_at(t)
-
-    def contact_between(self, start: float, end: float, contact: int) -> ContactRecord | None:
-        """Record of a contact in [start, end] by events."""
-        return self._solved.contact_between(start, end, contact)
-
-    def values(self, times: Array, channel: int) -> tuple[Array, Array]:
-        """Position and velocity of a channel, those of the file at its output times."""
-        saved = self._saved
-        try:
-            index = output_index(saved["t"], times, "exact")
-        except InputError:
-            assert self._solved.evaluate is not None
-            return self._solved.evaluate(times, channel)
-        if channel < len(saved["contacts"]):
-            contact = saved["contacts"][channel]
-            return contact.position[index], contact.velocity[index]
-        return saved["tip"][index], saved["tip_velocity"][index]

@@ -108,8 +108,6 @@ class ContactRates:
     rates : sequence of dict
         For each contact the Mean of ``impact`` (impacts per time), ``impulse`` (integral of |sigma| per time),
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
-    impact_work : sequence of array (2, impacts)
-        For each contact normal and sliding work of every impact, in the order of ``Impacts.to_dataframe``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
         a reference, or the output times. "impacts" of rigid stops: their table, each impact spread evenly over its
@@ -119,27 +117,19 @@ class ContactRates:
     since: float
     t_end: float
     rates: tuple[Mapping[str, Mean], ...]
-    impact_work: tuple[Array, ...]
     sources: tuple[str, ...]
     run: Trajectory = field(repr=False)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on.
 
-        ``contact_fraction`` is the share of the time in contact. The columns ``contact_rate...`` repeat it under
-        its former name.
+        ``contact_fraction`` is the share of the time in contact.
         """
         columns: dict[str, Any] = {"contact": np.arange(len(self.rates))}
-        for name, column in [*NAMES.items(), ("contact", "contact_rate")]:
+        for name, column in NAMES.items():
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
                 columns[f"{column}{suffix}"] = [getattr(each[name], end) for each in self.rates]
         return table(columns | {"source": list(self.sources)}).set_index("contact")
-
-    def impacts_to_dataframe(self, contact: int = 0) -> pandas.DataFrame:
-        """The impacts of a contact with ``impact_normal_work`` and ``impact_sliding_work``."""
-        frame = self.run.contacts[contact].impacts.to_dataframe()
-        names = ("impact_normal_work", "impact_sliding_work")
-        return frame.assign(**dict(zip(names, self.impact_work[contact], strict=True)))
 
     def exceedance(self, force: float, contact: int = 0) -> Mean:
         """Rate of the impacts whose peak force is larger than ``force``, per time, with its 95 % interval.
@@ -217,7 +207,7 @@ def contact_rates(
     rows = _tangents(run, tangents)
     edges = windows(run.system, since, end)
     width = edges[1] - edges[0]
-    sums = [_Sums(edges, contact.impacts.listed()[0].times) for contact in run.contacts]
+    sums = [np.zeros((5, len(edges) - 1)) for _ in run.contacts]
     sources, marched = [], []
     for i, contact in enumerate(run.contacts):
         source = "impacts"
@@ -226,50 +216,38 @@ def contact_rates(
             if nodes is None:
                 marched.append(i)
             else:
-                sums[i].add(*nodes)
+                _add(sums[i], edges, *nodes)
         sources.append(source)
     # One more march for all contacts whose steps were not kept.
     if marched:
         for i, nodes in _steps(run, marched, rows):
-            sums[i].add(*nodes)
-    rates, works, reactions = [], [], _reactions(run) if run.contacts else None
-    for i, (contact, (window, impact)) in enumerate(zip(run.contacts, (x.totals for x in sums), strict=True)):
+            _add(sums[i], edges, *nodes)
+    rates, reactions = [], _reactions(run) if run.contacts else None
+    for i, (contact, window) in enumerate(zip(run.contacts, sums, strict=True)):
         if contact.stops.rigid:
             # Rigid stops have impulses, no forces: works and force rms are NaN.
-            window[2:], impact[:] = np.nan, np.nan
+            window[2:] = np.nan
             sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
-            window[3], impact[1] = np.nan, np.nan
+            window[3] = np.nan
         integrals = zip(list(RATES)[1:], window, strict=True)
         means = {"impact": _rate_of(contact.impacts.times, edges)} | {name: _rate(x / width) for name, x in integrals}
         share = means["contact"]  # of the time: at most all of it
         means |= {"contact": replace(share, high=float(np.minimum(1.0, share.high)))}
         rates.append(means | {"force_rms": _root(means["force_rms"])})
-        works.append(impact)
-    return ContactRates(float(since), end, tuple(rates), tuple(works), tuple(sources), run)
+    return ContactRates(float(since), end, tuple(rates), tuple(sources), run)
 
 
-class _Sums:
-    """Integrals at one contact: impulse, time in contact, normal and sliding work and F^2 over every part of the run
-    between the edges, and both works over every impact."""
-
-    def __init__(self, edges: Array, impacts: Array) -> None:
-        self.edges, self.impacts = edges, impacts
-        self.totals = np.zeros((5, len(edges) - 1)), np.zeros((2, len(impacts)))
-
-    def add(self, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> None:
-        """Add the nodes of a quadrature in time."""
-        size, parts = weights * np.abs(force), len(self.edges) - 1
-        works = size * np.abs(v), size * np.abs(sliding)
-        columns = (size, np.where(force != 0.0, weights, 0.0), *works, size * np.abs(force))
-        # Entry 0 of the sums, nodes before the first edge, is cut off.
-        place = np.clip(np.searchsorted(self.edges, t, "right") - 1, -1, parts - 1)
-        for total, column in zip(self.totals[0], columns, strict=True):
-            total += np.bincount(place + 1, column, parts + 1)[1:]
-        # Here entry 0 are the nodes before the first contact.
-        row = np.searchsorted(self.impacts, t, "right")
-        for total, column in zip(self.totals[1], works, strict=True):
-            total += np.bincount(row, column, len(self.impacts) + 1)[1:]
+def _add(totals: Array, edges: Array, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> None:
+    """Add the nodes of a quadrature in time to the integrals over the parts between the edges: impulse, time in
+    contact, normal and sliding work and F^2, (5, parts)."""
+    size, parts = weights * np.abs(force), len(edges) - 1
+    columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding),
+               size * np.abs(force))  # fmt: skip
+    # Entry 0 of the sums, nodes before the first edge, is cut off.
+    place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
+    for total, column in zip(totals, columns, strict=True):
+        total += np.bincount(place + 1, column, parts + 1)[1:]
 
 
 def windows(system: System | None, since: float, end: float) -> Array:
