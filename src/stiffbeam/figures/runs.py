@@ -120,8 +120,8 @@ def _draw_forces(axis: Axes, main: Reference, runs: Sequence[Trajectory], window
     for run, t, (u, v) in _curves(main, runs, window, contact):
         if stops.rigid:
             impacts = run.contacts[contact].impacts.until(window)
-            dots = {"linestyle": "", "marker": "o", "markersize": 5.0 if run is main else 3.0}
-            axis.plot(impacts.times, np.abs(impacts.impulses), **_style(run, main) | dots)
+            dots = _style(run, main, linestyle="", marker="o", markersize=5.0 if run is main else 3.0)
+            axis.plot(impacts.times, np.abs(impacts.impulses), **dots)
         else:
             axis.plot(t, stops.force(u, v), **_style(run, main))
     name = ("impulse", "impulse") if stops.rigid else (r"contact force $\sigma$", "force")
@@ -168,12 +168,13 @@ def _curves(
             yield run, run.t[here], (run.contacts[contact].position[here], run.contacts[contact].velocity[here])
 
 
-def _style(run: Trajectory, main: Reference) -> dict[str, Any]:
+def _style(run: Trajectory, main: Reference, **other: Any) -> dict[str, Any]:
     """Line of a run: the reference broad and pale below the others, other solvers thin below the schemes."""
     label = {"label": short(run.provenance["method"])}
     if run is main:
-        return label | {"color": "black", "lw": 2.6, "alpha": 0.38, "zorder": 1}
-    return label | line_of(run) | ({"lw": 0.7, "zorder": 2} if isinstance(run, Reference) else {"lw": 1.2, "zorder": 3})
+        return label | {"color": "black", "lw": 2.6, "alpha": 0.38, "zorder": 1} | other
+    drawn = {"lw": 0.7, "zorder": 2} if isinstance(run, Reference) else {"lw": 1.2, "zorder": 3}
+    return label | line_of(run) | drawn | other
 
 
 def _draw_errors(
@@ -277,7 +278,7 @@ def _draw_spectra(axis: Axes, main: Reference, runs: Sequence[Trajectory]) -> No
     drive = drive_frequency(system)
     for run in runs:
         omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
-        axis.plot(omega, amplitude, **_style(run, main) | {"lw": 0.9})
+        axis.plot(omega, amplitude, **_style(run, main, lw=0.9))
     if runs and main.solution is not None and float(main.provenance["t_end"]) >= runs[0].t[-1] * (1 - 1e-9):
         u, v = main.at(runs[0].t)
         axis.plot(*amplitude_spectrum(runs[0].t, u, drive, v), **_style(main, main))

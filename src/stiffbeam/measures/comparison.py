@@ -140,7 +140,7 @@ class Tables:
         units in attrs."""
         import pandas
 
-        frame = pandas.json_normalize([c._records(named=True) for c in self._all()], sep="_")
+        frame = pandas.json_normalize([c.records(named=True) for c in self._all()], sep="_")
         frame.attrs["units"] = list(self._all()[0].units)
         return frame
 
@@ -228,7 +228,7 @@ class Comparison(Tables):
     def _all(self) -> tuple[Comparison, ...]:
         return (self,)
 
-    def _records(self, named: bool = False) -> dict[str, Any]:
+    def records(self, named: bool = False) -> dict[str, Any]:
         """All numbers; the contacts as a list, or each under its name in a DataFrame, with texts in place of lists."""
         records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
         rest = {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
@@ -239,7 +239,7 @@ class Comparison(Tables):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
-        return plain(self._records())
+        return plain(self.records())
 
     def __repr__(self) -> str:
         error = f"{100 * self.tip_error_rms:.3g} %"
