@@ -25,7 +25,6 @@ from .model.natural_modes import NaturalModes as NaturalModes
 from .model.natural_modes import modes as modes
 from .model.natural_modes import static_equilibrium as static_equilibrium
 from .model.problem import BeamProblem as BeamProblem
-from .model.problem import BeamSection as BeamSection
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile

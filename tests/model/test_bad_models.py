@@ -17,7 +17,6 @@ from stiffbeam.files.cases import parse_case
 
 TIP = sb.Stops(-0.1, 0.1, stiffness=2e5)
 ONE, EYE, T = [[1.0]], np.eye(2), [0.0, 1.0, 2.0]
-PARTS = (sb.BeamSection(0.0, 0.5), sb.BeamSection(1.5, 2.0))
 STRIP = {"length": 2.0, "bending_stiffness": 3.0, "mass_per_length": 0.7}
 
 
@@ -38,12 +37,6 @@ def system(**fields):
     with pytest.raises(sb.InputError, match=re.escape(str(caught.value))):
         sb.System(**(good | fields))
     raise caught.value
-
-
-def of_soft(name, matrix):
-    """A wrong sign of 1e-10 of the stiff entry, or less."""
-    given = {"stiffness": np.diag([1.0, 4.0])} | {name: matrix}
-    return sb.System.from_matrices(EYE, **given, observe=[0.0, 1.0])
 
 
 def member(path, **start):
@@ -76,56 +69,38 @@ NO_BEAM = [
     (lambda: beam("free-free", base=sb.Constant(0.1)), "base must be None for a free-free beam"),
     (lambda: beam("clamped-pinned", tip_mass=0.1), "tip_mass must be 0 for a clamped-pinned beam"),
     (lambda: beam(tip_mass=-0.1), "tip_mass must be >= 0"), (lambda: beam(modal_damping=-0.1), "modal_damping"),
-    (lambda: beam("pinned-pinned", tip_inertia=1.0), "tip_inertia"),
     (lambda: beam("pinned-pinned", stops=sb.Stops(upper=1, stiffness=1)), "stops.position must be inside a"),
     (lambda: beam("clamped-clamped", initial_displacement=lambda x: x**2), "initial_displacement must equal"),
     (lambda: beam("clamped-clamped", initial_displacement=lambda x: x**2 * (x - 2.0)), "zero slope at the clamp x"),
-    (lambda: beam(sections=[sb.BeamSection(0.0, 0.5), sb.BeamSection(0.4, 1.0)]), "at or past the end"),
-    (lambda: beam(sections=[sb.BeamSection(1.0, 2.5)]), "lie on the beam"),
-    (lambda: sb.BeamSection(0.5, 0.5), "end must be > section"),
     *((lambda x=x: sb.BeamProblem(stiffness=x), f"^stiffness must {rule}, got {re.escape(repr(x))}")
-      for x, rule in ((0, "be > 0"), (-1.0, "be > 0"), (math.nan, "be finite"), (math.inf, "be finite"),
-                      ("three", "be a number in the range of float64"), (True, "be a number"))),
-    (lambda: beam(viscosity=-1e-9), "^viscosity must be >= 0"), (lambda: beam(viscosity=None), "be a number"),
+      for x, rule in ((0, "be > 0"), (math.nan, "be finite"), (True, "be a number"))),
+    (lambda: beam(viscosity=-1e-9), "^viscosity must be >= 0"),
     (lambda: beam(stops=(-0.1, 0.1)), "^stops must be a Stops or a list of them"),
-    (lambda: beam(stops=[TIP, 3]), "stops must be a Stops or a list of them"),
-    (lambda: beam(base=np.sin), "^base must have value, rate and acceleration"), (lambda: beam(base=0.2),
-     "^base must have"),
+    (lambda: beam(base=np.sin), "^base must have value, rate and acceleration"),
     (lambda: beam(loads=(sb.Constant(1.0),)), "^loads must hold PointLoad and DistributedLoad only"),
     (start(lambda x: 0.2 + 0.0 * x), r"equal the base motion phi\(0\) = 0.1 at x = 0"),
     (start(lambda x: 0.1 + 0.5 * x), "have zero slope at the clamp x = 0"),
     *((start(f), "return one finite value per x")
       for f in (lambda x: np.where(x > 0.6, np.nan, 0.1), lambda x: 0.1, lambda x: np.zeros((len(x), 2)))),
-    *((lambda x=x: sb.PointLoad(x, sb.Constant(1.0)), r"^load\.position must be") for x in (0.0, -0.1, math.nan)),
+    (lambda: sb.PointLoad(0.0, sb.Constant(1.0)), r"^load\.position must be"),
     (lambda: beam(loads=(sb.PointLoad(2.25, sb.Constant(1.0)),)), r"lie on the beam, 0 < position <= 2, got 2\.25"),
     (lambda: sb.PointLoad(0.5, 3.0), r"^load\.time must be a Harmonic, a Constant or a function of time, got 3"),
     (lambda: sb.DistributedLoad(1.0, sb.Constant(1.0)), r"^load\.shape must be a function of x, got 1\.0"),
-    (lambda: sb.DistributedLoad(lambda x: x, "cos"), r"^load\.time must"),
     (lambda: grid(supports="pinned-pinned"), "supports must be clamped-free in the displacement form"),
     (lambda: grid(form="velocity-curvature", tip_mass=1.0), "tip_mass must be 0 in the velocity"),
-    *((lambda fields=fields: grid(**fields), "form hermite")
-      for fields in ({"rotary_inertia": 0.02}, {"sections": PARTS}, {"modal_damping": 0.1})),
-    (lambda: grid(7, "hermite", sections=PARTS), "put a node where a section ends"),
-    (lambda: grid(form="hermit"), "form must be one that there is.*hermite"), (lambda: grid(3), "cells"),
-    (lambda: grid(form="displacment"), "did you mean displacement"),
+    (lambda: grid(modal_damping=0.1), "form hermite"),
+    (lambda: grid(form="displacment"), "did you mean displacement"), (lambda: grid(3), "cells"),
     (lambda: beam(stops=sb.Stops(upper=0.1, stiffness=1.0, position=0.0)), "stops.position must lie on the beam"),
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, position=-1.0), "stops.position must be >= 0"),
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
     (lambda: sb.Contact(np.ones(3), replace(TIP, position=0.6)), "contact.stops.position must be None in a contact"),
     (lambda: beam(stops=[TIP, replace(TIP, position=0.6)]).single_stops("case"), "case must have stops at one place"),
-    *((lambda name=name, x=x: sb.BeamProblem.from_physical(**STRIP | {name: x}), f"^{name} must")
-      for name in STRIP for x in (0.0, -1.0, math.nan, "two")),
-    (lambda: sb.BeamProblem.from_physical(**STRIP, bending_viscosity=-0.1),
-     "^bending_viscosity must be >= 0, got -0.1"),
+    *((lambda name=name: sb.BeamProblem.from_physical(**STRIP | {name: -1.0}), f"^{name} must") for name in STRIP),
     (lambda: sb.static_equilibrium(grid(6, "hermite", loads=(sb.PointLoad(2.0, sb.Harmonic(2.0, 3.0)),))),
      "be Constant for an equilibrium"),
     (lambda: sb.static_equilibrium(grid(6, "hermite", supports="free-free")),
      "hold the system, alone or with the stops"),
-    *((lambda load=load: sb.static_equilibrium(one_mass(0.0, sb.Stops(lower=0.0, stiffness=1e5), load=load)),
-     "hold the sys")
-      for load in (None, sb.Constant(1.0))),
-    *((lambda count=count: sb.modes(grid(), count), rule)
-      for count, rule in ((0, "be an integer"), (2.5, "be an integer"), (9, "be at most 8"))),
+    (lambda: sb.modes(grid(), 0), "be an integer"), (lambda: sb.modes(grid(), 9), "be at most 8"),
     (lambda: sb.modal_damping(EYE, EYE, [0.1] * 3), "at most one"),
 ]  # fmt: skip
 NO_SYSTEM = [
@@ -134,15 +109,13 @@ NO_SYSTEM = [
     (lambda: system(stiffness=np.array([[1.0, 1.0], [0.0, 1.0]])), "symmetric"),
     (lambda: system(stiffness=np.eye(3)), "shape"), (lambda: system(q0=np.zeros(3)), "2 finite"),
     (lambda: system(v0=np.array([np.nan, 0.0])), "be finite"), (lambda: system(observe=None), "name the row"),
-    (lambda: system(q0=np.array([1j, 0.0])), "be finite numbers"),
     (lambda: system(loads=[(np.ones(3), sb.Constant(1.0))]), "2 finite"),
     (lambda: system(contacts=[sb.Contact(np.ones(3), TIP)]), "hold 2 numbers"),
     (lambda: sb.System.from_matrices(np.diag([1.0, 0.0]), EYE, observe=[1.0, 0.0]),
      "mass must be positive definite.*condense"),
-    *((lambda name=name, m=m: of_soft(name, m), f"{name} must be (positive semidefinite|symmetric)")
-      for name in ("stiffness",)
-      for m in ([[1e10, 0.0], [0.0, -0.05]], [[1e10, 1.0], [1.0, -0.05]], [[1e10, 1e6], [1e6, 1.0]],
-                [[1e12, -0.9], [0.0, 0.9]])),
+    *((lambda m=m: sb.System.from_matrices(EYE, m, observe=[0.0, 1.0]), "stiffness must be positive semidefinite")
+      for m in ([[1e10, 0.0], [0.0, -0.05]], [[1e10, 1.0], [1.0, -0.05]], [[1e10, 1e6], [1e6, 1.0]])),
+    (lambda: sb.System.from_matrices(EYE, [[1e12, -0.9], [0.0, 0.9]], observe=[0.0, 1.0]), "must be symmetric"),
     *((lambda m=m: sb.System.from_matrices(np.eye(100), m, observe=np.eye(100)[0]), "positive semidefinite")
       for shift in (1e-9, 1.0) for m in lists(100, shift)),
     *((lambda m=m: sb.System.from_matrices(m, np.eye(100), observe=np.eye(100)[0]), "positive definite")
@@ -155,46 +128,34 @@ NO_SYSTEM = [
      "got 'an unsymmetric matrix': give the symmetric part"),
     (lambda: reduced(np.eye(4), np.eye(4), modes=20), "modes"),
     (lambda: reduced(np.eye(4), np.diag([1.0, 1.0, 1.0, 0.0])), "hold the system"),
-    (lambda: reduced(np.eye(4), np.eye(4), row=(1.0, 0.0)), "have shape"),
+    (lambda: reduced(np.eye(4), np.eye(4), row=(1.0, 0.0)), "observe must be 4 finite"),
     (lambda: reduced(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4)), "positive semidefinite"),
     (lambda: reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), modes=2), "rank of the mass matrix, 2"),
 ]  # fmt: skip
 NO_FUNCTION = [
     (lambda: sb.Harmonic(math.nan, 1.0), "^amplitude"), (lambda: sb.Harmonic(1.0, 0.0), "^frequency"),
-    (lambda: sb.Harmonic(1.0, -2.0), "^frequency"), (lambda: sb.Harmonic(1.0, math.inf), "^frequency"),
-    (lambda: sb.Harmonic(1.0, 1.0, "zero"), "^phase"), (lambda: sb.Harmonic(True, 1.0), "^amplitude"),
-    (lambda: sb.Constant(math.inf), "^level"), (lambda: sb.Constant(None), "^level"),
+    (lambda: sb.Harmonic(1.0, 1.0, "zero"), "^phase"), (lambda: sb.Constant(None), "^level"),
     (lambda: sb.Superposition([sb.Constant(1.0), sb.Harmonic(1.0, 2.0)]),
      r"leave the brackets out: Superposition\(f, g\)"),
     (lambda: sb.Superposition(), "^Superposition"), (lambda: sb.Superposition(np.sin), "^Superposition"),
     *((lambda t=t, x=x: sb.Sampled(t, x), f"^{field}") for t, x, field in (
-        ([0.0, 1.0, 1.0], T, "sampled.t"), ([0.0, math.nan], [0.0, 1.0], "sampled.t"), ([0.0], [0.0], "sampled.t"),
-        ([0.0, 1.0], T, "sampled.values"), ([0.0, 1.0], ["a", "b"], "sampled.values"),
-        ([0.0, 1e-320], [0.0, 1.0], "sampled.values"))),
+        ([0.0, 1.0, 1.0], T, "sampled.t"), ([0.0], [0.0], "sampled.t"), ([0.0, 1.0], T, "sampled.values"),
+        ([0.0, 1.0], ["a", "b"], "sampled.values"), ([0.0, 1e-320], [0.0, 1.0], "sampled.values"))),
     (lambda: sb.Sampled(T, T, "cubics"), "^kind"), (lambda: sb.Sampled(T, T, derivative=2), "^derivative"),
     *((lambda t=t, x=x: sb.Sampled(t, x, "cubic"), "slopes that overflow") for t, x in (
         ([0.0, 1e-308, 1e300, 1.5e300], [0.0, 0.0, 1.0, 0.0]), ([0.0, 1e-200, 2e-200, 1.0], [0.0, 1e100, 0.0, 1.0]))),
-    *((lambda mask=mask: sb.Sampled(T, np.ma.array(T, mask=mask)), "masked") for mask in ([False, True, False], True)),
-    (lambda: sb.Trajectory.from_arrays(T, np.ma.array(T, mask=[0, 0, 1])), "masked"),
-    (lambda: sb.System.from_matrices([np.ma.array([1.0, 0.0], mask=[0, 1]), [0.0, 1.0]], EYE, observe=[0.0, 1.0]),
-     "masked"),
-    *((lambda make=make, text=text: make(text), "be a number")
-      for text in ("", "fast", "1/0", "1/pi", "pi*pi", "1+1", "2**3", "1e999/3", "pi pi", "1 0", "--1", "1e-999/3")
-      for make in (sb.Constant, lambda x: sb.Stops(upper=x, stiffness=1.0), lambda x: sb.Harmonic(1.0, 2.0, x),
-                   lambda x: sb.BeamProblem(stiffness=x), lambda x: sb.PointLoad(x, sb.Constant(1.0)))),
+    (lambda: sb.Sampled(T, np.ma.array(T, mask=[False, True, False])), "masked"),
+    *((lambda text=text: sb.Constant(text), "be a number")
+      for text in ("", "fast", "1/0", "1/pi", "pi*pi", "2**3", "1e999/3", "1 0", "--1", "1e-999/3")),
     # A text as large as no number costs no memory.
     *((lambda text=text: sb.Constant(text), "be finite") for text in ("1e999999999", "inf", "nan")),
     (lambda: sb.BeamProblem(stiffness="1e-999999999"), "be > 0"),
     (lambda: sb.Constant(Fraction(10) ** 400), "range of float64"),
-    (lambda: sb.reference(one_mass(1.0, TIP), "0.1", "multiprecision"), "t_end must be a number"),
 ]  # fmt: skip
-CALLS = [lambda t: np.sin(2.0 * t), lambda t: 5.0 * np.sin(2.0 * t), sb.Harmonic(5.0, 2.0)]
 NO_MEMBER = [
     (lambda: sb.EnsembleMembers(one_mass(1.0, TIP), "form", [1.0], {"form": ["hermite"]}), "differ in"),
     (lambda: sb.EnsembleMembers(one_mass(1.0, TIP), "contacts", [1.0], {"contacts": [(sb.Contact([2.0], TIP),)]}),
      "contact rows"),
-    *((lambda a=a, b=b: sb.integrate_ensemble(one_mass(4.0, load=CALLS[a]), sb.HHT(), 1e-2, 1.0, [
-        one_mass(4.0, load=CALLS[b])]), "callable") for a, b in ((0, 1), (0, 2), (2, 0))),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),
     *((lambda line=line: uncertain(line), words) for line, words in (

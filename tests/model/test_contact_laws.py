@@ -7,20 +7,18 @@ import math
 from fractions import Fraction
 from functools import partial
 
+import mpmath
 import numpy as np
-import plain_march
 import pytest
-from law_systems import LAWS, Witness, random_system, stops_of
-from scipy.integrate import solve_ivp
+from law_systems import Witness, random_system
 from scipy.special import gamma
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files.cases import find_case
 from stiffbeam.kernels.contact import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact_law
-from stiffbeam.model.contact import dissipation_for, restitution_of
+from stiffbeam.model.contact import dissipation_for
 from stiffbeam.model.right_hand_side_jax import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
@@ -75,34 +73,27 @@ def test_power_law_depth_time_and_force(p):
 @pytest.mark.parametrize("lam", HC)
 @pytest.mark.parametrize("p", [1.0, 1.5])
 def test_hunt_crossley_restitution(lam, p):
-    assert abs(restitution_of(lam, 1.0) - HC[lam]) < 2e-16
+    assert dissipation_for(HC[lam], 1.0) == pytest.approx(lam, rel=1e-13)
     stops = sb.Stops(lower=0.0, stiffness=7.0, exponent=p, dissipation=lam)
     run = sb.reference(ball(stops, mass=3.0), 8.0, t_eval=[0.0, 8.0], **TIGHT)
     assert abs(run.tip_velocity[-1] - HC[lam]) < 1e-11
     assert abs(run.energy.stop_dissipation[-1] - 1.5 * (1.0 - HC[lam] ** 2)) < 1e-11
 
 
-@pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.01])
-@pytest.mark.parametrize("speed", [1e-3, 1.0, 40.0])
-@pytest.mark.fast(4)
+@pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.03, 1e-12, 1e-149])
+@pytest.mark.parametrize("speed", [1e-3, 40.0])
 def test_restitution_is_delivered(e, speed):
+    """1 - e x = (1 + x) exp(-(1 + e) x) in 60 digits, x = lambda speed; by the flight of the law see the others."""
     lam = dissipation_for(e, speed)
-    assert abs(restitution_of(lam, speed) - e) < 4e-16
+    with mpmath.workdps(320):
+        E, x = mpmath.mpf(e), mpmath.mpf(lam) * mpmath.mpf(speed)
+        left, slope = (
+            (1 - E * x) - (1 + x) * mpmath.exp(-(1 + E) * x),
+            -E + (E + (1 + E) * x) * mpmath.exp(-(1 + E) * x),
+        )
+        assert e == 1.0 or abs(left / slope) < 8e-16 * x
     stops = sb.Stops.from_restitution(e, speed=speed, upper=0.0, stiffness=1.0, exponent=1.5)
     assert stops.dissipation == lam
-    # The flight through the stop, integrated: d'' = -d^p (1 + lambda d') from d = 0, in units of the speed.
-    leaves = lambda t, y: y[0] + (t == 0.0)  # noqa: E731
-    leaves.terminal, leaves.direction = True, -1.0
-    for p in (1.0, 1.5):
-        right = lambda t, y, p=p: (y[1], -np.sign(y[0]) * abs(y[0]) ** p * (1.0 + lam * speed * y[1]))  # noqa: E731
-        flight = solve_ivp(right, (0.0, 1e4), (0.0, 1.0), "Radau", events=leaves, rtol=1e-9, atol=1e-12)
-        assert math.isclose(-flight.y_events[0][0][1], e, rel_tol=1e-6)
-
-
-@pytest.mark.parametrize("e", [1e-149, 1e-12, 1.3e-4, 1.0 / 701.0, 1.0 / 49.0])
-def test_small_restitutions_are_delivered_too(e):
-    assert np.isclose(restitution_of(dissipation_for(e, 1.0), 1.0), e, rtol=1e-12)
-    assert all(np.isfinite(dissipation_for(x, 1.0)) for x in np.geomspace(1e-149, 1.0, 2000))
 
 
 @pytest.mark.parametrize("e", [0.0, -0.1, 1.1, math.nan, 1e-200])
@@ -139,42 +130,6 @@ def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
     return np.zeros(len(times)) if offset is None else offset.value(times)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.HHT(-0.1), sb.BDF2(), sb.SDIRK()], ids=str)
-def test_kernel_and_oracle_agree(law, scheme):
-    rng = np.random.default_rng(3)
-    beam = sb.BeamProblem(stiffness=300.0, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
-    system = sb.semidiscretise(beam, 6)
-    run = sb.integrate(system, scheme, 1e-3, 0.5)
-    assert run.impacts.count > 0
-    assert np.max(np.abs(plain_march.march(system, scheme, 1e-3, 0.5).tip - run.tip)) < 1e-9
-
-
-def test_several_contacts_beside_the_plain_march():
-    system = random_system(1)
-    assert len(system.contacts) == 2
-    a, b = (march(system, sb.SDIRK(), 1e-3, 2.0) for march in (sb.integrate, plain_march.march))
-    assert np.max(np.abs(a.tip - b.tip)) < 1e-10 * np.max(np.abs(a.tip)) + 1e-12
-
-
-def test_members_of_an_ensemble_have_the_bits_of_their_solo_runs():
-    rng = np.random.default_rng(8)
-    system = random_system(0)
-    stops = [
-        sb.Stops(-0.05, 0.1, stiffness=200.0),
-        *(stops_of(rng, law) for law in LAWS),
-        sb.Stops(-0.1, 0.05, stiffness=50.0),
-    ]
-    members = sb.varied_members(system, stops=stops)
-    every = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-3, 2.0, members, every=1)
-    for i, member in enumerate(members):
-        assert np.array_equal(every.tip[i], sb.integrate(member, sb.HHT(-0.1), 1e-3, 2.0).tip)
-        assert (
-            every.ledger(i).stop_dissipation[-1]
-            == sb.integrate(member, sb.HHT(-0.1), 1e-3, 2.0, every=2000).energy.stop_dissipation[-1]
-        )
-
-
 def test_order_of_convergence_on_smooth_contact():
     # p = 3: the force has two continuous derivatives, so every scheme keeps its order through the contact.
     system = ball(sb.Stops(upper=0.0, stiffness=1.0, exponent=3.0, dissipation=0.3))
@@ -184,26 +139,6 @@ def test_order_of_convergence_on_smooth_contact():
         errors = [abs(sb.integrate(system, scheme, dt, 2.0).tip[-1] - exact) for dt in steps]
         slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
         assert abs(slope - scheme.order) < 0.15, (scheme, slope)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", LAWS)
-def test_the_ledger_adds_up(law):
-    rng = np.random.default_rng(4)
-    beam = sb.BeamProblem(stiffness=300.0, viscosity=0.01, stops=stops_of(rng, law), base=sb.Harmonic(0.2, 10.0))
-    system = sb.semidiscretise(beam, 6)
-    losses = []
-    for dt in (2e-4, 2.5e-5):
-        ledger = sb.integrate(system, sb.Trapezoidal(), dt, 0.4, every=round(4e-3 / dt)).energy
-        balance = (
-            ledger.energy[0] + ledger.input - ledger.viscous - ledger.stop_dissipation - ledger.loss - ledger.energy
-        )
-        assert np.max(np.abs(balance)) < 1e-10 * np.max(ledger.energy)
-        losses.append(abs(ledger.loss[-1]) / np.max(ledger.energy))
-    truth = sb.reference(system, 0.4, method="cvode-adams", rtol=1e-11).energy
-    assert abs(ledger.stop_dissipation[-1] - truth.stop_dissipation[-1]) < 0.02 * (truth.stop_dissipation[-1] + 1e-6)
-    assert abs(truth.loss[-1]) < 1e-6 * np.max(truth.energy)
-    assert losses[1] < 0.5 * losses[0] or losses[1] < 1e-6
 
 
 @pytest.mark.parametrize("sides", [{"lower": -0.2}, {"upper": 0.1}, {"lower": -0.2, "upper": 0.1}])
@@ -262,45 +197,30 @@ def assert_one_law(law: contact_law.Law, d: float, e: float, rate: float, h: flo
     assert contact_law.damps(law) == (press(d, rate) != press(d, 0.0))
     assert contact_law.jumps(law) == (press(0.0, rate) != 0.0)
     bent = press(2 * d, 2 * rate) - 2 * press(d, rate)
-    assert contact_law.is_affine(law) == (abs(bent) <= 1e-12 * press(d, rate))
-    assert contact_law.is_linear(law) == (contact_law.is_affine(law) and not contact_law.damps(law))
+    affine = abs(bent) <= 1e-12 * press(d, rate)
+    assert contact_law.is_linear(law) == (affine and not contact_law.damps(law))
     depths = np.array([-d, 0.0, e])
     assert np.allclose(press(depths, rate), [press(float(x), rate) for x in depths], rtol=1e-14)
 
 
-class TestRefusals:
-    kelvin_voigt = sb.Stops(upper=0.0, stiffness=1.0, damping=0.1)
-    hertz = sb.Stops(upper=0.0, stiffness=1.0, exponent=1.5)
-
-    def test_solvers_that_need_linear_pieces(self):
-        stops, system = self.hertz, ball(self.hertz)
-        for method in ("exact", "multiprecision"):
-            with pytest.raises(InputError, match=r"linear law.*solver cvode"):
-                sb.reference(system, 1.0, method=method)
-        with pytest.raises(InputError, match="linear law"):
-            sb.lyapunov(system, 1.0)
-        for law in (stops, self.kelvin_voigt):
-            with pytest.raises(InputError):
-                law.solve(1.0, 0.1)
-
-    def test_extrapolated_contact_and_damping(self):
-        with pytest.raises(InputError, match=r"stops\.damping.*implicit contact"):
-            sb.integrate(ball(self.kelvin_voigt), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated")
-        hertz = sb.integrate(ball(self.hertz), sb.HHT(-0.1), 1e-3, 4.0, contact="extrapolated")
-        assert abs(hertz.tip_velocity[-1] + 1.0) < 1e-5  # a power law it can do
-
-    def test_a_force_asked_for_without_the_velocity(self):
-        with pytest.raises(InputError, match="velocity"):
-            self.kelvin_voigt.force(0.1)
-
-    def test_numbers_that_make_no_law(self):
-        for numbers in ({"exponent": 0.5}, {"damping": -1.0}, {"dissipation": math.nan}, {"exponent": math.inf}):
-            with pytest.raises(InputError):
-                sb.Stops(upper=0.0, stiffness=1.0, **numbers)
-
-    def test_an_offset_without_its_rate(self):
-        with pytest.raises(InputError, match="rate"):
-            sb.Contact([1.0], self.kelvin_voigt, offset=np.sin)
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda hertz, _: sb.reference(ball(hertz), 1.0, method="exact"), r"linear law.*solver cvode"),
+        (lambda hertz, _: sb.reference(ball(hertz), 1.0, method="multiprecision"), r"linear law.*solver cvode"),
+        (lambda hertz, _: sb.lyapunov(ball(hertz), 1.0), "linear law"),
+        (lambda _, damped: sb.integrate(ball(damped), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated"),
+         r"stops\.damping.*implicit contact"),
+        (lambda _, damped: damped.force(0.1), "velocity"),
+        (lambda _, damped: sb.Contact([1.0], damped, offset=np.sin), "rate"),
+        *((lambda *_, x=x: sb.Stops(upper=0.0, stiffness=1.0, **x), "stops")
+          for x in ({"exponent": 0.5}, {"damping": -1.0}, {"dissipation": math.nan}, {"exponent": math.inf})),
+    ],
+)  # fmt: skip
+def test_what_a_law_cannot_do_is_refused(call, words):
+    hertz, damped = (sb.Stops(upper=0.0, stiffness=1.0, **x) for x in ({"exponent": 1.5}, {"damping": 0.1}))
+    with pytest.raises(InputError, match=words):
+        call(hertz, damped)
 
 
 def test_files_fingerprints_and_text_know_the_law(tmp_path):
@@ -315,38 +235,3 @@ def test_files_fingerprints_and_text_know_the_law(tmp_path):
     assert np.array_equal(back.energy.stop_dissipation, run.energy.stop_dissipation)
     exact = sb.Stops(upper=Fraction(1, 3), stiffness="0.1", damping="0.1", exponent="1.5")
     assert (exact.damping, exact.exponent) == (0.1, 1.5)
-
-
-def test_case_files_give_the_law(tmp_path):
-    text = """
-[[case]]
-name = "damped"
-cells = 8
-dt = 0.001
-t_end = 0.1
-[case.problem]
-stiffness = 300.0
-stops = { upper = 0.1, stiffness = 1e4, exponent = 1.5, damping = 0.5, dissipation = 0.2 }
-"""
-    file = tmp_path / "damped.toml"
-    file.write_text(text)
-    stops = find_case(str(file)).problem.stops
-    assert stops == sb.Stops(upper=0.1, stiffness=1e4, exponent=1.5, damping=0.5, dissipation=0.2)
-    file.write_text(text.replace("damping", "dampening"))
-    with pytest.raises(InputError, match="damping"):
-        find_case(str(file))
-
-
-@pytest.mark.slow
-def test_compare_takes_damped_stops():
-    beam = sb.BeamProblem(
-        stiffness=300.0,
-        stops=sb.Stops(-0.1, 0.1, stiffness=1e4, dissipation=0.1, damping=0.5),
-        base=sb.Harmonic(0.2, 10.0),
-    )
-    system = sb.semidiscretise(beam, 6)
-    run = sb.integrate(system, sb.Trapezoidal(), 1e-4, 0.4)
-    found = sb.compare(run, sb.reference(system, 0.4, method="cvode-adams", t_eval=run.t))
-    assert found.contacts[0].run.impacts == run.impacts.until(found.window).count
-    assert abs(found.contacts[0].run.peak_force / found.contacts[0].reference.peak_force - 1.0) < 0.01
-    assert found.tip_error_rms < 1e-3

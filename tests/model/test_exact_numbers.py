@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import ExactFloat, as_doubles, exact_float, exact_value
-from stiffbeam.files.cases import case_text, find_case, paper_cases
-from stiffbeam.files.store import freeze
+from stiffbeam.basics.validation import as_doubles, exact_float, exact_value
+from stiffbeam.files.cases import find_case
 from stiffbeam.model.time_functions import Drive
 
 TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
@@ -47,24 +46,6 @@ def test_a_number_is_the_nearest_double_and_knows_its_exact_value(given, ratio, 
         assert (exact_value(again), repr(again), float(again)) == (exact_value(x), repr(x), float(x))
 
 
-@pytest.mark.parametrize("given", ["300.0", "0.5", "-1e3", "3/4", Fraction(7, 8), Decimal("0.25"), 10])
-def test_what_a_double_holds_is_a_plain_float(given):
-    assert type(exact_float(given)) is float
-    assert float(given if not isinstance(given, str) else Fraction(given)) == exact_float(given)
-
-
-def test_case_files_keep_decimals_and_python_keeps_doubles():
-    problem = sb.paper_case(15).problem
-    assert repr(problem.stiffness) == "'282.84'"
-    assert repr(problem.stops) == "Stops(lower='-0.001', upper='0.001', stiffness=30000000.0)"
-    [load] = problem.loads
-    assert repr((load.position, load.time)) == "('0.23', Harmonic(amplitude='67.024', frequency=6.0, phase='pi/2'))"
-    for value in (0.1, np.float64(0.1)):
-        assert type(sb.Constant(value).level) is float
-    assert {type(x) for case in paper_cases().values() for x in (case.dt, case.t_end)} == {float}
-    assert not any(isinstance(x, ExactFloat) for x in dataclasses.astuple(as_doubles(sb.paper_case(12).problem.stops)))
-
-
 def test_a_case_file_takes_products_in_quotes(tmp_path):
     (tmp_path / "mine.toml").write_text(
         """
@@ -84,25 +65,6 @@ initial_velocity = [0.0, 0.0, "1/7", 0.2]
     [load] = problem.loads
     assert load.time == sb.Harmonic(0.1, 2 * np.pi * 0.1, -np.pi / 4)
     assert repr(load) == "PointLoad(position='2/3', time=Harmonic(amplitude='0.1', frequency='pi/5', phase='-pi/4'))"
-    flint, rational = pytest.importorskip("flint"), pytest.importorskip("stiffbeam.references.multiprecision.rational")
-    system = sb.semidiscretise(problem, 5)
-    assert Drive.of(system).frequencies == (load.time.frequency,)
-    with flint.ctx.workprec(400):
-        exact = rational.exact_problem(system, Drive.of(system))
-
-        def same(a, b):
-            return abs(a - b) < flint.arb(2) ** -380
-
-        for i, v in enumerate(exact.v0, start=1):
-            x = flint.fmpq(i, 5)
-            assert same(v, x**2 / 7 + x**3 / 5)
-        # 2/3 lies a third of the way from node 3 to node 4; a sin(wt - pi/4) = a (sin - cos)/sqrt(2)
-        sine, cosine = exact.basis.tolist()[1:]
-        size = flint.arb(flint.fmpq(1, 10)) / flint.arb(2).sqrt()
-        for i, weight in enumerate((0, 0, flint.fmpq(2, 3), flint.fmpq(1, 3), 0)):
-            assert same(sine[i], size * weight)
-            assert same(cosine[i], -size * weight)
-        assert same(exact.stiffness[2, 2], flint.fmpq(6 * 125, 3))
 
 
 def test_a_position_on_a_node_loads_that_node_alone():
@@ -184,15 +146,6 @@ def test_equal_numbers_make_equal_systems_however_they_are_written():
                 contact = sb.Contact([1.0], sb.Stops(None, stop, stiffness=9.0), sb.Constant(offset))
                 made.append(sb.System.from_matrices([[1.0]], [[1.0]], None, [([1.0], sb.Constant(load))], [contact]))
         assert len({system.fingerprint for system in made}) == 4
-
-
-@pytest.mark.slow
-def test_a_case_that_does_not_make_the_system_is_not_frozen_with_it(tmp_path):
-    case = sb.paper_case(10)
-    doubles = sb.reference(system_of(case, doubles=True), 0.1, "multiprecision")
-    with pytest.raises(sb.InputError, match="decimals"):
-        freeze(doubles, case_text("table10"), tmp_path / "table10.nc")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

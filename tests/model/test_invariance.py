@@ -10,7 +10,6 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.files.cases import Case
 from stiffbeam.references.horizon import time_tolerance
 
 L, EI, M, KAPPA, ETA = 0.4, 4.2, 0.16, 1e5, 2e-3
@@ -98,30 +97,6 @@ def of_comparison(name: str) -> dict[str, float]:
     }  # fmt: skip
 
 
-SWEPT = {"frequency": (150.0, (-1, 0, 0)), "amplitude": (1e-3, (0, 1, 0)), "stop-stiffness": (KAPPA, (0, -1, 1)),
-         "stiffness": (EI, (0, 2, 1))}  # fmt: skip
-
-
-def of_sweep(parameter: str):
-    def observed(name: str) -> dict[str, np.ndarray]:
-        (length, time, force), (middle, powers) = SCALES[name], SWEPT[parameter]
-        problem = replace(beam(name, loads=False), initial_displacement=None)
-        case = Case(name, name, problem, 8, DT / time, 0.1 / time, ((sb.HHT(-0.1), "displacement"),))
-        unit = time ** powers[0] * length ** powers[1] * force ** powers[2]
-        options = {"values": [x * middle / unit for x in (0.9, 1.1)], "periods": 2, "transient": 1}
-        records = sb.study("sweep", case, parameter=parameter, **options)
-        rows = records.table.to_dict("records")
-        contacts = [row for row in rows if row["kind"] == "contact"]
-        assert max(row["count"] for row in contacts) >= 1
-        return {
-            "tip": np.array([row["tip"] for row in rows if row["kind"] == "section"]) * length,
-            "peak": np.array([row["peak_force"] for row in contacts]) * force,
-            "count": np.array([row["count"] for row in contacts]),
-        }
-
-    return observed
-
-
 def of_run(scheme: sb.Scheme, form: str):
     run = lambda name, time: sb.integrate(system(name, form), scheme, DT / time, END / time)  # noqa: E731
     return lambda name: motion(run(name, SCALES[name][1]), name)
@@ -139,7 +114,6 @@ def of_reference(method: str, form: str):
 KINDS = [  # what is observed, and how well three systems of units agree: a few impacts amplify rounding of 1e-13
     *((f"{scheme} {form}", of_run(scheme, form), 1e-8)
       for scheme in (sb.HHT(-0.1), sb.SDIRK(), sb.BDF2(), sb.Bathe()) for form in FORMS),
-    *((parameter, of_sweep(parameter), 1e-7) for parameter in SWEPT),
     ("comparison", of_comparison, 1e-5),  # errors are differences: what is left of eight digits of the motion
     # CVODE's error test is relative to |y|, with an absolute part that does not scale with the units.
     *(pytest.param(f"{method} {form}", of_reference(method, form), 2e-5 if method == "cvode" else 1e-7,

@@ -13,9 +13,7 @@ from scipy.integrate import solve_ivp
 from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
-from stiffbeam.files.cases import case_of, parse_case
 from stiffbeam.references import solve
-from stiffbeam.studies.parameters import named
 from stiffbeam.studies.sweep import sections
 
 RECORD = sb.Sampled(np.linspace(0.0, 0.5, 51), 4.0 * np.sin(44.0 * np.linspace(0.0, 0.5, 51)), "cubic")
@@ -60,29 +58,20 @@ def test_members_with_other_matrices_are_the_beams_built_by_hand():
         assert many.ledger(i).supplied[-1] == pytest.approx(run.energy.supplied[-1], rel=1e-6)
 
 
-@pytest.mark.slow
-def test_the_exact_members_are_the_exact_beams_built_by_hand():
-    values = {"stiffness": [290.0, 310.0], "stops[0].position": [0.51, 0.58], "loads[0].time.scale": [0.5, 2.0]}
-    exact = sb.reference_ensemble(tube(), 0.2, sb.varied_members(tube(), values))
-    for i, (bending, place, level) in enumerate(zip(*values.values(), strict=True)):
-        assert_alike(exact, i, sb.reference(tube(bending, place=place, level=level), 0.2), 1e-6)
-
-
-def test_members_that_share_their_matrices_march_side_by_side():
-    members = sb.varied_members(tube(), {"stops[1].upper": 2e-4 * SHARES, "stops[0].stiffness": 1e4 * SHARES})
-    assert not members.separate
-    many = sb.integrate_ensemble(tube(), HHT, 5e-4, 0.5, members)
-    for i, member in enumerate(members):
-        assert_alike(many, i, sb.integrate(member, HHT, 5e-4, 0.5), 1e-12)
-    assert members[0].contacts[1].stops.upper == 2e-4 * SHARES[0]
-
-
 def shaken(seed: int, moving: bool = False) -> sb.System:
     """The chain under noise of its own, with stops that move by noise."""
     system = bouncing_chain()
     offset = noise(6.0, 0.02, (2.0, 20.0), seed + 100) if moving else system.contacts[0].offset
     loads = (*system.loads, (np.array([0.0, 1.0, 0.5]), noise(6.0, 4.0, (2.0, 20.0), seed)))
     return replace(system, loads=loads, contacts=(replace(system.contacts[0], offset=offset),))
+
+
+def test_members_with_functions_of_their_own_are_their_single_runs():
+    loads = [lambda t: np.sin(2.0 * t), lambda t: 5.0 * np.sin(2.0 * t), sb.Harmonic(5.0, 2.0)]
+    members = [one_mass(4.0, load=load) for load in loads]
+    many = sb.integrate_ensemble(members[0], HHT, 1e-2, 1.0, members, every=1)
+    for tip, member in zip(many.tip, members, strict=True):
+        np.testing.assert_allclose(tip, sb.integrate(member, HHT, 1e-2, 1.0).tip, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -207,27 +196,6 @@ def test_paths_of_a_beam_change_its_problem():
     assert [(m.q0[0], m.v0[0]) for m in started] == [(1.0, 3.0), (2.0, 4.0)]
 
 
-def test_a_path_is_on_an_axis_with_its_unit():
-    stops = sb.Stops(-0.1, 0.1, stiffness=1e4, damping=3.0)
-    beam = sb.BeamProblem(
-        stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0), length=1.0, mass_per_length=1.0,
-        units=("mm", "s", "N"),
-    )  # fmt: skip
-    case = case_of(sb.semidiscretise(beam, 6), 1e-3, 1.0)
-    wanted = {
-        "stiffness": "N/mm",
-        "damping": "N s/mm",
-        "dissipation": "s/mm",
-        "lower": "mm",
-        "motion.frequency": "rad/s",
-    }
-    for name, unit in wanted.items():
-        assert named(case, f"contacts[0].stops.{name}") == f"contacts[0].stops.{name} ({unit})"
-    assert named(case, "stops.exponent") == "stops.exponent"
-    hertz = case_of(sb.semidiscretise(replace(beam, stops=replace(stops, exponent=1.5)), 6), 1e-3, 1.0)
-    assert named(hertz, "stops.stiffness") == "stops.stiffness"
-
-
 def test_two_paths_to_one_number_are_refused():
     """The later one won, and the results had the values of both."""
     system = one_mass(1.0, sb.Stops(upper=0.2, stiffness=50.0), damping=0.1, load=sb.Harmonic(1.0, 2.0))
@@ -244,28 +212,6 @@ def test_two_paths_to_one_number_are_refused():
             sb.study("sweep", system, dt=1e-2, t_end=1.0, second=second, **grid)
     kept = sb.varied_members(system, {"damping.scale": [2.0], "damping[0][0]": [1.0], "stops[0].upper": [0.4]})
     assert kept[0].damping[0, 0] == 1.0
-
-
-def test_a_name_of_a_case_file_is_a_path():
-    """A file states the stiffness as bending_stiffness, and its range too."""
-    case = parse_case(
-        """[[case]]
-name = "tube"
-cells = 4
-dt = 1e-4
-t_end = 0.1
-[case.problem]
-length = 1.2
-bending_stiffness = 668.0
-mass_per_length = 0.647
-[case.uncertain]
-bending_stiffness = [661, 675]
-""",
-        "tube.toml",
-    )
-    (changed,) = sb.varied_members(case.system(), {"bending_stiffness": [700.0]}).systems()
-    assert changed.problem.stiffness == 700.0
-    assert case.uncertain == {"bending_stiffness": (661.0, 675.0)}
 
 
 # ------------------------------------------------------------------ the how-to scripts

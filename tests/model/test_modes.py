@@ -7,14 +7,12 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
-import scipy.linalg
 from scipy.integrate import solve_ivp
 from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.measures.errors import longest_delay
-from stiffbeam.model import modes as graded
-from stiffbeam.model.modes import congruence, modes, product, slowest, undamped_modes
+from stiffbeam.model.modes import congruence, modes, product, undamped_modes
 from stiffbeam.model.scales import scales
 
 EPS = float(np.finfo(float).eps)
@@ -101,44 +99,12 @@ def test_a_product_has_twice_the_digits():
     assert np.array_equal(congruence(huge, np.eye(2)), huge)
 
 
-def test_modes_that_take_minutes_announce_it(monkeypatch):
-    """Before they are refined, with a way that takes seconds."""
-    monkeypatch.setattr(graded, "MINUTE", 20)
-    with pytest.warns(UserWarning, match=r"modes of 30 unknowns will take about 2\d\d s: reduce_model"):
-        modes(system_of(*chain(np.random.default_rng(0), 30, 8.0)))
-
-
-@pytest.mark.parametrize(
-    ("form", "viscosity"),
-    [("displacement", 0.0), ("displacement", 0.02), ("velocity-curvature", 0.0), ("hermite", 0.02)],
-)
-def test_a_few_modes_are_those_of_all(form, viscosity):
-    system = sb.semidiscretise(replace(PROBLEM, viscosity=viscosity), 250, form)
+def test_a_few_modes_are_those_of_all():
+    system = sb.semidiscretise(PROBLEM, 40)
     few, whole = sb.modes(system, 6), sb.modes(system)
-    np.testing.assert_allclose(few.omega, whole.omega[:6], rtol=1e-9)
-    np.testing.assert_allclose(few.shapes, whole.shapes[:, :6], atol=1e-7 * np.max(np.abs(whole.shapes)))
-    np.testing.assert_allclose(few.damping_ratio, whole.damping_ratio[:6], rtol=1e-8, atol=1e-12)
+    np.testing.assert_array_equal(few.shapes, whole.shapes[:, :6])
+    np.testing.assert_allclose(few.omega[:3], ROOTS**2 * np.sqrt(300.0), rtol=2e-2)
     assert len(repr(few).splitlines()) == 7
-
-
-@pytest.mark.slow
-def test_frequencies_of_thousands_of_cells_are_those_of_the_beam(monkeypatch):
-    monkeypatch.setattr(graded, "_undamped", lambda *_: pytest.fail("all modes were computed"))
-    omega = sb.modes(sb.semidiscretise(PROBLEM, 2000), 3).omega
-    np.testing.assert_allclose(omega, ROOTS**2 * np.sqrt(300.0), rtol=1e-5)
-
-
-def test_other_systems_find_them_among_all():
-    n = 210
-    A, B = np.random.default_rng(4).normal(size=(2, n, n))
-    plain = system_of(np.eye(n), A @ A.T)
-    floating = sb.semidiscretise(replace(PROBLEM, supports="free-free"), 120, "hermite")
-    for system in (plain, replace(plain, damping=1e-3 * B @ B.T), floating):
-        assert slowest(system, 4) is None
-        few, whole = sb.modes(system, 4), sb.modes(system)
-        assert few.coupled == whole.coupled
-        np.testing.assert_array_equal(few.omega, whole.omega[:4])
-        np.testing.assert_array_equal(few.shapes, whole.shapes[:, :4])
 
 
 # ------------------------------------------------------------------ what is soft beside what is stiff
@@ -169,22 +135,6 @@ def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
     assert found.damping_ratio[0] == 1.0
     for name in ("q0", "v0"):
         assert 1e-4 < np.max(np.abs(members.fields[name])) < 1e-2
-
-
-def test_two_viscous_beams_joined_by_a_dashpot():
-    """The second moves through the dashpot only, of 1e-10 of the largest entry of the damping."""
-    beam = sb.semidiscretise(replace(PROBLEM, stops=sb.Stops(-10.0, 10.0, stiffness=1e5)), 60)
-    n = beam.size
-    K, mass = (scipy.linalg.block_diag(x, x) for x in (beam.stiffness, beam.mass))
-    joint = np.eye(2 * n)[n - 1] - np.eye(2 * n)[2 * n - 1]
-    damping, first = 4e-3 * K + 0.05 * np.outer(joint, joint), np.eye(2 * n)[n - 1]
-    system = sb.System.from_matrices(mass, K, damping, [(first, sb.Constant(50.0))], observe=np.eye(2 * n)[-1])
-    run, inverse, A = sb.integrate(system, sb.Trapezoidal(), 1e-4, 0.2), np.linalg.inv(mass), np.zeros((4 * n + 1,) * 2)
-    A[: 2 * n, 2 * n : -1] = np.eye(2 * n)
-    A[2 * n : -1] = np.hstack([-inverse @ K, -inverse @ damping, inverse @ first[:, None] * 50.0])
-    tip = scipy.linalg.expm(0.2 * A)[2 * n - 1, -1]
-    assert abs(run.tip[-1] - tip) < 1e-3 * abs(tip)
-    assert abs(tip) > 1e-4
 
 
 def test_damping_that_couples_none_is_found_to():

@@ -132,27 +132,6 @@ def test_what_it_cannot_be_is_refused():
         pair().ode().jax  # noqa: B018
 
 
-@pytest.mark.slow
-def test_solvers_of_others_take_it():
-    from sksundae.cvode import CVODE
-    from sksundae.ida import IDA
-
-    system, t_end = pair(), 1.0
-    ode, exact = system.ode(), sb.reference(system, t_end)
-
-    def residual(t, y, rate, out):
-        out[:] = rate - ode.rhs(t, y)
-
-    def rhs(t, y, out):
-        out[:] = ode.rhs(t, y)
-
-    for found in (
-        CVODE(rhs, rtol=1e-10, atol=1e-12).solve(np.array([0.0, t_end]), ode.y0),
-        IDA(residual, rtol=1e-10, atol=1e-12).solve(np.array([0.0, t_end]), ode.y0, ode.rhs(0.0, ode.y0)),
-    ):
-        assert ode.tip(t_end, found.y[-1])[0] == pytest.approx(float(exact.tip[-1]), abs=1e-7)
-
-
 @pytest.mark.parametrize("form", ["displacement", "velocity-curvature", "hermite"])
 @pytest.mark.parametrize("side", ["explicit", "descriptor"])
 def test_a_state_is_made_of_displacement_and_velocity(form, side):

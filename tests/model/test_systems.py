@@ -7,8 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-import xarray
-from systems import bouncing_chain, one_mass, two_contacts
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
@@ -163,16 +162,6 @@ def test_systems_cases_and_profiles_arrive():
             sb.PolynomialProfile(wrong)
 
 
-@pytest.mark.slow
-def test_a_run_arrives_whole():
-    """Past the horizon, where the states made there would not be those of the run if a bit were another."""
-    run = sb.integrate(BEAM, sb.BDF2(), 1e-4, 0.6, every=50)
-    copy = again(run)
-    for name in OUTPUTS:
-        same(getattr(run, name), getattr(copy, name))
-    assert np.array_equal(copy.displacement(1.0), run.displacement(1.0))
-
-
 @pytest.mark.parametrize("method", ["exact", "cvode", "dop853", "multiprecision"])
 def test_a_reference_arrives_with_its_horizon_and_can_be_compared_with(method):
     system, t = sb.semidiscretise(PROBLEM, 6), np.arange(201) * 1e-4
@@ -189,21 +178,6 @@ def test_a_reference_arrives_with_its_horizon_and_can_be_compared_with(method):
     if method == "exact":
         same(found.at([1.234e-2]), copy.at([1.234e-2]))
         assert copy.impacts_sampled(1e-4).count == found.impacts_sampled(1e-4).count
-
-
-@pytest.mark.parametrize("kind", ["schemes", "exact"])
-def test_an_ensemble_arrives_with_its_members_and_ledgers(kind):
-    system = two_contacts()
-    members = sb.perturbed_members(system, 3, 1e-6)
-    if kind == "exact":
-        found = sb.reference_ensemble(system, 1.0, members, np.linspace(0.0, 1.0, 5))
-    else:
-        found = sb.integrate_ensemble(system, sb.HHT(), 2e-3, 1.0, members, every=100)
-    copy = again(found)
-    for name in ("t", "tip", "tip_velocity", "contacts", "diverged", "work", "provenance"):
-        same(getattr(found, name), getattr(copy, name))
-    same(found.ledger(1), copy.ledger(1))
-    assert copy.members[2].fingerprint == found.members[2].fingerprint
 
 
 ERRORS = [
@@ -223,72 +197,6 @@ def test_records_and_errors_arrive_whole():
 
 
 # ------------------------------------------------------------------ shown and saved
-
-
-@pytest.fixture(scope="module")
-def things(table10):
-    system = sb.semidiscretise(table10, 25)
-    run, reference = sb.integrate(system, sb.HHT(), 1e-4, 0.1), sb.reference(system, 0.1)
-    members = sb.perturbed_members(system, 8)
-    return {
-        "case": sb.paper_case(10), "system": system, "run": run, "reference": reference, "members": members,
-        "comparison": sb.compare(run, reference), "ledger": run.energy, "contact": system.contacts[0],
-        "many": sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.1, members, every=100), "modes": sb.modes(system),
-        "origin": system.origin, "problem": table10, "growth": sb.lyapunov(system, 0.1),
-        "amplification": sb.amplification(sb.HHT(), np.linspace(0.01, 1.0, 500)), "solution": reference.solution,
-        "records": sb.study("modes", schemes=["bdf2"], steps=100),
-    }  # fmt: skip
-
-
-def test_nothing_shows_more_than_a_screen(things):
-    for name, thing in things.items():
-        assert len(repr(thing)) <= 24 * 80, name
-        assert len(repr(thing).splitlines()) <= 26, name
-    html = things["comparison"]._repr_html_()
-    assert html.count("<table") == html.count("</table>") == 2  # the numbers, and one line for each contact
-    assert "<pre" not in html
-    assert "pair" not in things["comparison"].to_dict()
-
-
-def test_a_run_draws_itself(things):
-    """Every panel has what its label says: the curves are the run's own arrays."""
-    for run in (things["run"], things["reference"]):
-        tip, force, portrait, energy = run.plot().axes
-        np.testing.assert_array_equal(tip.lines[0].get_ydata(), run.tip)
-        np.testing.assert_array_equal(portrait.lines[0].get_xdata(), run.tip)
-        np.testing.assert_array_equal(force.lines[0].get_ydata(), run.contact_force)
-        assert {"kinetic", "loss"} <= {line.get_label() for line in energy.lines}
-        assert all(axis.get_xlabel() and axis.get_ylabel() for axis in (tip, force, portrait, energy))
-    assert len(things["comparison"].figure().axes) == 5
-
-
-@pytest.mark.parametrize("scheme", [sb.HHT(alpha=-0.1), sb.SDIRK(nystrom=True)])
-@pytest.mark.fast(1)
-def test_a_loaded_run_has_its_field_with_its_system(things, tmp_path, scheme):
-    """To the bit: states are made again by the same march; and not without the system."""
-    system, reference, coupled = things["system"], things["reference"], bouncing_chain(damping=np.diag([0.5, 0.0, 0.2]))
-    run = sb.integrate(system, scheme, 1e-4, 0.1, every=10)
-    back = sb.load(run.save(tmp_path / "run.nc"), system)
-    for made, wanted in ((back, run), (sb.load(reference.save(tmp_path / "exact.nc"), system), reference)):
-        np.testing.assert_array_equal(made.displacement(0.37), wanted.displacement(0.37))
-    np.testing.assert_array_equal(back.moment(0.0), run.moment(0.0))
-    with pytest.raises(sb.InputError, match=r"sb.load\(file, system\)"):
-        sb.load(tmp_path / "run.nc").displacement(0.5)
-    dense = sb.integrate(coupled, scheme, 1e-2, 1.0)
-    np.testing.assert_array_equal(sb.load(dense.save(tmp_path / "dense.nc"), coupled).states[0], dense.states[0])
-
-
-def test_an_ensemble_is_saved_whole(things, tmp_path):
-    many = things["many"]
-    with xarray.open_dataset(many.save(tmp_path / "many.nc"), engine="h5netcdf", decode_times=False) as found:
-        np.testing.assert_array_equal(found.tip, many.tip)
-        np.testing.assert_array_equal(found.impact_count[0], many.impact_count)
-        np.testing.assert_array_equal(found.contact_peak_force[0], many.peak_force)
-        third = found.impact_time[(found.impact_member == 3) & (found.impact_contact == 0)]
-        np.testing.assert_array_equal(third, many.contacts[0].impacts_of(3).times)
-    assert many.save(tmp_path / "many.csv").read_text().count("\n") == 9
-    with pytest.raises(sb.InputError, match=r"end in \.nc or "):
-        many.save(tmp_path / "many.xlsx")
 
 
 # ------------------------------------------------------------------ moved
@@ -314,17 +222,6 @@ def test_the_exact_motion_is_the_same_wherever_zero_is(damping, lower):
         assert np.max(np.abs(a.impacts.times[:first] - b.impacts.times[:first]), initial=0.0) < 1e-8
         had = np.max(np.abs(a.energy.input)) + np.max(a.energy.energy)
         assert abs(a.energy.loss[-1]) < 1e-10 * had  # 1e3 switches of rounding at most
-
-
-def test_members_may_have_different_numbers_of_frequencies(monkeypatch):
-    """A load at 6 beside a base at 5, 6, 7: two, one and two frequencies, on one thread and on two."""
-    system = sb.semidiscretise(replace(PROBLEM, loads=(sb.PointLoad(0.5, sb.Harmonic(1.0, 6.0)),)), 8)
-    members = sb.varied_members(system, {"frequency": [5.0, 6.0, 7.0]})
-    for threads in ("1", "2"):
-        monkeypatch.setenv("STIFFBEAM_THREADS", threads)
-        many = sb.integrate_ensemble(system, sb.HHT(), 1e-4, 0.3, members, every=10)
-        for i, member in enumerate(members):
-            assert np.array_equal(many.tip[i], sb.integrate(member, sb.HHT(), 1e-4, 0.3, every=10).tip)
 
 
 def test_a_callable_offset_is_asked_for_times_inside_the_run_only():

@@ -16,7 +16,6 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.time_functions import Drive, evaluate
-from stiffbeam.references import solve
 
 AMPLITUDES = st.one_of(st.floats(-10.0, -1e-3), st.floats(1e-3, 10.0))  # relative tolerances need normal numbers
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
@@ -33,18 +32,6 @@ def test_a_harmonic_is_its_sine_and_cosine_and_has_its_derivatives(a, w, p, t):
     before, after, tolerance = t - h, t + h, 1e-8 * abs(a) * w
     assert abs((f.value(after) - f.value(before)) / (after - before) - f.rate(t)) <= tolerance
     assert abs((f.rate(after) - f.rate(before)) / (after - before) - f.acceleration(t)) <= tolerance * w
-
-
-@pytest.mark.parametrize("function", [sb.Harmonic(1.0, 2.0), sb.Constant(3)], ids=str)
-@pytest.mark.parametrize("shape", [(), (5,), (2, 3)])
-def test_time_functions_give_floats_of_the_shape_of_the_times(function, shape):
-    t = np.linspace(0.0, 1.0, math.prod(shape)).reshape(shape) if shape else 0.5
-    for values in (function.value(t), function.rate(t), function.acceleration(t)):
-        assert np.shape(values) == shape
-        assert np.asarray(values).dtype == float
-    if isinstance(function, sb.Constant):
-        assert np.all(function.value(t) == 3.0)
-        assert not np.any(function.rate(t))
 
 
 def test_a_bare_load_function_may_be_scalar_but_not_of_another_shape():
@@ -195,112 +182,6 @@ def test_a_measured_base_motion_moves_the_beam_as_its_harmonic_does(form):
     assert np.max(np.abs(precise.tip - b.at(precise.t)[0])) < 1e-10
 
 
-@pytest.mark.usefixtures("own_cache")
-def test_a_measured_run_travels_is_cached_frozen_and_repeated():
-    system = hammered(sb.Sampled(np.linspace(0, 2, 9), [0, 9, 0, -7, 5, 0, 0, 3, 0]), 0.01)
-    one, copy = sb.cached_reference(system, 2.0, "multiprecision"), pickle.loads(pickle.dumps(system))
-    two = sb.cached_reference(copy, 2.0, "multiprecision")  # from the frozen file, re-marched from sample to sample
-    assert one.impacts.count == two.impacts.count > 0
-    assert np.max(np.abs(one.tip - two.tip)) < 1e-9 * np.max(np.abs(one.tip))
-
-
-CASE = """
-[[case]]
-name = "measured"
-cells = 8
-dt = 1e-3
-t_end = 0.1
-[case.problem]
-stiffness = 300
-stops = {{ lower = -0.1, upper = 0.1, stiffness = 5e4 }}
-base = {{ sum = [{{ {base}, kind = "cubic" }}, {{ amplitude = 0.01, frequency = 50.0 }}] }}
-loads = [{{ position = 0.5, {load} }}]
-"""
-
-
-def test_a_case_file_names_records_beside_it_or_holds_them(tmp_path):
-    (tmp_path / "table.csv").write_text("# shaking table\n0,0\n0.05,0.1\n0.1,0\n0.15,0.2\n", encoding="utf-8")
-    hammer, texts = "time;force;gain\n0;0;1\n0.01;30;1\n0.2;0;1\n", {
-        "named": CASE.format(base='sampled = "table.csv"', load='sampled = "hammer.csv", column = "force"'),
-        "held": CASE.format(
-            base="sampled = { t = [0, 0.05, 0.1, 0.15], values = [0, 0.1, 0, 0.2] }",
-            load="sampled = { t = [0, 0.01, 0.2], values = [0, 30, 0] }",
-        ),
-    }  # fmt: skip
-
-    def system(name, force):
-        (tmp_path / "hammer.csv").write_text(force, encoding="utf-8")
-        (tmp_path / f"{name}.toml").write_text(texts[name], encoding="utf-8")
-        return sb.load_cases(tmp_path / f"{name}.toml")["measured"].system()
-
-    named, held = system("named", hammer), system("held", hammer)
-    assert named.fingerprint == held.fingerprint != system("named", hammer.replace("30", "31")).fingerprint
-    assert np.array_equal(named.problem.loads[0].time.values, [0.0, 30.0, 0.0])
-
-
-@pytest.mark.parametrize(
-    ("content", "load", "words"),
-    [
-        ("0,0\n1,a\n", 'sampled = "h.csv"', "line 2: 'a'"),
-        ("0,0\n1,1,1\n", 'sampled = "h.csv"', "line 2: 3 columns"),
-        ("t,a,b\n0,0,0\n1,1,1\n", 'sampled = "h.csv"', "column = 'a' or 'b'"),
-        ("t,a,b\n0,0,0\n1,1,1\n", 'sampled = "h.csv", column = "c"', "first line"),
-        ("0,0\n0,1\n", 'sampled = "h.csv"', "increase"), ("", 'sampled = "h.csv"', "two or more lines"),
-        ("0,0\n1,1\n", 'sampled = "no.csv"', "readable file"),
-        ("0,0\n1,1\n", 'sampled = "h.csv", kind = "cubicle"', "linear"),
-        ("0,0\n1,1\n", "sampled = { t = [0, 1] }", "values"),
-    ],
-)  # fmt: skip
-def test_a_record_that_cannot_be_read_is_refused_with_file_and_line(tmp_path, content, load, words):
-    (tmp_path / "h.csv").write_text(content, encoding="utf-8")
-    base = "sampled = { t = [0, 1, 2], values = [0, 0, 0] }"
-    (tmp_path / "case.toml").write_text(CASE.format(base=base, load=load), encoding="utf-8")
-    with pytest.raises(sb.InputError, match=words):
-        sb.load_cases(tmp_path / "case.toml")
-
-
-@pytest.mark.fast(1)
-@pytest.mark.parametrize("held", [1.0, 0.0], ids=["held", "free"])  # free bodies: two eigenvalues are zero
-@pytest.mark.parametrize("dashpot", [0.0, 0.05], ids=["elastic", "damped"])
-def test_samples_on_a_straight_line_change_nothing(dashpot, held):
-    """Four samples are crossed one by one, 400 in chunks of cells: the load is the same."""
-    corners, heights, runs = np.array([0.0, 2.0, 5.0, 9.0]), np.array([0.0, 6.0, -7.0, 1.0]), []
-    for t in (corners, np.unique(np.concatenate([corners, np.linspace(0.0, 9.0, 400)]))):
-        load = sb.Superposition(sb.Sampled(t, np.interp(t, corners, heights)), sb.Harmonic(2.0, 3.0))
-        near = sb.Contact([1.0, 0.0], sb.Stops(-0.1, 0.15, stiffness=300.0, damping=dashpot))
-        far = sb.Contact([0.0, 1.0], sb.Stops(upper=0.2, stiffness=200.0))
-        K = 10.0 * np.array([[1.0, -1.0], [-1.0, 1.0]]) + held * np.diag([20.0, 10.0])
-        system = sb.System.from_matrices(np.eye(2), K, 0.004 * K, [([1.0, 2.0], load)], [near, far])
-        runs.append(sb.reference(system, 9.0, t_eval=np.linspace(0.0, 9.0, 181)))
-    few, more = runs
-    assert few.impacts.count == more.impacts.count > 10
-    for before, after in zip(few.contacts, more.contacts, strict=True):
-        np.testing.assert_allclose(after.impacts.times, before.impacts.times, atol=1e-11)
-        np.testing.assert_allclose(after.impacts.peaks, before.impacts.peaks, rtol=1e-9)
-    np.testing.assert_allclose(more.tip, few.tip, atol=1e-11)
-    assert more.horizon == few.horizon == 9.0
-
-
-@pytest.mark.parametrize("kind", ["linear", "cubic"])
-@pytest.mark.parametrize("seed", [29, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_damped_stop_lets_go_where_its_force_ends_beside_a_slow_mode_under_a_record(seed, kind):
-    """Two masses, one between a damped stop and a spring, the other held back by a strong dashpot: one mode is slow
-    beside the span. The rate of a contact lacked the forces on the others: releases came .06 too early."""
-    rng, t = np.random.default_rng(seed), np.linspace(0.0, 10.0, 21)
-    x, y = 5.0 * rng.normal(size=(2, 21))
-    stop = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=50.0, damping=10.0))
-    loads = [([1.0, 0.0], sb.Sampled(t, x, kind)), ([0.0, 1.0], sb.Sampled(t, 4.0 * y, kind))]
-    system = sb.System.from_matrices(np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], np.diag([0.1, 30.0]), loads, [stop])
-    exact, other = sb.reference(system, 10.0), solve(system, 10.0, "dop853", None, 1e-11, None)
-    mine, theirs = exact.contacts[0].impacts, other.contacts[0].impacts
-    assert mine.count == theirs.count > 2
-    assert mine.times == pytest.approx(theirs.times, abs=1e-6)
-    assert mine.ends == pytest.approx(theirs.ends, abs=1e-6, nan_ok=True)
-    # At every release the force of spring and dashpot is zero.
-    q, v = exact.state_at(mine.ends[np.isfinite(mine.ends)] - 1e-9)
-    assert np.max(np.abs(50.0 * (q[:, 0] - 0.1) + 10.0 * v[:, 0])) < 1e-5
-
-
 def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
     """A heavy mass at rest: the depth follows the polygon, whose corner is the peak."""
     polygon = sb.Sampled([0.0, 0.9, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0])
@@ -309,10 +190,3 @@ def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
     assert seen.peak_force == pytest.approx(20.0 * (1.0 - 0.5), rel=0.01)
     assert seen.peak_force == pytest.approx(np.max(np.abs(seen.force)), rel=1e-12)
     assert seen.impacts.peaks[0] == seen.peak_force
-
-
-def test_samples_are_no_events():
-    """Ten thousand samples within the shortest period: events that accumulate are refused, samples are not."""
-    t = np.linspace(0.0, 1.0, 10_001)
-    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=4.0), damping=0.1, load=sb.Sampled(t, 2.0 * np.sin(3.0 * t)))
-    assert sb.reference(system, 1.0).impacts.count == 1

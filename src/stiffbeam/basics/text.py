@@ -1,11 +1,10 @@
-"""Results as text: messages, plain values for JSON, tables, HTML for notebooks, and pictures by name."""
+"""Results as text: messages, plain values for JSON, tables, and pictures by name."""
 
 from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,24 +89,6 @@ def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> 
     frame = pandas.DataFrame(columns)
     frame.attrs.update(attributes or {})
     return frame
-
-
-def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
-    """A table with a line of heads; the first cell of a row is its name, the others are to the right.
-
-    >>> html_table(["run", "impacts"], [["HHT(alpha=-0.1)", "53"]]).count("<td")
-    1
-    """
-    parts = ['<table class="stiffbeam">']
-    if caption:
-        parts.append(f'<caption style="text-align:left">{escape(caption)}</caption>')
-    if heads:
-        parts.append(f"<thead><tr>{''.join(f'<th>{escape(head)}</th>' for head in heads)}</tr></thead>")
-    parts.append("<tbody>")
-    for name, *cells in rows:
-        columns = "".join(f'<td style="text-align:right">{escape(cell)}</td>' for cell in cells)
-        parts.append(f'<tr><th style="text-align:left">{escape(name)}</th>{columns}</tr>')
-    return "".join([*parts, "</tbody></table>"])
 
 
 DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"

@@ -324,18 +324,17 @@ def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
     match = re.fullmatch(rf"([+-]?)({_FACTOR}(?:[*/]{_FACTOR})*)", text)
     if match is None:
         raise ValueError(f"{value!r} is not a number")
-    # A product of numbers, and of pi once.
     ratio, pis = Fraction(-1 if match[1] == "-" else 1), 0
     for operation, factor in re.findall(rf"([*/]?)({_FACTOR})", match[2]):
+        sign = -1 if operation == "/" else 1
         if factor == "pi":
-            pis += -1 if operation == "/" else 1
-            continue
-        nearest = float(factor)
-        if not math.isfinite(nearest) or nearest < 1e-300:  # the Fraction of 1e999999999 fills the memory
-            if match[2] == factor:
-                return None, False
+            pis += sign
+        elif 1e-300 <= float(factor) < math.inf:  # the Fraction of 1e999999999 fills the memory
+            ratio *= Fraction(factor) ** sign
+        elif match[2] == factor:
+            return None, False
+        else:
             raise ValueError(f"{value!r} leaves the range of float64")
-        ratio = ratio / Fraction(factor) if operation == "/" else ratio * Fraction(factor)
     # ExactFloat is a ratio or a ratio times pi, nothing else.
     if pis not in (0, 1):
         raise ValueError(f"{value!r} is not a number or a number times pi")

@@ -284,7 +284,7 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         impacts = Impacts(**columns, kind=kinds[i]).started(data["impact_open_at_start"].values[mine] > 0)
         contacts.append(
             ContactRecord(
-                stops=Stops.of(stops_data),
+                stops=Stops(**stops_data),
                 impacts=impacts,
                 position=data["contact_position"].values[i],
                 velocity=data["contact_velocity"].values[i],

@@ -15,12 +15,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
-from .problem import BeamProblem, factors
+from .problem import BeamProblem
 from .time_functions import Harmonic, TimeFunction
 
 # Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
-ROTARY = np.array([[36, 3, -36, 3], [3, 4, -3, -1], [-36, -3, 36, -3], [3, -1, -3, 4]])  # times J/(30 h)
 BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
 # The same as (a a^T + b b^T): the mean curvature of an element and its slope.
 MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
@@ -77,7 +76,7 @@ def beam_stress(problem: BeamProblem, form: str, t: Array, q: Array, v: Array, x
     stress = problem.stiffness * beam_field(problem, form, t, q, x, slopes)
     if problem.viscosity != 0.0:
         stress = stress + problem.viscosity * beam_field_rate(problem, form, t, v, x, slopes)
-    return stress * factors(problem.sections, x, "stiffness") if problem.sections else stress
+    return stress
 
 
 def _base(problem: BeamProblem, t: Array, of: str) -> Array:

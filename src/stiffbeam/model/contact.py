@@ -20,7 +20,6 @@ from .contact_law import (
     LAW,
     LINEAR,
     Law,
-    Parameters,
     all_laws,
     chord,
     damps,
@@ -37,7 +36,7 @@ from .time_functions import LoadFunction, TimeFunction, load_function, offset_ra
 
 
 @dataclass(frozen=True, repr=False)
-class Stops(Parameters):
+class Stops:
     """F = -(kappa d^p (1 + lambda d') + c d')_+ into the upper stop, d = u - g2 > 0, mirrored at the lower.
 
     F < 0 at the upper stop, F > 0 at the lower. A stop only pushes: where damping would turn F into a pull, contact
@@ -82,6 +81,10 @@ class Stops(Parameters):
     -5000.0
     """
 
+    stiffness: float = field(kw_only=True)
+    exponent: float = field(default=1.0, kw_only=True)
+    damping: float = field(default=0.0, kw_only=True)
+    dissipation: float = field(default=0.0, kw_only=True)
     lower: float | None = None
     upper: float | None = None
     restitution: float | None = field(default=None, kw_only=True)
@@ -236,20 +239,12 @@ class Stops(Parameters):
         law = {name: default for name, default in NUMBERS.items() if name not in ("position", "motion")}
         return {x: float(getattr(self, x)) for x, default in law.items() if getattr(self, x) != default}
 
-    @staticmethod
-    def of(data: Any) -> Stops:
-        """Stops from ``data``, or from the list (lower, upper, stiffness) in older files of linear stops."""
-        return Stops(**data) if isinstance(data, dict) else Stops(data[0], data[1], stiffness=data[2])
-
     def pressure(self, depth: ArrayLike, rate: ArrayLike | None = None) -> Array:
         """|F| at a penetration depth >= 0 that grows at ``rate``: needed where the law is dissipative.
 
         Raises InputError without it.
         """
-        return self.pressure_in(np, np.asarray(depth, float), rate)
-
-    def pressure_in(self, xp: Any, depth: Any, rate: Any = None) -> Any:
-        """``pressure`` by the functions of ``xp``, NumPy or one that has its names."""
+        depth = np.asarray(depth, float)
         self.require_compliant("a law of force")
         law = self.coefficients
         if not damps(law):  # the velocity need not be known
@@ -257,20 +252,17 @@ class Stops(Parameters):
         if rate is None:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        return xp.where(depth > 0.0, xp.maximum(0.0, pressure(depth, rate, law)), 0.0)
+        return np.where(depth > 0.0, np.maximum(0.0, pressure(depth, rate, law)), 0.0)
 
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
-        return self.force_in(np, np.asarray(v, float), velocity)
-
-    def force_in(self, xp: Any, v: Any, velocity: Any = None) -> Any:
-        """``force`` by the functions of ``xp``."""
-        out = xp.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
+        v = np.asarray(v, float)
+        out = np.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
         if self.linear:  # the same numbers by a third of the arrays, whose fresh memory costs more than the sums
             return self.coefficients.kappa * out
         # One formula for both sides: depth and rate count into the stop.
-        side = xp.sign(out)
-        return side * self.pressure_in(xp, xp.abs(out), None if velocity is None else -side * velocity)
+        side = np.sign(out)
+        return side * self.pressure(np.abs(out), None if velocity is None else -side * velocity)
 
     def secant(self, depth: float) -> float:
         """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
@@ -311,16 +303,8 @@ class Stops(Parameters):
         chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
 
-    def solve(self, r: ArrayLike, s: ArrayLike) -> Array:
-        """The force F with v = r + s F = r + s F(v), for a compliance s >= 0; one solution, closed form.
 
-        F = kappa/(1 + kappa s) (clip(r, g1, g2) - r). With s = 0 it is the extrapolated contact F(r). For the
-        linear law; ``stage.solve_stage`` takes any.
-        """
-        self.require_linear("the closed form of the stage equation")
-        return -self.stiffness / (1.0 + self.stiffness * np.asarray(s, float)) * self.penetration(r)
-
-
+EPS = float(np.finfo(float).eps)
 SIDES = ("lower", "upper")
 # The fields with their defaults, in the order in which they are written down.
 NUMBERS = {
@@ -418,67 +402,37 @@ def linear(contacts: Sequence[Contact]) -> bool:
     return all(contact.stops.linear for contact in contacts)
 
 
-# ---------------------------------------------------------------- restitution: rebound speed over approach speed
+def dissipation_for(restitution: float, speed: float) -> float:
+    """lambda of m d'' = -kappa d^p (1 + lambda d') for a mass that comes in at ``speed`` and leaves with e times that.
 
-RTOL = np.float64(4.0 * np.finfo(float).eps)  # the least that brentq takes
-
-
-def restitution_of(dissipation: float, speed: float) -> float:
-    """e of m d'' = -kappa d^p (1 + lambda d') for a mass that comes in at ``speed`` v.
-
-        e = (1 - y)/x,   y = -W0(-(1 + x) exp(-(1 + x))),   x = lambda v
+        1 - e x = (1 + x) exp(-(1 + e) x),   x = lambda speed
 
     for every m, kappa and p: d'/(1 + lambda d') dd' = -(kappa/m) d^p dd has the same integral on both ways.
-    Near x = 0, where this cancels, e is corrected to rounding by Newton's method on h(-e x) = h(x), h(z) =
-    ln(1 + z) - z. Raises InputError for negative values.
-    """
-    from scipy.special import lambertw
-
-    x = non_negative("dissipation", dissipation) * positive("speed", speed)
-    # Small x: the next term of the series, of order x^3, is below rounding.
-    if x < 1e-7:
-        return 1.0 + x * (-2.0 / 3.0 + x * 4.0 / 9.0)
-    if x > 700.0:
-        return 1.0 / x  # y = 0 in float64
-    # Large x: 1 - y does not cancel.
-    if x > 1.0:
-        return (1.0 + float(lambertw(-(1.0 + x) * np.exp(-(1.0 + x))).real)) / x
-    # Between them, from a start that agrees with the series to x^2 and is off by some 1 % at most.
-    e = 1.0 / (1.0 + 2.0 * x / 3.0)
-    for _ in range(6):
-        e += (_log_less(-e * x) - _log_less(x)) * (1.0 - e * x) / (e * x * x)
-    return e
-
-
-def _log_less(z: float) -> float:
-    """ln(1 + z) - z without cancellation: 2 artanh t - 2 t/(1 - t), t = z/(2 + z)."""
-    # The plain difference loses one digit at most.
-    if abs(z) > 0.3:
-        return float(np.log1p(z)) - z
-    # Odd powers up to 23, small terms first: |t| < 0.18, so that the next power is below rounding.
-    t = z / (2.0 + z)
-    return -2.0 * t * t / (1.0 - t) + 2.0 * sum(t**k / k for k in range(23, 2, -2))
-
-
-def dissipation_for(restitution: float, speed: float) -> float:
-    """lambda with ``restitution_of(lambda, speed) == restitution``, a number in (0, 1].
-
-    Raises InputError for any other: e = 0 would take an infinite lambda.
+    restitution: e in (0, 1]. Raises InputError for any other: e = 0 would take an infinite lambda.
     """
     from scipy.optimize import brentq
 
     e = number("restitution", restitution)
-    if not 0.0 < e <= 1.0:
-        raise InputError("restitution", restitution, "lie in (0, 1]", "for 0 use a rigid stop with restitution=0")
-    positive("speed", speed)
-    if e == 1.0:
-        return 0.0
-    # e falls from 1 to 0 as x grows, and e x stays below 1: 1 - 2x/3 < e < 1/x. Beyond 1/e, where 1/(1/e) rounds up.
-    if not e > 1e-150:
-        raise InputError("restitution", restitution, "be larger than 1e-150", "or use a rigid stop with restitution=0")
-    # x tends to 0 as e tends to 1: only the relative tolerance may end the search.
-    x: Any = brentq(lambda x: restitution_of(x, 1.0) - e, 0.0, 1.001 / e, xtol=1e-300, rtol=RTOL)
-    return float(x) / speed
+    # The reciprocal of a smaller number may overflow.
+    if not 1e-150 < e <= 1.0:
+        rule, remedy = "lie in (0, 1], and above 1e-150", "for 0 use a rigid stop with restitution=0"
+        raise InputError("restitution", restitution, rule, remedy)
+    speed, x = positive("speed", speed), 1.0 / e
+    if e < 0.1:
+        for _ in range(6):  # the exponential is below 2e-4
+            x = (1.0 - (1.0 + x) * math.exp(-(1.0 + e) * x)) / e
+    else:
+        # The logarithms of both sides without the terms in x and x^2 that they share: 1 - 2 x/3 < e < 1/x.
+        less = lambda x: 0.5 * (1.0 - e) * (1.0 + e) - x * (e**3 * _cubic_part(-e * x) + _cubic_part(x))  # noqa: E731
+        x = float(brentq(less, 1.5 * (1.0 - e), (1.0 - EPS) / e, xtol=1e-300, rtol=4.0 * EPS))  # type: ignore[arg-type]
+    return x / speed
+
+
+def _cubic_part(z: float) -> float:
+    """(ln(1 + z) - z + z^2/2)/z^3: the logarithm from its third power on, without cancellation."""
+    if abs(z) > 0.4:
+        return (math.log1p(z) - z + 0.5 * z * z) / z**3
+    return sum((-z) ** k / (k + 3) for k in range(40))
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:

@@ -6,36 +6,24 @@ U = int f dd is the energy that the stop holds; what F takes beyond -U' it dissi
 turn to a pull.
 
 The functions under "the terms" are arithmetic alone, on numbers, NumPy arrays or JAX arrays. A new term is a field of
-``Parameters``, its place in ``Law``, a change of these, and the same in C.
+``Stops``, its place in ``Law``, a change of these, and the same in C.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from ..basics.arrays import Array
 
-
-@dataclass(frozen=True, repr=False)
-class Parameters:
-    """The numbers of a law, as ``Stops`` and files name them. Left at their defaults they make it linear."""
-
-    stiffness: float = field(kw_only=True)
-    exponent: float = field(default=1.0, kw_only=True)
-    damping: float = field(default=0.0, kw_only=True)
-    dissipation: float = field(default=0.0, kw_only=True)
-
-
-# Those beside the stiffness, each with its value in the linear law.
-LINEAR: dict[str, float] = {x.name: getattr(Parameters, x.name) for x in fields(Parameters) if x.name != "stiffness"}
+# Parameters beside the stiffness, in the order of ``Law``, each with its value in the linear law.
+LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
 
 
 class Law(NamedTuple):
     """The parameters of the law in the form for kernels, with the stops g1 and g2. An array of laws has them in this
     order.
 
-    Those after g2 stand in the order of ``Parameters``.
+    Those after g2 stand in the order of ``LINEAR``.
     """
 
     kappa: float
@@ -104,12 +92,6 @@ def slopes(d: Any, rate: Any, law: Law) -> tuple[Any, Any]:
     return elastic_slope(d, law) * (1.0 + law.lam * rate), elastic(d, law) * law.lam + law.c
 
 
-def is_affine(law: Law) -> Any:
-    """Return True where ``pressure`` is linear in d and d': a stage equation has a closed form."""
-    # & and | in place of ``and`` and ``or``: a Law may hold arrays.
-    return (law.p == 1.0) & (law.lam == 0.0)
-
-
 def jumps(law: Law) -> Any:
     """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
     the force."""
@@ -123,4 +105,5 @@ def damps(law: Law) -> Any:
 
 def is_linear(law: Law) -> Any:
     """Return True where F = -kappa d."""
-    return is_affine(law) & (law.c == 0.0)
+    # & and | in place of ``and`` and ``or``: a Law may hold arrays.
+    return (law.p == 1.0) & (law.lam == 0.0) & (law.c == 0.0)

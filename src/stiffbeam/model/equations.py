@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from ..basics.arrays import MOST, Array, Recent, content
+from ..basics.arrays import Array, Recent, content
 from ..basics.validation import InputError
 
 # Stages that depend on each other, as of Radau IIA: no scheme's step, but any other program's.
@@ -120,8 +120,7 @@ class Matrices(Equation):
         if ("flow", t) not in self._factors:
             # Other schemes and treatments of contact run with the same steps on the same matrices.
             matrices = self._mass, self._damping, self._stiffness
-            kept = _FLOWS if len(self._mass) <= MOST else Recent(0)
-            self._factors["flow", t] = kept.get((t, *map(content, matrices)), lambda: _flow(*matrices, t))
+            self._factors["flow", t] = _FLOWS.get((t, *map(content, matrices)), lambda: _flow(*matrices, t))
         fastest, E, P, Q = self._factors["flow", t]
         state = np.concatenate([y[0], y[1] / fastest], axis=-1)
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T

@@ -34,7 +34,7 @@ from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, finite_vector, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, parts, parts_of
+from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, parts
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in and still march side by side
 LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in these too, each marches by itself
@@ -84,10 +84,7 @@ class EnsembleMembers(Sequence[System]):
 
     def __post_init__(self) -> None:
         require_system(self.system)
-        if not isinstance(self.parameter, str) or not isinstance(self.fields, Mapping):
-            rule = "be a name, and its fields a dictionary"
-            remedy = "make them with perturbed_members or varied_members"
-            raise InputError("members.parameter", (self.parameter, self.fields), rule, remedy)
+        instance("members.fields", self.fields, Mapping, "make them with perturbed_members or varied_members")
         sequence("members.values", self.values, "be one value per member")
         for name, values in self.fields.items():
             if name not in (*DIFFERENT, *LINEAR):
@@ -96,11 +93,9 @@ class EnsembleMembers(Sequence[System]):
             if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
                 remedy = "give as many of both"
                 raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
+        shared = self.system.contacts
         for contacts in self.fields.get("contacts", ()):
-            shared = self.system.contacts
-            if len(contacts) != len(shared) or not (
-                self.separate or all(same(a.row, b.row) for a, b in zip(contacts, shared, strict=True))
-            ):
+            if len(contacts) != len(shared) or not (self.separate or same_rows(contacts, shared)):
                 remedy = "make the others with replace(contact, stops=...)"
                 raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
 
@@ -141,18 +136,8 @@ class EnsembleMembers(Sequence[System]):
 
     def starts(self) -> tuple[Array, Array]:
         """q0, v0 (M, n) of all."""
-        return self._vectors("q0", "initial_displacement"), self._vectors("v0", "initial_velocity")
-
-    def _vectors(self, field: str, name: str) -> Array:
-        n, vectors = self.system.size, self.fields.get(field)
-        if vectors is None:
-            return np.tile(getattr(self.system, field), (len(self), 1))
-        # Arrays of floats are checked together; anything else one by one, for its own message.
-        if all(type(x) is np.ndarray and x.dtype == float and x.shape == (n,) for x in vectors):
-            values = np.array(vectors)
-            if np.all(np.isfinite(values)):
-                return values
-        return np.array([finite_vector(name, x, n) for x in vectors])
+        q0, v0 = zip(*(self.start(i) for i in range(len(self))), strict=True)
+        return np.array(q0), np.array(v0)
 
     def start(self, i: int) -> tuple[Array, Array]:
         """q0, v0 (n,) of member i."""
@@ -173,23 +158,12 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
     if not isinstance(members, EnsembleMembers):
         rule, remedy = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
         systems = sequence("members", members, rule, remedy)
-        # What systems of a list must share, and the fields in which they differ.
         for member in systems:
-            if member is system:
-                continue
             require_system(member, "members")
-            shared = [(getattr(system, x), getattr(member, x)) for x in ("mass", "damping", "stiffness")]
-            shared += [(a, b) for (a, _), (b, _) in zip(system.channels, member.channels, strict=False)]
-            alike = len(system.channels) == len(member.channels) and len(system.contacts) == len(member.contacts)
-            if not alike or not all(np.array_equal(a, b) for a, b in shared):
-                remedy = "integrate systems with other matrices one by one"
-                raise InputError("members", member.form, "share matrices and contact rows with the system", remedy)
-            if _callables(member.loads, member.contacts) != _callables(system.loads, system.contacts):
-                rule = "share every callable load and offset with the system"
-                raise InputError("members", member.form, rule, "integrate such systems one by one")
-        columns = {name: [getattr(member, name) for member in systems] for name in DIFFERENT}
-        fields = {name: x for name, x in columns.items() if any(each is not getattr(system, name) for each in x)}
-        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), fields)
+            if (member.size, len(member.channels)) != (system.size, len(system.channels)):
+                rule = "have the unknowns and contacts of the system"
+                raise InputError("members", repr(member), rule, "integrate such systems one by one")
+        members = members_of(system, SYSTEMS, np.arange(len(systems)), systems)
     # By fingerprint: a copy from another process is equal without being the same object.
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
@@ -199,6 +173,17 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
     return members
 
 
+def march_apart(members: EnsembleMembers) -> bool:
+    """Return True if each member is integrated with its own matrices or loads: its matrices differ, or its functions of
+    time differ from the system's in more than harmonics and constants."""
+    system = members.system
+    loads, contacts = members.fields.get("loads", [system.loads]), members.fields.get("contacts", [system.contacts])
+    return members.separate or any(
+        _terms(x, y) != _terms(system.loads, system.contacts)
+        for x, y in [*((x, system.contacts) for x in loads), *((system.loads, y) for y in contacts)]
+    )
+
+
 def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes, float]]:
     """The functions of loads and offsets that are neither Harmonic nor Constant, with place, vector and factor."""
     terms = [*((f, vector.tobytes()) for vector, f in loads), *((contact.offset, b"") for contact in contacts)]
@@ -206,22 +191,9 @@ def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes, fl
     return [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
 
 
-def _callables(loads: Any, contacts: Any) -> list[tuple[Any, ...]]:
-    return [(i, id(f), *rest) for i, f, *rest in _terms(loads, contacts) if not isinstance(f, Sampled)]
-
-
-def march_apart(members: EnsembleMembers) -> bool:
-    """Return True if each member is integrated with its own matrices or loads: its matrices differ, or its functions of
-    time differ from the system's in more than harmonics and constants."""
-    if members.separate:
-        return True
-    system = members.system
-    shared = _terms(system.loads, system.contacts)
-    loads = members.fields.get("loads", [system.loads])
-    contacts = members.fields.get("contacts", [system.contacts])
-    return any(_terms(x, system.contacts) != shared for x in loads) or any(
-        _terms(system.loads, x) != shared for x in contacts
-    )
+def same_rows(contacts: Sequence[Contact], others: Sequence[Contact]) -> bool:
+    """Return True if contacts, as many as the ``others``, are on their rows."""
+    return all(same(a.row, b.row) for a, b in zip(contacts, others, strict=True))
 
 
 def perturbed_members(
@@ -345,11 +317,12 @@ def members_of(system: System, parameter: str, values: Any, systems: Sequence[Sy
     """The ``systems`` as members of ``system``, separate where one of them has other matrices or contact rows."""
     alike = all(
         all(same(getattr(member, part), getattr(system, part)) for part in LINEAR)
-        and all(same(a.row, b.row) for a, b in zip(member.contacts, system.contacts, strict=True))
+        and same_rows(member.contacts, system.contacts)
         for member in systems
     )
-    names = DIFFERENT if alike else (*DIFFERENT, *LINEAR)
-    return EnsembleMembers(system, parameter, values, {name: [getattr(x, name) for x in systems] for name in names})
+    columns = {name: [getattr(x, name) for x in systems] for name in (*DIFFERENT, *(() if alike else LINEAR))}
+    fields = {x: each for x, each in columns.items() if x in LINEAR or any(y is not getattr(system, x) for y in each)}
+    return EnsembleMembers(system, parameter, values, fields)
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
@@ -373,12 +346,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         if path in ("frequency", "amplitude"):
             system = _driven(system, path, positive(path, value) if path == "frequency" else value)
             continue
-        keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
         try:
-            # findall skips what it cannot read. Such a path does not read back as it was.
-            if "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
-                raise LookupError(path)
-            system = _placed(system, keys, value)
+            system = _placed(system, _keys_of(system, path), value)
         except LookupError as error:
             known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
@@ -403,55 +372,62 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def paths_of(system: System) -> list[str]:
     """The paths to all numbers of the problem or the system outside matrices and vectors."""
-    return _paths(system.problem or system)
+    nodes = list(_walk(system.problem or system))
+    numbers = (Real, Decimal)
+    return [
+        f"{path}.{SCALE}" if isinstance(x, Sampled) else path
+        for path, x in nodes
+        if isinstance(x, Sampled) or (isinstance(x, numbers) and not isinstance(x, bool))
+    ]
 
 
 def value_at(system: System, path: str) -> float:
     """The number at a path of the problem or the matrices. Raises LookupError where there is none, and where "stops"
     stands for contacts with different numbers."""
-    keys: list[Any] = [int(index) if index else x for x, index in _KEY.findall(path)]
-    if keys[:1] == ["stops"] and (len(keys) < 2 or not isinstance(keys[1], int)):
-        rest = path.removeprefix("stops")
-        numbers = {value_at(system, f"stops[{i}]{rest}") for i in range(len(system.contacts))}
-        if len(numbers) != 1:
-            raise LookupError(path)
-        return numbers.pop()
-    thing, keys = _rooted(system, keys)
-    for key in keys:
-        thing = _part(thing, key)
-    if not isinstance(thing, Real):
+    found = set()
+    for keys in _keys_of(system, path):
+        thing, rest = _rooted(system, keys)
+        for key in rest:
+            thing = _part(thing, key)
+        found.add(float(thing) if isinstance(thing, Real) else None)
+    if len(found) != 1 or None in found:
         raise LookupError(path)
-    return float(thing)
+    return found.pop()  # type: ignore[return-value]
 
 
-def _placed(system: System, keys: list[Any], value: float) -> System:
-    """System with a value at the end of these keys. Raises LookupError where they lead to no number."""
-    if keys[0] == "stops" and (len(keys) < 2 or not isinstance(keys[1], int)):
-        if not system.contacts:
-            raise LookupError("stops")
-        for i in range(len(system.contacts)):
-            system = _placed(system, ["stops", i, *keys[1:]], value)
-        return system
-    root, keys = _rooted(system, keys)
-    new = _replaced(root, keys, value)
-    return new if system.problem is None else _rebuilt(system, new)
+def _keys_of(system: System, path: str) -> list[list[Any]]:
+    """Names and indexes of a path, one list for each number that it stands for. Raises LookupError for what is none."""
+    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
+    # findall skips what it cannot read. Such a path does not read back as it was.
+    if not keys or "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
+        raise LookupError(path)
+    if keys[0] != "stops" or (len(keys) > 1 and isinstance(keys[1], int)):
+        return [keys]
+    if not system.contacts:
+        raise LookupError("stops")
+    return [["stops", i, *keys[1:]] for i in range(len(system.contacts))]
 
 
-def _rooted(system: System, keys: list[Any]) -> tuple[Any, list[Any]]:
+def _placed(system: System, paths: list[list[Any]], value: float) -> System:
+    """System with a value at the ends of these keys. Raises LookupError where they lead to no number."""
+    root: Any = system
+    for keys in paths:
+        root, rest = _rooted(root, keys)
+        root = _replaced(root, rest, value)
+    return root if system.problem is None else _rebuilt(system, root)
+
+
+def _rooted(root: Any, keys: list[Any]) -> tuple[Any, list[Any]]:
     """The problem of a beam, or the system of matrices itself, and the keys from there: "contacts[i].stops" and
-    "stops[i]" are one. Raises LookupError for no keys."""
-    if system.problem is None:
+    "stops[i]" are one."""
+    root = getattr(root, "problem", None) or root
+    if isinstance(root, System):
         keys = [AS_GIVEN.get(keys[0], keys[0]), *keys[1:]]
-        return system, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
+        return root, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]
-    keys = [IN_FILES.get(keys[0], keys[0]), *keys[1:]] if keys else keys
-    # One form for none, one and several stops, so that paths lead through the same list.
-    root = system.problem
-    if keys[:1] == ["stops"]:
-        root = replace(root, stops=root.all_stops or None)
     single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
-    return root, ["stops", *keys[2:]] if single else keys
+    return root, ["stops", *keys[2:]] if single else [IN_FILES.get(keys[0], keys[0]), *keys[1:]]
 
 
 def _rebuilt(system: System, new: BeamProblem) -> System:
@@ -502,20 +478,18 @@ def _timed(thing: Any) -> bool:
     return isinstance(thing, tuple) and len(thing) == 2 and isinstance(thing[0], np.ndarray)
 
 
-def _paths(thing: Any, path: str = "") -> list[str]:
-    """The paths to all numbers outside arrays."""
+def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """All parts of an object outside arrays, and the paths to them."""
+    yield path, thing
     if _timed(thing):
-        return _paths(thing[1], f"{path}.time")
-    if isinstance(thing, Sampled):
-        return [f"{path}.{SCALE}"]
-    if isinstance(thing, (tuple, list)):
-        return [each for i, entry in enumerate(thing) for each in _paths(entry, f"{path}[{i}]")]
-    if is_dataclass(thing):
-        start = path + "." if path else ""
-        # The origin and the units hold no numbers to vary.
-        parts = [x.name for x in fields(thing) if x.name not in ("origin", "units")]
-        return [each for name in parts for each in _paths(getattr(thing, name), start + name)]
-    return [path] if isinstance(thing, (Real, Decimal)) and not isinstance(thing, bool) else []
+        yield from _walk(thing[1], f"{path}.time")
+    elif isinstance(thing, (tuple, list)):
+        for i, entry in enumerate(thing):
+            yield from _walk(entry, f"{path}[{i}]")
+    elif is_dataclass(thing) and not isinstance(thing, Sampled):
+        for field in fields(thing):
+            if field.name not in ("origin", "units"):  # which hold no numbers to vary
+                yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
 
 
 def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> EnsembleMembers:
@@ -536,42 +510,22 @@ def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> Ens
 
 def _driven(system: System, name: str, value: float) -> System:
     """System with another frequency or amplitude of its drive, its matrices kept."""
-    problem = system.problem
-    if problem is None:
-        motions = [contact.offset for contact in system.contacts]
-        places = [[function for _, function in system.loads], motions]
-    else:
-        motions = [stops.motion for stops in problem.all_stops]
-        places = [[problem.base], [load.time for load in problem.loads], motions]
+    found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
-    leading = [[h for f in place for h in parts_of(f) if isinstance(h, Harmonic)] for place in places]
-    drive = next((harmonics for harmonics in leading if harmonics), [])
+    places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))
+    drive = next((place for place in places if place), [])
     distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
     if len(distinct) != 1:
         by_path = f"name one by its path, for example loads[0].time.{name}"
         remedy = by_path if distinct else "vary a number that it has: loads[0].time.scale, stops.stiffness"
         raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
-    shared = drive[0].frequency
-    moving = [f for motion in motions for f in parts_of(motion) if isinstance(f, Harmonic) and f.frequency == shared]
-    if name == "amplitude" and problem is None and leading[0] and moving:
+    shared = [(path, f) for path, f in found if f.frequency == drive[0].frequency]
+    loaded = any(path.startswith("loads") for path, _ in found)
+    if name == "amplitude" and loaded and any(path.startswith("contacts") for path, _ in shared):
         rule = "have no stops that move at the drive's frequency"
         raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
-
-    def change(function: Any) -> Any:
-        if isinstance(function, Superposition):
-            return Superposition.weighted((factor, change(f)) for factor, f in function.terms)
-        moves = isinstance(function, Harmonic) and function.frequency == shared
-        return replace(function, **{name: value}) if moves and (name == "frequency" or function in drive) else function
-
-    if problem is None:
-        loads = tuple((vector, change(function)) for vector, function in system.loads)
-        contacts = tuple(replace(contact, offset=change(contact.offset)) for contact in system.contacts)
-        return replace(system, loads=loads, contacts=contacts)
-    stops = tuple(
-        each if each.motion is None else replace(each, motion=change(each.motion)) for each in problem.all_stops
-    )
-    loads = tuple(replace(load, time=change(load.time)) for load in problem.loads)
-    return _rebuilt(system, replace(problem, base=change(problem.base), stops=stops or None, loads=loads))
+    paths = [f"{path}.{name}" for path, f in shared if name == "frequency" or f in drive]
+    return _placed(system, [keys for path in paths for keys in _keys_of(system, path)], value)
 
 
 def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Profile | None:

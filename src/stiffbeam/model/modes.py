@@ -8,18 +8,16 @@ by eps lambda_j in each eigenvalue of such a matrix (Demmel and Veselic, SIAM J.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import MOST, Array, Recent, content
+from ..basics.arrays import Array, Recent, content
 from ..basics.validation import InputError, numbers
 from .equations import Modal
 from .problem import ratios_of
@@ -31,7 +29,6 @@ GRADED = 0.1  # of sqrt(S_ii S_jj): from there on the Jacobi method has its digi
 SWEEPS = 30  # a graded matrix takes three or four
 SPLIT = 2.0**27 + 1.0  # cuts 53 bits into 26 and 26
 SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200
-MINUTE = 800  # unknowns of which refining all pairs takes a minute
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
 
@@ -83,69 +80,19 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
     return _once(_damped, system, springs) if system.damped else undamped_modes(system, springs)
 
 
-_KNOWN: WeakKeyDictionary[System, dict[Any, Any]] = WeakKeyDictionary()
 _RECENT: Recent[Any] = Recent(16)
 
 
 def _once(find: Callable[..., Any], system: System, springs: tuple[tuple[Array, float], ...]) -> Any:
-    """Modes that ``find`` returns; without springs those known of ``system``, or of a recent one with its matrices."""
+    """Modes that ``find`` returns; without springs those of a recent system with equal matrices."""
     if springs:
         return find(system, springs)
-    known = _KNOWN.setdefault(system, {})
-    if find not in known:
-        small = system.size <= MOST
-        known[find] = _RECENT.get((find, *matrices(system)), lambda: find(system)) if small else find(system)
-    return known[find]
+    return _RECENT.get((find, *matrices(system)), lambda: find(system))
 
 
 def matrices(system: System) -> tuple[bytes, ...]:
     """Digests of the matrices of ``system`` and of the factor of its stiffness, on which its modes depend."""
     return tuple(map(content, (system.mass, system.damping, system.stiffness, system.stiffness_factor)))
-
-
-def slowest(system: System, count: int) -> Modes | None:
-    """The slowest modes by Lanczos' method with a sparse factor G of the stiffness, in a fraction of the time of all.
-
-    K^-1 = G^-1 G^-T loses eps w_max/w_1 where the inverse of K itself would lose the square, and omega = |G x| of
-    every shape x. None where there is no such factor, the system can move without strain, or the damping is not
-    alpha M + beta K.
-    """
-    import scipy.sparse.linalg
-
-    G = system.stiffness_factor
-    # Only proportional damping can be judged by few modes: other damping may couple them to those left out.
-    if G is None or G.shape[0] != G.shape[1]:
-        return None
-    ratio = _multiple(system.damping, system.stiffness)
-    if ratio is None and not _proportional(system):
-        return None
-    # Sparse LU of G: two triangular solves stand for K^-1.
-    factor, mass = scipy.sparse.csc_array(G), scipy.sparse.csc_array(system.mass)
-    try:
-        solve = scipy.sparse.linalg.splu(factor).solve
-    except RuntimeError:  # singular
-        return None
-    # A fixed start gives the same modes in every process.
-    shape, start = G.shape, np.random.default_rng(0).normal(size=len(G))
-    operator: Any = scipy.sparse.linalg.LinearOperator  # whose stubs lack the arguments of a plain one
-    inverse = operator(shape, matvec=lambda x: solve(solve(x, "T")))
-    stiffness = scipy.sparse.csc_array(system.stiffness)
-    # Shifted to zero and inverted, the slowest modes are the largest, which Lanczos' method yields first.
-    _, x = scipy.sparse.linalg.eigsh(stiffness, count, mass, sigma=0.0, OPinv=inverse, v0=start)
-    x = x / np.sqrt(np.sum(x * (mass @ x), axis=0))
-    omega = np.linalg.norm(factor @ x, axis=0)
-    order = np.argsort(omega, kind="stable")
-    omega, x = omega[order], _with_signs(x[:, order])
-    damping = np.sum(x * (system.damping @ x), axis=0) if ratio is None else ratio * omega**2
-    return Modes(omega, x, damping, system.mass)
-
-
-def _multiple(a: Array, b: Array) -> float | None:
-    """The factor c of a = c b, to the rounding of every entry; None where there is none."""
-    largest = np.unravel_index(np.argmax(np.abs(a)), a.shape)
-    # A zero in b gives factor 0, which only a zero a passes below.
-    factor = float(a[largest] / (b[largest] or np.inf))
-    return factor if np.all(np.abs(a - factor * b) <= 4.0 * EPS * np.abs(a)) else None
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
@@ -294,10 +241,6 @@ def graded_eigenpairs(
         slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
         if not slow:
             return squares, X
-    seconds = 60.0 * (len(X) / MINUTE) ** 2 * (slow / MINUTE)
-    if seconds > 60.0:
-        advice = "reduce_model(..., modes=40), or modes = 40 in [case.system], keeps those that matter"
-        warnings.warn(f"the modes of {len(X)} unknowns will take about {seconds:.0f} s: {advice}", stacklevel=2)
     few, Y = _refined(mass, stiffness, springs, X[:, :slow])
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 

@@ -11,16 +11,11 @@ from scipy.optimize import brentq
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, integer, number
-from ..kernels.contact import solve_stage
-from ..kernels.march import BY_LAW
 from . import modes as decoupled
-from .contact import laws
 from .system import System, require_system
-from .time_functions import Constant, LoadFunction, evaluate, offset_values
+from .time_functions import Constant, evaluate, offset_values
 
-SMALL, FEWER = 200, 10  # unknowns up to which all modes are computed; share of the modes above which all are
 STEPS = 200  # of Newton's method on closed and open stops; a handful for linear stops
-UNBALANCED = 1e-3  # of the largest force: an equilibrium that is further off is none
 FARTHEST = 2.0**200  # times a step: nothing stops a motion that long
 
 
@@ -71,8 +66,7 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
     ----------
     system : System
     count : int, optional
-        Number of the slowest modes; by default all. A few modes of a beam of thousands of cells take a second where
-        all take a minute. For models of more unknowns see ``reduce_model``.
+        Number of the slowest modes; by default all. For models of thousands of unknowns see ``reduce_model``.
 
     Returns
     -------
@@ -90,9 +84,9 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
     array([2.])
     """
     require_system(system)
-    few = count is not None and integer("count", count, 1) <= system.size // FEWER and system.size > SMALL
-    basis = decoupled.slowest(system, count) if few and count is not None else None
-    basis = basis or decoupled.modes(system)
+    if count is not None:
+        integer("count", count, 1)
+    basis = decoupled.modes(system)
     if basis is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(basis.omega > 0.0, 0.5 * basis.damping / basis.omega, np.nan)
@@ -157,9 +151,9 @@ def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array, y: Any = 
 def static_equilibrium(system: System, t: float | None = None) -> Array:
     """Return q (n,) with K q = sum_k p_k f_k + sum_c row_c^T F_c(row_c q + o_c): at rest, contact included.
 
-    The equilibrium is unique where K, or K with the springs of the closed stops, is positive definite. To start from
-    it: ``replace(system, q0=q, v0=0 * q)``, or ``initial_displacement=q`` of ``System.from_matrices``. The q of a beam
-    is in v = u - phi (1 - (x/L)^2).
+    It is the least of the convex energy 1/2 q^T K q - sum_k f_k p_k^T q + sum_c U_c, unique where K, or K with the
+    springs of the closed stops, is positive definite. To start from it: ``replace(system, q0=q, v0=0 * q)``, or
+    ``initial_displacement=q`` of ``System.from_matrices``. The q of a beam is in v = u - phi (1 - (x/L)^2).
 
     Parameters
     ----------
@@ -186,71 +180,41 @@ def static_equilibrium(system: System, t: float | None = None) -> Array:
     array([-0.02])
     """
     require_system(system)
-    if t is None:
-        for function in system.time_functions:
-            _constant(function)
+    for function in system.time_functions if t is None else ():
+        if function is not None and not isinstance(function, Constant):
+            rule = "be Constant for an equilibrium"
+            raise InputError("time function", function, rule, "pass t=0.0 to take every load as it is at that time")
     at = 0.0 if t is None else number("t", t)
     load = sum((p * evaluate(f, at) for p, f in system.loads), np.zeros(system.size))
-    try:
-        factor = scipy.linalg.cho_factor(system.stiffness)
-    except np.linalg.LinAlgError:
-        factor = None
-    # A pivot that has lost 14 digits is the rounding of zero: a motion without strain.
-    if factor is None or np.any(np.diag(factor[0]) ** 2 < 1e-14 * np.diag(system.stiffness)):
-        return _on_its_stops(system, load, at)
-    q = scipy.linalg.cho_solve(factor, load)
-    pushed = load
-    if system.contacts:
-        # The compliances at the contacts, and one complementarity problem for the forces.
-        rows = np.array([contact.row for contact in system.contacts])
-        gives = scipy.linalg.cho_solve(factor, rows.T)  # K^-1 row^T
-        offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
-        compliance = rows @ gives
-        compliance, none = 0.5 * (compliance + compliance.T), np.zeros(len(rows))
-        at_rest = np.zeros_like(compliance)
-        forces = solve_stage(rows @ q + offsets, none, compliance, at_rest, none, BY_LAW, laws(system.contacts))
-        q, pushed = q + gives @ forces, load + rows.T @ forces
-    # The other search needs no compliance, which rounding may have made of a motion without strain.
-    size = np.sqrt(np.diag(system.stiffness))
-    off, most = (np.max(np.abs(x) / size) for x in (pushed - system.stiffness @ q, pushed))
-    return q if off <= UNBALANCED * most else _on_its_stops(system, load, at)
-
-
-def _on_its_stops(system: System, load: Array, t: float) -> Array:
-    """The equilibrium of a system that can move without strain, held by the stops that close.
-
-    It minimises the convex energy 1/2 q^T K q - load^T q + sum_c U_c: Newton's method with the stiffness of the closed
-    stops, each step to the least energy along it. A step through open gaps thus goes on until stops close.
-    """
     rows = np.array([contact.row for contact in system.contacts]).reshape(-1, system.size)
-    offsets = np.array([float(offset_values(contact.offset, t)) for contact in system.contacts])
+    offsets = np.array([float(offset_values(contact.offset, at)) for contact in system.contacts])
     stops = [contact.stops for contact in system.contacts]
-    remedy = "support it, or march it to rest with damping"
 
     def force(q: Array) -> Array:
         contact = [float(stop.force(u, 0.0)) for stop, u in zip(stops, rows @ q + offsets, strict=True)]
         return load - system.stiffness @ q + rows.T @ np.array(contact).reshape(-1)
 
-    def stiffness(q: Array) -> Array:
-        slopes = [float(stop.tangent(u)[0]) for stop, u in zip(stops, rows @ q + offsets, strict=True)]
-        return system.stiffness + rows.T @ (np.array(slopes).reshape(-1, 1) * rows)
-
-    q = system.q0
+    # Newton's method with the stiffness of the closed stops, each step to the least energy along it: a step through
+    # open gaps goes on until stops close.
+    q, last = system.q0, np.inf
     for _ in range(STEPS):
-        K = stiffness(q)
-        # In the metric of M: a motion that neither K nor a closed stop holds has eigenvalue zero.
-        values, shapes = scipy.linalg.eigh(K, system.mass)
-        rigid = values <= 1e-12 * max(float(values[-1]), 0.0)
+        # The springs of the closed stops: a motion that neither they nor K hold has frequency zero.
+        slopes = [float(stop.tangent(u)[0]) for stop, u in zip(stops, rows @ q + offsets, strict=True)]
+        basis = decoupled.undamped_modes(system, tuple((row, x) for row, x in zip(rows, slopes, strict=True) if x))
+        values, shapes, rigid = basis.omega**2, basis.shapes, basis.omega == 0.0
         # Forces on the modes, and the sizes that they sum: a force below their rounding is none.
         pushed = shapes.T @ force(q)
         push = np.sum(np.abs(shapes.T) * (np.abs(load) + np.abs(system.stiffness @ q)), axis=1)
         # A force on a free motion drives along it until a stop closes; otherwise Newton's step.
         free = rigid & (np.abs(pushed) > 1e-12 * push)
         step = shapes @ (np.where(free, pushed, 0.0) if np.any(free) else pushed / np.where(rigid, np.inf, values))
-        if not np.any(free) and np.max(np.abs(step)) <= 1e-14 * np.max(np.abs(q + step)):
+        size, whole = float(np.max(np.abs(step))), float(np.max(np.abs(q + step)))
+        # Below 1e-6 of the motion the steps fall with their square, until they are rounding and fall no further.
+        if not np.any(free) and size <= 1e-6 * whole and (size <= 1e-14 * whole or size >= 0.1 * last):
             if np.any(rigid):
                 break
             return q + step
+        last = size
 
         def along(share: float, q: Array = q, step: Array = step) -> float:
             return float(step @ force(q + share * step))
@@ -261,14 +225,8 @@ def _on_its_stops(system: System, load: Array, t: float) -> Array:
             far *= 2.0
         if far >= FARTHEST:
             break
-        whole = abs(along(1.0)) <= 1e-3 * along(0.0)  # Newton's step is the least to that already
-        share: Any = 1.0 if whole else brentq(along, 0.0, far)
+        newton = abs(along(1.0)) <= 1e-3 * along(0.0)  # the least to that already
+        share: Any = 1.0 if newton else brentq(along, 0.0, far)
         q = q + share * step
-    rule = "hold the system, alone or with the stops that the loads close"
-    raise InputError("stiffness", "a rigid motion", rule, remedy)
-
-
-def _constant(function: LoadFunction | None) -> None:
-    if function is not None and not isinstance(function, Constant):
-        rule = "be Constant for an equilibrium"
-        raise InputError("time function", function, rule, "pass t=0.0 to take every load as it is at that time")
+    rule, remedy = "hold the system, alone or with the stops that the loads close", "support it"
+    raise InputError("stiffness", "a rigid motion", rule, f"{remedy}, or march it to rest with damping")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from ..kernels.rhs import function_address
 from .right_hand_side import RightHandSide
 from .right_hand_side_jax import numbers_of, rate_with_integrals
 from .sampled import Sampled
-from .state_space import descriptor, interleaved, state_space
+from .state_space import descriptor, state_space
 from .time_functions import breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:
@@ -40,8 +39,7 @@ class ODE:
     ----------
     y0 : (n,) array
         The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q', ``state(q, v)`` the way back;
-        ``tip(t, y)`` the observed position. The order of the unknowns is that of the form: (q_0, q'_0, q_1, q'_1, ...)
-        for matrices, the paper's own unknowns for its velocity-curvature form.
+        ``tip(t, y)`` the observed position. The order of the unknowns is (q_1, q'_1, q_2, q'_2, ...).
     mass : (n, n) array
         E; the identity in the explicit form.
     bandwidths : (int, int) or None
@@ -94,8 +92,7 @@ class ODE:
 
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
-        start = replace(self.system, q0=np.asarray(q, float), v0=np.asarray(v, float))
-        return np.array((interleaved if self.form == "descriptor" else state_space)(start).y0)
+        return np.asarray(q, float) @ self._rhs.first_order.to_q + np.asarray(v, float) @ self._rhs.first_order.to_v
 
     def displacement(self, y: ArrayLike) -> Array:
         """Return q, (..., dof), of states (..., n)."""

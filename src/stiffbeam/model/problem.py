@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,82 +53,6 @@ class PolynomialProfile:
     def __call__(self, x: ArrayLike) -> Array:
         """c_0 + c_1 x + c_2 x^2 + ... at every x."""
         return np.polynomial.polynomial.polyval(np.asarray(x, float), np.array(self.coefficients, float))
-
-
-@dataclass(frozen=True)
-class BeamSection:
-    """A part of a beam, begin <= x <= end, with another stiffness and mass.
-
-    Parameters
-    ----------
-    begin, end : float
-    stiffness : float
-        Factor on the beam's EI and eta.
-    mass : float
-        Factor on its mass and rotary inertia per length.
-
-    Raises
-    ------
-    InputError
-        Unless 0 <= begin < end and both factors are positive.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.BeamSection(begin=0.0, end=0.5, stiffness=2.0)
-    BeamSection(begin=0.0, end=0.5, stiffness=2.0, mass=1.0)
-    """
-
-    begin: float
-    end: float
-    stiffness: float = 1.0
-    mass: float = 1.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "begin", non_negative("section.begin", self.begin))
-        for name in ("end", "stiffness", "mass"):
-            object.__setattr__(self, name, positive(f"section.{name}", getattr(self, name)))
-        if not self.begin < self.end:
-            remedy = "exchange them, or move the end"
-            raise InputError("section.end", self.end, f"be > section.begin = {self.begin:g}", remedy)
-
-
-def checked(sections: Sequence[BeamSection], length: float) -> tuple[BeamSection, ...]:
-    """Sections in order along the beam. Raises InputError if they overlap or leave the beam."""
-    rule, remedy = "be BeamSection objects", "for example [BeamSection(0.0, 0.2, stiffness=2.0)]"
-    given = sequence("sections", sections, rule, remedy)
-    for section in given:
-        if not isinstance(section, BeamSection):
-            raise InputError("sections", section, rule, remedy)
-    ordered = tuple(sorted(given, key=lambda s: s.begin))
-    for one, after in pairwise(ordered):
-        if after.begin < one.end:
-            rule = f"be at or past the end {one.end:g} of the one before"
-            remedy = "let sections follow each other, each beginning where the one before ends"
-            raise InputError("section.begin", after.begin, rule, remedy)
-    if ordered and ordered[-1].end > length * (1 + 1e-12):
-        raise InputError("section.end", ordered[-1].end, f"lie on the beam, to {length:g}", "shorten the section")
-    return ordered
-
-
-def factors(sections: Sequence[BeamSection], x: ArrayLike, name: str) -> Array:
-    """The factor ``name`` at x, 1 outside the sections; at a joint that of the section which begins there."""
-    x = np.asarray(x, float)
-    values = np.ones(x.shape)
-    for section in sections:
-        values[(x >= section.begin) & (x <= section.end)] = getattr(section, name)
-    return values
-
-
-def element_factors(sections: Sequence[BeamSection], length: float, M: int, name: str) -> Array:
-    """Factors of M equal elements, (M,). Raises InputError where a section does not end at a node."""
-    for section in sections:
-        for x in (section.begin, section.end):
-            share = x / length * M
-            if abs(share - round(share)) > 1e-9 * M:
-                remedy = "take a number of cells that divides the beam there"
-                raise InputError("cells", M, f"put a node where a section ends, x = {x:g}", remedy)
-    return factors(sections, length * (np.arange(M) + 0.5) / M, name)
 
 
 def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
@@ -261,13 +184,8 @@ class BeamProblem:
         Point mass at x = L.
     mass_damping : float
         a of the force -a m u_t per length, and -a tip_mass u_t at the tip.
-    rotary_inertia, tip_inertia : float
-        For form="hermite": J per length, m u_tt - (J u_xtt)_x in (2.1), rho I of a section; and the inertia of the tip
-        mass about itself.
     modal_damping : float or sequence of float
         For form="hermite": damping ratios that are added to the modes of v.
-    sections : sequence of BeamSection
-        For form="hermite": where EI, eta, m and J differ.
 
     Raises
     ------
@@ -300,22 +218,17 @@ class BeamProblem:
     supports: str = "clamped-free"
     tip_mass: float = 0.0
     mass_damping: float = 0.0
-    rotary_inertia: float = 0.0
-    tip_inertia: float = 0.0
     modal_damping: float | Sequence[float] = 0.0
-    sections: Sequence[BeamSection] = ()
 
     def __post_init__(self) -> None:
         itself("problem", self, BeamProblem)
         # Numbers first, then what they must be to each other.
         for name, rule in (
             ("stiffness", positive), ("viscosity", non_negative), ("length", positive), ("mass_per_length", positive),
-            ("tip_mass", non_negative), ("mass_damping", non_negative), ("rotary_inertia", non_negative),
-            ("tip_inertia", non_negative),
+            ("tip_mass", non_negative), ("mass_damping", non_negative),
         ):  # fmt: skip
             object.__setattr__(self, name, rule(name, getattr(self, name), exact=True))
         object.__setattr__(self, "modal_damping", ratios_of(self.modal_damping))
-        object.__setattr__(self, "sections", checked(self.sections, self.length))
         if not 1e-60 <= self.length <= 1e60:
             raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
         object.__setattr__(self, "units", units_labels(self.units))
@@ -363,9 +276,8 @@ class BeamProblem:
     @property
     def for_elements(self) -> tuple[str, ...]:
         """Names of the properties that need form="hermite"."""
-        names = ("rotary_inertia", "tip_inertia", "modal_damping", "sections")
         held = () if self.supports == "clamped-free" else ("supports",)
-        return (*held, *(name for name in names if np.any(getattr(self, name))))
+        return (*held, *(("modal_damping",) if np.any(self.modal_damping) else ()))
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -378,9 +290,8 @@ class BeamProblem:
         if self.base is not None and self.supports != "clamped-free":
             remedy = "in the frame of supports that all move alike it is DistributedLoad(-m phi'')"
             raise InputError("base", self.base, f"be None for a {self.supports} beam", remedy)
-        for name in ("tip_mass", "tip_inertia"):
-            if getattr(self, name) and self.ends[1] != "free":
-                raise InputError(name, getattr(self, name), f"be 0 for a {self.supports} beam", "its end does not move")
+        if self.tip_mass and self.ends[1] != "free":
+            raise InputError("tip_mass", self.tip_mass, f"be 0 for a {self.supports} beam", "its end does not move")
 
     def _check_stops(self) -> None:
         """Checked stops: one Stops as it is, several as a tuple."""
@@ -455,7 +366,6 @@ class BeamProblem:
         eta (N m^2 s). stops: positions (m) and stiffness (N/m). base: phi (m) of time (s). loads: a
         PointLoad at X (m) with N(t) newtons, a DistributedLoad with shape(X) N(t) newtons per metre.
         initial_displacement, initial_velocity: m and m/s as functions of X (m). tip_mass: kg. mass_damping: 1/s.
-        rotary_inertia: kg m, rho I. tip_inertia: kg m^2. sections: x in m, the rest factors.
         units: the names of other units that belong together: ("mm", "s", "N") counts EI in N mm^2,
         rho A in tonnes per mm and stop stiffnesses in N/mm. Results are in the same units.
         """

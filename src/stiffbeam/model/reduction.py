@@ -13,7 +13,7 @@ Source: Craig, Structural Dynamics (1981), Section 19 (residual attachment modes
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,14 +26,14 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.units import Units
-from ..basics.validation import InputError, instance, integer, numbers, sequence
+from ..basics.validation import InputError, integer
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
-from .system import System, unsymmetric
+from .system import System, contacts_of, finite_vector, loads_of, unsymmetric
 from .time_functions import LoadFunction
 
-DENSE = 600  # unknowns with mass, up to which all modes are computed: Lanczos' method needs more than it looks for
-MASSLESS = 1e-13  # of the largest eigenvalue of M: a smaller one is rounding of 0
+DENSE = 600  # unknowns up to which all modes are computed: Lanczos' method needs more than it looks for
+MASSLESS = 1e-13  # of the largest eigenvalue of K^-1 M: a smaller one is rounding of 0
 INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
 LOST = 1e-3  # of the norm of initial data, and of the strain energy of a deflection: more is worth a warning
 HELD = 1e-13  # of the largest pivot: a smaller one is a motion that nothing holds
@@ -94,44 +94,34 @@ def reduce_model(
     >>> system.size, basis.shape
     (11, (200, 11))
     """
-    M, K = (_symmetric(name, x) for name, x in (("mass", mass), ("stiffness", stiffness)))
-    n = int(M.shape[0])  # type: ignore[index]
+    M, K = (_square(name, x, symmetric=True) for name, x in (("mass", mass), ("stiffness", stiffness)))
+    n = int(M.shape[0])
     if K.shape != M.shape:
         raise InputError("stiffness", K.shape, f"have the shape of the mass, {M.shape}", "give one for each unknown")
     integer("modes", modes, 1)
+    pairs, all_contacts = loads_of(loads, n), contacts_of(contacts, n)
+    start = {"initial_displacement": initial_displacement, "initial_velocity": initial_velocity}
+    states = [finite_vector(name, np.zeros(n) if x is None else x, n) for name, x in start.items()]
+    seen = [] if observe is None else [finite_vector("observe", observe, n)]
     # SuperLU raises for an exactly singular K only: small pivots show the others.
+    strainless = InputError("stiffness", "a motion without strain", "hold the system", "support it")
     try:
         factor = scipy.sparse.linalg.splu(K)
-        pivots = np.abs(factor.U.diagonal())
-    except RuntimeError:  # exactly singular
-        factor, pivots = None, np.zeros(1)
-    strainless = InputError("stiffness", "a motion without strain", "hold the system", "support it")
-    if factor is None or np.min(pivots) < HELD * np.max(pivots):
+    except RuntimeError:
+        raise strainless from None
+    pivots = np.abs(factor.U.diagonal())
+    if np.min(pivots) < HELD * np.max(pivots):
         raise strainless
-    # Natural modes, and the static deflection of every force.
-    T = _lowest(M, K, factor.solve, modes)
-    for load in sequence("loads", loads, "be pairs (vector, function of time)"):
-        if not isinstance(load, (tuple, list)) or len(load) != 2:
-            raise InputError(
-                "loads", load, "be pairs (vector, function of time)", "for example [(row, Harmonic(1.0, 2.0))]"
-            )
-    for contact in sequence("contacts", contacts, "be contacts"):
-        instance("contacts", contact, Contact, "for example [Contact(row, Stops(upper=0.1, stiffness=1e4))]")
-    forces = [numbers("loads", p) for p, _ in loads] + [contact.row for contact in contacts]
-    forces += [] if observe is None else [numbers("observe", observe)]
-    for p in forces:
-        if p.shape != (n,):
-            remedy = "give one number per unknown of the matrices"
-            raise InputError("loads, contacts and observe", p.shape, f"have shape ({n},)", remedy)
-    rows = np.array(forces).reshape(len(forces), n).T
-    # Append what each deflection has beside the basis so far, in the metric of M.
+    # Natural modes, and of the static deflection of every force what it has beside them, in the metric of M.
+    T = _lowest(M, K, factor, modes)
+    rows = np.array([p for p, _ in pairs] + [contact.row for contact in all_contacts] + seen).reshape(-1, n).T
     statics = factor.solve(rows)
     for static in statics.T:
-        left = static - T @ (T.T @ (M @ static))
-        left = left - T @ (T.T @ (M @ left))  # twice, for orthogonality to rounding
-        size = np.sqrt(left @ (M @ left))
+        beside = static - T @ (T.T @ (M @ static))
+        beside = beside - T @ (T.T @ (M @ beside))  # twice, for orthogonality to rounding
+        size = np.sqrt(beside @ (M @ beside))
         if size > INDEPENDENT * np.sqrt(static @ (M @ static)):
-            T = np.column_stack([T, left / size])
+            T = np.column_stack([T, beside / size])
     # A diagonal system again: the appended deflections are no modes.
     small = T.T @ (K @ T)
     try:
@@ -139,34 +129,26 @@ def reduce_model(
     except np.linalg.LinAlgError:  # deflections of a support so soft are rounding beside its rigid motion
         raise strainless from None
     T = T @ turn
-    C = None
+    C = np.diag(2.0 * damping_ratios(modal_damping, len(omega2)) * np.sqrt(omega2))
     if damping is not None:  # without its rounding, so that what couples no modes couples none here
-        given = _square("damping", damping)
-        C = uncoupled(given, T, T.T @ (given @ T), np.zeros(T.shape[1], bool))
-        C = C if (given != given.T).nnz else 0.5 * (C + C.T)
-    zeta = damping_ratios(modal_damping, len(omega2))
-    if np.any(zeta):
-        C = np.diag(2.0 * zeta * np.sqrt(omega2)) + (0.0 if C is None else C)
-    # Initial data by projection, and the share that is lost.
-    given = {"initial_displacement": initial_displacement, "initial_velocity": initial_velocity}
-    states = [np.zeros(n) if x is None else numbers(name, x) for name, x in given.items()]
-    for name, x in zip(given, states, strict=True):
-        if x.shape != (n,):
-            raise InputError(name, x.shape, f"have shape ({n},)", "give one number per unknown of the matrices")
+        D = _square("damping", damping)
+        reduced = uncoupled(D, T, T.T @ (D @ T), np.zeros(T.shape[1], bool))
+        C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
+    # Initial data by projection.
     z = [T.T @ (M @ x) for x in states]
-    lost = max(_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True))
     system = System.from_matrices(
         np.eye(len(omega2)),
         np.diag(omega2),
         C,
-        loads=[(T.T @ np.asarray(p, float), f) for p, f in loads],
-        contacts=[replace(contact, row=T.T @ contact.row) for contact in contacts],
-        observe=None if observe is None else T.T @ np.asarray(observe, float),
+        loads=[(T.T @ p, f) for p, f in pairs],
+        contacts=[replace(contact, row=T.T @ contact.row) for contact in all_contacts],
+        observe=T.T @ seen[0] if seen else None,
         initial_displacement=z[0],
         initial_velocity=z[1],
         units=units,
     )
-    # Strain energy of each static deflection, p^T K^-1 p, and the part of it in T.
+    # Shares that T does not hold: of the norm of initial data, and of the strain energy of static deflections.
+    lost = max(_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True))
     strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
     shares = np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0)
     soft = float(np.max(1.0 - shares, initial=0.0))
@@ -175,54 +157,37 @@ def reduce_model(
     return system, T
 
 
-def _square(name: str, matrix: Any) -> Any:
-    """``matrix`` in SciPy's sparse columns; InputError where it is not square."""
+def _square(name: str, matrix: Any, symmetric: bool = False) -> Any:
+    """``matrix`` in SciPy's sparse columns; InputError where it is not square, or not symmetric as in a System."""
     try:
         sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
     except (TypeError, ValueError):
         raise InputError(name, matrix, "be a matrix", "give rows of numbers, or a matrix of SciPy") from None
     if sparse.ndim != 2 or sparse.shape[0] != sparse.shape[1]:
         raise InputError(name, sparse.shape, "be square", "give a row and a column for each unknown")
-    return sparse
-
-
-def _symmetric(name: str, matrix: Any) -> Any:
-    """``matrix`` in SciPy's sparse columns; InputError where it is not symmetric, by the rule of a System."""
-    sparse = _square(name, matrix)
     size, apart = np.sqrt(np.abs(sparse.diagonal())), (sparse - sparse.T).tocoo()
-    if np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
+    if symmetric and np.any(np.abs(apart.data) > 1e-12 * size[apart.row] * size[apart.col]):
         raise unsymmetric(name, sparse, "be symmetric")
     return sparse
 
 
-def _lowest(M: Any, K: Any, solve: Callable[[Array], Array], modes: int) -> Array:
-    """Shapes (n, modes) of the lowest natural frequencies, x^T M x = 1; solve: b -> K^-1 b."""
-    n, moved = M.shape[0], np.unique(M.nonzero()[0])
+def _lowest(M: Any, K: Any, factor: Any, modes: int) -> Array:
+    """Shapes (n, modes) of the lowest natural frequencies, x^T M x = 1: M x = x/w^2 K x. factor: of K."""
+    n = M.shape[0]
     # Lanczos' method, where it has room for more vectors than it looks for.
-    if len(moved) > DENSE and modes < len(moved) // 4:
-        inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=solve)  # type: ignore[call-arg]
+    if n > DENSE and modes < np.unique(M.nonzero()[0]).size // 4:
+        inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=factor.solve)  # type: ignore[call-arg]
         start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
         return scipy.sparse.linalg.eigsh(K, modes, M, sigma=0.0, OPinv=inverse, v0=start)[1]
-    # All modes, of the unknowns that have mass.
-    afford("modes", modes, "ask for fewer", floats=3.0 * n * len(moved))
-    masses, R = np.linalg.eigh(M[moved][:, moved].toarray())
-    if masses[0] < -MASSLESS * masses[-1]:
-        remedy = "look at its signs"
-        raise InputError("mass", f"least eigenvalue {masses[0]:.3g}", "be positive semidefinite", remedy)
-    massive = masses > MASSLESS * masses[-1]
-    if modes >= np.count_nonzero(massive):
-        rule = f"be fewer than the rank of the mass matrix, {np.count_nonzero(massive)}"
-        raise InputError(
-            "modes", modes, rule, "ask for fewer, or use System.from_matrices where all unknowns have mass"
-        )
-    # M = R R^T, so that (R^T K^-1 R) y = y/w^2 and the shape is x = w^2 K^-1 R y: symmetric, and no mass divides.
-    forces = np.zeros((n, np.count_nonzero(massive)))
-    forces[moved] = R[:, massive] * np.sqrt(masses[massive])
-    deflections = solve(forces)
-    # The largest compliances are the lowest frequencies.
-    flexibility = forces.T @ deflections
-    compliances, y = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    return deflections @ (y[:, -modes:] / compliances[-modes:])
+    afford("modes", modes, "ask for fewer", floats=4.0 * n * n)
+    squares, shapes = scipy.linalg.eigh(M.toarray(), K.toarray())  # 1/w^2, zero of an unknown without mass
+    if squares[0] < -MASSLESS * squares[-1]:
+        raise InputError("mass", "a negative eigenvalue", "be positive semidefinite", "look at its signs")
+    rank = np.count_nonzero(squares > MASSLESS * squares[-1])
+    if modes >= rank:
+        remedy = "ask for fewer, or use System.from_matrices where all unknowns have mass"
+        raise InputError("modes", modes, f"be fewer than the rank of the mass matrix, {rank}", remedy)
+    return shapes[:, -modes:] / np.sqrt(squares[-modes:])
 
 
 def _share(M: Any, part: Array, whole: Array) -> float:

@@ -12,7 +12,7 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 from ..kernels.rhs import Equations
-from .contact import channel_motion, channel_position, laws
+from .contact import channel_motion, laws
 from .contact_law import pressure
 from .sampled import Sampled
 from .state_space import StateSpace
@@ -177,12 +177,9 @@ class RightHandSide:
 
     def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
         """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""
-        system = self.first_order.system
         q, v = y @ self.first_order.to_q.T, y @ self.first_order.to_v.T
-        positions = system.positions(t, q)
-        for i, c in enumerate(self.first_order.contacts):  # (3.12) carries v_M beside w
-            positions[:, i] = channel_position(c.row, c.contact.offset, t, y)
-        velocities = np.stack([channel_motion(row, o, t, q, v)[1] for row, o in system.channels], axis=-1)
+        motions = [channel_motion(row, o, t, q, v) for row, o in self.first_order.system.channels]
+        positions, velocities = (np.stack(x, axis=-1) for x in zip(*motions, strict=True))
         return positions, velocities
 
     def _inside(self, t: float) -> float:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from bisect import bisect_right
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, itself, numbers, one_of
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
 BEYOND = 1e-9  # of its span, how far outside its samples a record is still asked for: t_end is rounded
@@ -78,11 +81,7 @@ class Sampled:
         if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
-        # Slopes that overflow are refused once, here, and not at every evaluation.
-        with np.errstate(over="ignore", invalid="ignore"):
-            if not np.all(np.isfinite(self.pieces)):
-                remedy = "check the times: two lie so close that slopes overflow"
-                raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
+        self._whole  # noqa: B018  which refuses slopes that overflow
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -121,42 +120,40 @@ class Sampled:
         return KINDS[self.kind] - self.derivative
 
     @cached_property
-    def slopes(self) -> Array:
-        """m_i of the cubic kind, as doubles; NaN where float64 cannot hold the spline."""
-        from scipy.interpolate import CubicSpline
+    def _whole(self) -> PPoly:
+        """The interpolant of the samples."""
+        from scipy.interpolate import CubicSpline, PPoly
 
-        try:
-            return np.asarray(CubicSpline(self.t, self.values)(self.t, 1))
-        except (
-            ValueError,
-            np.linalg.LinAlgError,
-        ):  # a divided difference overflows, or two times are one beside others
-            return np.full(len(self.t), np.nan)
+        with np.errstate(over="ignore", invalid="ignore"):
+            try:
+                if self.kind == "cubic":
+                    whole = CubicSpline(self.t, self.values)
+                else:
+                    whole = PPoly(np.array([np.diff(self.values) / np.diff(self.t), self.values[:-1]]), self.t)
+            # A divided difference overflows, or two times are one beside others.
+            except (ValueError, np.linalg.LinAlgError):
+                whole = None
+        if whole is None or not np.all(np.isfinite(whole.c)):
+            remedy = "check the times: two lie so close that slopes overflow"
+            raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
+        return whole
+
+    @cached_property
+    def slopes(self) -> Array:
+        """m_i of the cubic kind."""
+        return np.asarray(self._whole(self.t, 1))
+
+    @cached_property
+    def _polynomials(self) -> list[PPoly]:
+        """The function and its derivatives between the samples."""
+        return [self._whole.derivative(k) for k in range(self.derivative, KINDS[self.kind] + 1)]
 
     @cached_property
     def pieces(self) -> Array:
-        """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1, of the ``derivative``-th."""
-        # Hermite's cubics from values and slopes; a polygon has its rise alone.
-        h, pieces = np.diff(self.t), np.zeros((len(self.t) - 1, 4))
-        rise = np.diff(self.values) / h
-        pieces[:, 0], pieces[:, 1] = self.values[:-1], rise
-        if self.kind == "cubic":
-            m = self.slopes
-            pieces[:, 1] = m[:-1]
-            pieces[:, 2] = (3.0 * rise - 2.0 * m[:-1] - m[1:]) / h
-            pieces[:, 3] = (m[:-1] + m[1:] - 2.0 * rise) / h**2
-        for _ in range(self.derivative):
-            pieces = pieces[:, 1:] * np.arange(1, pieces.shape[1])
+        """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1."""
+        c = self._polynomials[0].c[::-1].T
         # Four columns for every kind, so that records of different kinds stand in one table.
-        return np.pad(pieces, ((0, 0), (0, 4 - pieces.shape[1])))
-
-    def piece_at(self, t: ArrayLike) -> NDArray[np.int64]:
-        """The sample that a time follows; the later one at a sample. Raises InputError outside the samples."""
-        t = np.asarray(t, float)
-        self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
-        if not np.all(np.isfinite(t)):
-            raise InputError("t", "a time that is not finite", "be a time", "look at what it was computed from")
-        return np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        return np.pad(c, ((0, 0), (0, 4 - c.shape[1])))
 
     def covers(self, start: float, end: float) -> None:
         """Raise InputError unless it is known from start to end."""
@@ -170,9 +167,10 @@ class Sampled:
 
     def taylor(self, t: ArrayLike) -> Array:
         """(..., 4): coefficient k of s^k in f(t + s), which holds up to the next sample."""
-        t = np.asarray(t, float)
-        i = self.piece_at(t)
-        return moved(self.pieces[i], t - self.t[i])
+        c = np.zeros((*np.shape(t), 4))
+        for k in range(self.degree + 1):
+            c[..., k] = self._derivative(t, k) / math.factorial(k)
+        return c
 
     def value(self, t: ArrayLike) -> Array:
         """The interpolant at t; InputError outside the samples."""
@@ -192,43 +190,14 @@ class Sampled:
             rule = f"have a derivative of order {order}: its {jump} at the samples"
             raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
         t = np.asarray(t, float)
-        if t.ndim == 0 and self.t[0] <= t <= self.t[-1]:  # one time, as an adaptive solver asks
-            i = min(bisect_right(self._times, t) - 1, len(self._times) - 2)
-            return np.asarray(_horner(self._rows[order][i], float(t) - self._times[i]))
-        # Arrays, and times outside the samples, for which ``piece_at`` raises.
-        i = self.piece_at(t)
-        c = self._columns[order][i]
-        return _horner([c[..., k] for k in range(c.shape[-1])], t - self.t[i])
-
-    @cached_property
-    def _columns(self) -> list[Array]:
-        """Coefficients of every derivative (samples - 1, ...)."""
-        columns = [self.pieces[:, : self.degree + 1]]
-        for _ in range(self.degree):
-            columns.append(columns[-1][:, 1:] * np.arange(1, columns[-1].shape[1]))
-        return columns
-
-    @cached_property
-    def _rows(self) -> list[list[list[float]]]:
-        return [c.tolist() for c in self._columns]
-
-    @cached_property
-    def _times(self) -> list[float]:
-        return self.t.tolist()
+        self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
+        return np.asarray(self._polynomials[order](t))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
         if times > self.degree:
             self._derivative(self.t[0], times)
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
-
-
-def _horner(c: Any, s: Any) -> Any:
-    """sum_k c_k s^k."""
-    value = c[-1]
-    for k in range(len(c) - 2, -1, -1):
-        value = value * s + c[k]
-    return value
 
 
 def moved(c: Array, s: ArrayLike) -> Array:

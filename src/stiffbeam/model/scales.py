@@ -92,7 +92,7 @@ def _speed(system: System, held: Array, t_end: float) -> float:
     speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
     driven = np.zeros(len(omega))
     for vector, function in system.loads:
-        amplitude, frequency, impulse = _amplitude(function, t_end)
+        amplitude, frequency, impulse, _ = _sizes(function, t_end)
         if amplitude:
             force = np.abs(basis.force(vector))
             # The load acts one way until the fastest of these turns the mode, or the run ends.
@@ -109,7 +109,7 @@ def _speed(system: System, held: Array, t_end: float) -> float:
     stored = float(system.contact_energy(np.zeros(()), system.q0))
     least = float(np.finfo(float).tiny)  # a share may underflow
     moving = [
-        _offset_speed(contact, t_end) * max(_share(system, contact), least) ** -0.5 for contact in system.contacts
+        _sizes(contact.offset, t_end)[3] * max(_share(system, contact), least) ** -0.5 for contact in system.contacts
     ]
     return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
 
@@ -152,41 +152,25 @@ def _contact_rate(system: System, contact: Contact, speed: float) -> float:
     return float(np.sqrt(stops.secant(stops.depth_holding(0.5 * speed**2)) * _share(system, contact)))
 
 
-def _terms(function: LoadFunction | None, t_end: float) -> list[tuple[float, LoadFunction]]:
-    """Factors and terms of a function; in the place of a function in Python its samples, where t_end is known."""
-    known = [(factor, f, in_closed_form(f) or not np.isfinite(t_end)) for factor, f in parts(function)]
-    return [(factor, f if formula else _samples(f, t_end)) for factor, f, formula in known]
-
-
-def _samples(function: LoadFunction, t_end: float) -> Sampled:
-    t = np.linspace(0.0, t_end, SAMPLES)
-    return Sampled(t, evaluate(function, t))
-
-
-def _offset_speed(contact: Contact, t_end: float) -> float:
-    """The largest speed of the stops, as far as it is known."""
-    return sum(abs(factor) * _rate(f) for factor, f in _terms(contact.offset, t_end))
-
-
-def _rate(function: LoadFunction) -> float:
-    if isinstance(function, Harmonic):
-        return abs(function.amplitude) * function.frequency
-    if isinstance(function, Sampled):
-        return float(np.max(np.abs(function.rate(function.t))))
-    return 0.0
-
-
-def _amplitude(function: LoadFunction, t_end: float) -> tuple[float, float, float]:
-    """Largest value, least angular frequency, and the most that its integral can be; 0, 0 and 0 where not known."""
-    known = [(abs(factor), *_single(f)) for factor, f in _terms(function, t_end)]
-    largest, impulse = (sum(each[0] * each[k] for each in known if each[0]) for k in (1, 3))
-    return largest, min((frequency for _, _, frequency, _ in known), default=0.0), impulse
-
-
-def _single(function: LoadFunction) -> tuple[float, float, float]:
-    if isinstance(function, Sampled):
-        sizes = np.abs(function.value(function.t))
-        return float(np.max(sizes)), 0.0, float(np.trapezoid(sizes, function.t))
-    if isinstance(function, Harmonic):
-        return abs(function.amplitude), function.frequency, np.inf
-    return (abs(function.level), 0.0, np.inf) if isinstance(function, Constant) else (0.0, 0.0, 0.0)
+def _sizes(function: LoadFunction | None, t_end: float) -> tuple[float, float, float, float]:
+    """Largest value, least angular frequency, the most that the integral can be, and largest rate; a function in Python
+    by its samples, and 0 where t_end is not known."""
+    largest, frequencies, impulse, fastest = 0.0, [0.0] if function is None else [], 0.0, 0.0
+    for factor, f in parts(function):
+        if not in_closed_form(f) and np.isfinite(t_end):
+            t = np.linspace(0.0, t_end, SAMPLES)
+            f = Sampled(t, evaluate(f, t))
+        value, frequency, integral, rate = 0.0, 0.0, 0.0, 0.0
+        if isinstance(f, Harmonic):
+            value, frequency, integral, rate = abs(f.amplitude), f.frequency, np.inf, abs(f.amplitude) * f.frequency
+        elif isinstance(f, Constant):
+            value, integral = abs(f.level), np.inf
+        elif isinstance(f, Sampled):
+            values = np.abs(f.value(f.t))
+            value, integral = float(np.max(values)), float(np.trapezoid(values, f.t))
+            rate = float(np.max(np.abs(f.rate(f.t)))) if f.degree else 0.0
+        frequencies.append(frequency)
+        if factor:
+            largest, impulse = largest + abs(factor) * value, impulse + abs(factor) * integral
+            fastest += abs(factor) * rate
+    return largest, min(frequencies), impulse, fastest

@@ -7,20 +7,13 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 
-BANDED = 64  # unknowns, above which a banded matrix is factorised as one
-
 
 def bending_stencil(M: int) -> Array:
     """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
-    curvature = (np.eye(M, k=1) - 2.0 * np.eye(M) + np.eye(M, k=-1))[:-1]
-    if M < BANDED:
-        stencil = curvature.T @ curvature
-    else:  # whole numbers, whose sums have no order
-        import scipy.sparse
-
-        sparse = scipy.sparse.csr_array(curvature)
-        stencil = (sparse.T @ sparse).toarray()
-    stencil[0, 0] += 2.0
+    bands = {0: 6.0, 1: -4.0, -1: -4.0, 2: 1.0, -2: 1.0}
+    stencil = sum((weight * np.eye(M, k=k) for k, weight in bands.items()), np.zeros((M, M)))
+    stencil[0, 0] = 7.0
+    stencil[-2:, -2:] = [[5.0, -2.0], [-2.0, 1.0]]
     return stencil
 
 

@@ -11,7 +11,6 @@ from uuid import uuid4
 from weakref import WeakValueDictionary
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
@@ -24,7 +23,6 @@ from .beam import beam_field, beam_field_rate, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
-from .stencils import BANDED
 from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
 
 if TYPE_CHECKING:
@@ -89,11 +87,13 @@ def definite_matrix(name: str, matrix: Array) -> Array:
     if _DEFINITE.get((name, id(matrix))) is matrix:
         return matrix
     if name == "mass":
-        if not _factorises(matrix):
+        try:
+            np.linalg.cholesky(matrix)
+        except np.linalg.LinAlgError:
             least = np.linalg.eigvalsh(matrix)[0]
             remedy = "condense unknowns without mass out: stiffbeam.reduce_model, in a case file modes = 40"
-            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy)
-    elif name == "stiffness" and not _semidefinite(matrix) and (least := _least(matrix)) < -1e-10:
+            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy) from None
+    elif name == "stiffness" and (least := _least(matrix)) < -1e-10:
         rule, remedy = "be positive semidefinite", "look at its signs"
         raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
     _DEFINITE[name, id(matrix)] = matrix
@@ -101,42 +101,16 @@ def definite_matrix(name: str, matrix: Array) -> Array:
 
 
 def _least(matrix: Array) -> float:
-    """The least eigenvalue with the diagonal scaled to ones. Scaling keeps its sign, and stiff parts cannot hide soft
-    ones."""
-    diagonal = np.diag(matrix)
-    size = np.sqrt(np.abs(diagonal))
-    size = np.where(size > 0.0, size, 1.0)
-    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
-        return float(np.min(diagonal / size / size))
-    return float(np.linalg.eigvalsh(matrix / size / size[:, None])[0])
-
-
-def _semidefinite(matrix: Array) -> bool:
-    """Return True if the least eigenvalue, the diagonal scaled to ones, is above -1e-10 for sure, at less cost than its
-    value."""
-    if not np.any(matrix):
-        return True
+    """The least eigenvalue with the diagonal scaled to ones, and a lower bound of it where it is above -1e-10. Scaling
+    keeps its sign, and stiff parts cannot hide soft ones."""
     size = np.sqrt(np.abs(np.diag(matrix)))
-    return _factorises(matrix, np.where(size > 0.0, size, 1.0), 0.5e-10)
-
-
-def _factorises(matrix: Array, size: Array | None = None, shift: float = 0.0) -> bool:
-    """Return True if a matrix over size_i size_j, and with ``shift`` on its diagonal, is positive definite."""
-    n = len(matrix)
-    try:
-        # A small matrix is factorised as fast in full, and a wide band saves nothing.
-        if n < BANDED or 8 * (width := scipy.linalg.bandwidth(matrix)[0]) > n:
-            scaled = matrix if size is None else matrix / size / size[:, None]
-            np.linalg.cholesky(scaled + shift * np.eye(n) if shift else scaled)
-        else:
-            size, bands = np.ones(n) if size is None else size, np.zeros((width + 1, n))
-            for k in range(width + 1):
-                bands[k, : n - k] = np.diagonal(matrix, -k) / size[: n - k] / size[k:]
-            bands[0] += shift
-            scipy.linalg.cholesky_banded(bands, lower=True, check_finite=False)
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = matrix / size / size[:, None]
+    try:  # at less cost than the eigenvalue
+        np.linalg.cholesky(scaled + 0.5e-10 * np.eye(len(matrix)))
+        return -0.5e-10
     except np.linalg.LinAlgError:
-        return False
-    return True
+        return float(np.linalg.eigvalsh(scaled)[0])
 
 
 def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
@@ -148,33 +122,48 @@ def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
     return array
 
 
+def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
+    """``contacts`` as a tuple; InputError where one is no Contact on n unknowns."""
+    rule, remedy = "hold Contact(row, stops) only", "for none write ()"
+    checked = [contacts] if isinstance(contacts, Contact) else sequence("contacts", contacts, rule, remedy)
+    for contact in checked:
+        itself("contacts", contact, Contact, remedy, rule)
+        if len(contact.row) != n:
+            raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
+    return tuple(checked)
+
+
+def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
+    """``loads`` as pairs of a read-only vector (n,) and a time function; InputError where one is none."""
+    checked, rule = [], "hold pairs (vector, time function)"
+    for load in sequence("loads", loads, rule, "for none write ()"):
+        if not isinstance(load, (tuple, list)) or len(load) != 2:
+            raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
+        checked.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
+    return tuple(checked)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Origin:
-    """A beam, its discretisation, and the arrays that they give.
+    """A beam, its discretisation, and the system that they give.
 
-    Each method compares the arrays of a given system with those of the origin, number by number. A system whose
+    Each method compares the arrays of a system with those of ``made``, number by number. A system whose
     stiffness was replaced therefore has no factor from the old one, and no beam: it never gets data that do not belong
     to its matrices. The comparison costs n^2 and is made once.
 
-    cells: of the grid. stiffness_factor: G with G^T G = stiffness. contacts: one per stops of the problem, in
-    order. tip: the row of u(L, t).
+    cells: of the grid. tip: the row of u(L, t). stiffness_factor: G with G^T G = stiffness. made: the system, with one
+    contact per stops of the problem, in order.
     """
 
     problem: BeamProblem
     form: str
     cells: int
-    mass: Array
-    damping: Array
-    stiffness: Array
-    loads: tuple[tuple[Array, LoadFunction], ...]
-    contacts: tuple[Contact, ...]
     tip: Array
-    q0: Array
-    v0: Array
     stiffness_factor: Array
+    made: System
 
     def __post_init__(self) -> None:
-        freeze(self, "mass", "damping", "stiffness", "tip", "q0", "v0", "stiffness_factor")
+        freeze(self, "tip", "stiffness_factor")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -182,24 +171,24 @@ class Origin:
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
-        return all(same(getattr(self, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
+        return all(same(getattr(self.made, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
     def factor_of(self, system: System) -> Array | None:
         """G, where the stiffness is this one; mass and damping have no part in it."""
-        return self.stiffness_factor if same(self.stiffness, system.stiffness) else None
+        return self.stiffness_factor if same(self.made.stiffness, system.stiffness) else None
 
     def starts(self, system: System) -> bool:
         """Return True if the system has the initial data of the problem."""
-        return same(self.q0, system.q0) and same(self.v0, system.v0)
+        return same(self.made.q0, system.q0) and same(self.made.v0, system.v0)
 
     def problem_of(self, system: System) -> BeamProblem | None:
         """The beam with the stops that the system has, where matrices and loads are the beam's own.
 
         None where a contact is neither where the problem has stops, moving as they do, nor at rest at the tip.
         """
-        if not self.has_matrices_of(system) or len(self.loads) != len(system.loads):
+        if not self.has_matrices_of(system) or len(self.made.loads) != len(system.loads):
             return None
-        pairs = zip(self.loads, system.loads, strict=True)
+        pairs = zip(self.made.loads, system.loads, strict=True)
         if not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
             return None
         stops = tuple(self._stops_of(contact) for contact in system.contacts)
@@ -209,7 +198,7 @@ class Origin:
 
     def _stops_of(self, contact: Contact) -> Stops | None:
         """The contact's stops at the place of the problem's stops that have its row and offset."""
-        for original, stops in zip(self.contacts, self.problem.all_stops, strict=True):
+        for original, stops in zip(self.made.contacts, self.problem.all_stops, strict=True):
             if same(original.row, contact.row) and original.offset == contact.offset:
                 return replace(contact.stops, position=stops.position, motion=stops.motion)
         return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
@@ -275,19 +264,7 @@ class System:
         damping, stiffness = (
             definite_matrix(x, square_matrix(x, getattr(self, x), n)) for x in ("damping", "stiffness")
         )
-        rule, remedy = "hold Contact(row, stops) only", "for none write ()"
-        single = isinstance(self.contacts, Contact)
-        contacts: Any = (self.contacts,) if single else tuple(sequence("contacts", self.contacts, rule, remedy))
-        for contact in contacts:
-            itself("contacts", contact, Contact, remedy, rule)
-            if len(contact.row) != n:
-                raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
-        loads = []
-        rule = "hold pairs (vector, time function)"
-        for load in sequence("loads", self.loads, rule, remedy):
-            if not isinstance(load, (tuple, list)) or len(load) != 2:
-                raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
-            loads.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
+        contacts, loads = contacts_of(self.contacts, n), loads_of(self.loads, n)
         if self.observe is None and not contacts:
             rule = "name the row of .tip where there is no contact"
             raise InputError("observe", None, rule, "pass observe=row, a one at the unknown to be seen")
@@ -298,7 +275,7 @@ class System:
         object.__setattr__(self, "units", units_labels(self.units))
         # The checked copies take the place of the arguments.
         checked: dict[str, Any] = {
-            "mass": mass, "damping": damping, "stiffness": stiffness, "loads": tuple(loads), "contacts": contacts,
+            "mass": mass, "damping": damping, "stiffness": stiffness, "loads": loads, "contacts": contacts,
             "observe": None if self.observe is None else finite_vector("observe", self.observe, n),
             "q0": finite_vector("initial_displacement", self.q0, n),
             "v0": finite_vector("initial_velocity", self.v0, n),
@@ -366,7 +343,7 @@ class System:
     def passive(self) -> bool:
         """True if the damping takes energy or none: its symmetric part is positive semidefinite."""
         symmetric = 0.5 * (self.damping + self.damping.T)
-        return _semidefinite(symmetric) or _least(symmetric) >= -1e-10
+        return _least(symmetric) >= -1e-10
 
     @property
     def rigid(self) -> bool:

@@ -2,16 +2,16 @@
 
     theta -> (M, C, K, rows, stops, loads, offsets, q0, v0)
 
-Most of these are linear or quadratic in a parameter; then central differences of any width are exact, and two widths
-agree to rounding. Of the others a difference of order 8 is taken, and the distance to that of order 6 is its bound.
-Only the data are differenced, never a motion.
+A difference of order 8 is taken, at the end of a parameter's range one of order 4, and its distance to one of lower
+order is its bound. Most data are linear or quadratic in a parameter; then both are exact at any width. Only the data
+are differenced, never a motion.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -22,15 +22,12 @@ from .sampled import Sampled
 from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, parts, require_closed_form
 
-EXACT = 1e-13  # of the largest entry per width: two differences of a quadratic agree to that
-WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16))  # of the parameter: the largest at which the system exists
-NARROW = tuple(2.0**-k for k in (6, 9, 12, 16, 20, 24))  # of the parameter, for data that are no quadratic
+WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
 ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
-ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0])  # of the values less that at the middle
+ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0]), np.array([3.0, -1.5, 1.0 / 3.0, 0.0])  # orders 4 and 3
+EXACT = 1e-12  # relative: differences that agree to that are taken
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
-OF_STOPS = re.compile(r"(?:contacts\[(\d+)\]\.stops|stops(?:\[(\d+)\])?)\.(lower|upper|stiffness|damping|restitution)")
-DATA_OF_STOPS = {"stiffness": "kappa", "damping": "c"}  # names in SystemData, where they differ
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
 
@@ -175,104 +172,56 @@ def _value(system: System, path: str) -> tuple[float, bool]:
 
 
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
-    """Derivative of the data at a path, and its relative bound."""
+    """Derivative of the data ``base`` of a system at a path, and its relative bound.
+
+    Raises InputError where the system beside it has other terms.
+    """
     value, alone = _value(system, path)
-    if of_stops := OF_STOPS.fullmatch(path):
-        index, name = of_stops[1] or of_stops[2], of_stops[3]
-        which = list(range(len(system.contacts))) if index is None else [int(index)]
-        # A number of stops is an entry of the data: the derivative is a unit vector, exact. Rigid ones have no damping.
-        if (
-            alone
-            and np.isfinite(value)
-            and (name != "damping" or not any(system.contacts[i].stops.rigid for i in which))
-        ):
-            unit = base.zeros()
-            getattr(unit, DATA_OF_STOPS.get(name, name))[which] = 1.0
-            return unit, 0.0
-        system = replace(system, origin=None)  # no beam has to be made anew
     # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
     if not alone and not np.allclose(
         data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0
     ):
         raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
-    return slope_of(lambda x: with_values(system, {path: x}), system, value, path, base)
-
-
-def slope_of(
-    make_system: Callable[[float], System], system: System, value: float, name: str, base: SystemData
-) -> tuple[SystemData, float]:
-    """Derivative of the data of ``make_system`` at a value, where they are those of ``system``, and its bound.
-
-    base: the data of ``system``. Raises InputError where the system there has other terms.
-    """
     structure = _structure(system)
-    scale, centre, largest = abs(value) if value else 1.0, base.vector(), np.array([])
+    scale, centre = abs(value) if value else 1.0, base.vector()
 
-    def at(step: float) -> Array:
-        member = make_system(value + step)
+    def secant(step: float) -> Array:
+        member = with_values(system, {path: value + step})
         if _structure(member) != structure:
             rule = "keep the terms of the loads, the observed points, the times of samples and the sides of the stops"
-            raise InputError("wrt", name, rule, "take a value beside it, or another parameter")
-        return data_of(member).vector()
+            raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
+        return (data_of(member).vector() - centre) / step
 
+    found, error, bound = centre, np.inf, np.inf
     problem: InputError | None = None
     # Widest first: the rounding of a difference falls as the width grows.
     for width in WIDTHS:
-        h = width * scale
-        try:
-            # The slope at the middle of three values, and that of the parabola through the outer one and a fourth.
-            right, left, beyond = at(h), at(-h), at(2.0 * h)
-            near = (right - left) / (2.0 * h)
-            far = (beyond - centre) / (2.0 * h) - (right + left - 2.0 * centre) / h
-        except InputError as error:
-            # Outside the range of the parameter there is no system: a narrower width may fit.
-            problem = error
-            continue
-        largest = np.maximum(np.abs(centre), h * np.abs(near)) / h
-        # Both agree for data that are linear or quadratic: the difference is exact.
-        if np.all(np.abs(near - far) <= EXACT * largest):
-            return base.of_vector(near), float(np.finfo(float).eps / width)
-        break
-    else:
-        # No width fits on both sides: the value is at the end of the range.
-        return _one_sided(base, at, centre, scale, name, problem)
-    # Data that are smooth only close to the value, as within an element, need narrower steps.
-    bound = bend = np.inf
-    for narrow in NARROW:
-        # Four steps to each side, the last as far as the width at which the system exists.
-        steps = np.arange(1, 5) * min(narrow, width / 4.0) * scale
-        ahead, behind = (np.array([at(way * h) - centre for h in steps]) / steps[0] for way in (1.0, -1.0))
-        best, other, kink = ORDER_8 @ (ahead - behind), ORDER_6 @ (ahead - behind), ONE_SIDED @ (ahead + behind)
-        size = np.max(np.abs(best), initial=1e-300)
-        bound = float(np.max(np.abs(best - other)) / size)
-        # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
-        bend = float(np.max(np.abs(kink)) / size)
-        if max(bound, bend) <= SMOOTH:
-            return base.of_vector(best), bound
-    rule = f"be a parameter in which the system's data are smooth (two differences disagree by {max(bound, bend):.1g})"
-    raise InputError("wrt", name, rule, "take a value beside it, or another parameter")
-
-
-def _one_sided(
-    base: SystemData, at: Callable[[float], Array], centre: Array, scale: float, path: str, problem: InputError | None
-) -> tuple[SystemData, float]:
-    """Derivative at the end of a parameter's range, where the data are linear or quadratic in it."""
-    for direction in (1.0, -1.0):
-        for width in WIDTHS:
-            h = direction * width * scale
+        sides = []
+        for way in (1.0, -1.0):
+            steps = way * width * scale * np.arange(1, 5)
             try:
-                # From one side, where three values are exact for a quadratic, and four check it.
-                y = [centre, *(at(k * h) for k in (1, 2, 3))]
-            except InputError as error:
+                sides.append(np.array([k * secant(h) for k, h in enumerate(steps.tolist(), start=1)]))
+            except InputError as refused:
+                # Outside the range of the parameter there is no system: a narrower width may fit, or one side alone.
                 # What is wrong inside the range tells more than where it ends.
-                problem = error if problem is None or error.field == "wrt" else problem
-                continue
-            slope = (-3.0 * y[0] + 4.0 * y[1] - y[2]) / (2.0 * h)
-            other = (-11.0 * y[0] + 18.0 * y[1] - 9.0 * y[2] + 2.0 * y[3]) / (6.0 * h)
-            largest = np.maximum(np.abs(centre), np.abs(y[3])) / abs(h)
-            if np.all(np.abs(slope - other) <= 10.0 * EXACT * largest):
-                return base.of_vector(slope), float(np.finfo(float).eps / width)
-    if problem is not None:
+                problem = refused if problem is None or refused.field == "wrt" else problem
+        if not sides:
+            continue
+        if len(sides) == 2:
+            slope, other = (order @ (sides[0] + sides[1]) for order in (ORDER_8, ORDER_6))
+        else:
+            slope, other = (order @ sides[0] for order in ONE_SIDED)
+        # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
+        kink = ONE_SIDED[0] @ (sides[0] - sides[-1])
+        size = float(np.max(np.abs(slope), initial=1e-300))
+        off, bend = (float(np.max(np.abs(x), initial=0.0)) / size for x in (slope - other, kink))
+        if max(off, bend) < error:
+            found, error, bound = slope, max(off, bend), max(off, float(np.finfo(float).eps) / width)
+        if error <= EXACT:
+            break
+    if np.isinf(error) and problem is not None:
         raise problem
-    rule = "be a parameter in which the system's data are linear or quadratic at the end of its range"
-    raise InputError("wrt", path, rule, "take a value inside the range")
+    if error > SMOOTH:
+        rule = f"be a parameter in which the system's data are smooth (two differences disagree by {error:.1g})"
+        raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
+    return base.of_vector(found), bound

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError, exact_value, itself, number, numbers, positive
-from .sampled import Sampled, moved
+from .sampled import Sampled
 
 if TYPE_CHECKING:
     from .system import System
@@ -344,21 +344,9 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
         raise
     except Exception as error:  # whatever the functions of others raise
         raise InputError("a time function", repr(error), "take an array of times", remedy) from None
-    try:
-        values = np.asarray(result)
-        # Kind O are objects such as Fractions, which astype makes floats.
-        if values.dtype.kind not in "biufO":
-            raise TypeError
-        values = values.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("a time function", result, "return real numbers", remedy) from None
-    if values.shape != t.shape and values.shape != ():
-        remedy = "write it with NumPy functions, so that it takes an array of times"
+    values = numbers("a time function", result, "return finite real numbers", remedy)
+    if values.shape not in (t.shape, ()):
         raise InputError("a time function", values.shape, f"return one value per time, shape {t.shape}", remedy)
-    if not np.all(np.isfinite(values)):
-        first = t[~np.isfinite(np.broadcast_to(values, t.shape))].flat[0]
-        remedy = "give a function that has a value at every time"
-        raise InputError("a time function", f"a value that is not finite at t = {first:g}", "be finite", remedy)
     return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
 
 
@@ -536,38 +524,16 @@ class Drive:
 
     @cached_property
     def table(self) -> Array:
-        """(edges, R, P): ``polynomials`` at the edges."""
+        """(edges, R, P): coefficient k of s^k in every record at an edge + s, up to the next edge."""
         if not self.records:
             return np.zeros((0, 0, 0))
         inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
         return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
 
-    def polynomials(self, t: ArrayLike) -> Array:
-        """(..., R, P): coefficient k of s^k in every record at t + s, up to the next edge; t within the samples."""
-        if not self.records:
-            return np.zeros((*np.shape(t), 0, 0))
-        # At an edge the polynomial that begins there; at the last edge the one that ends there.
-        k = np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.edges) - 2)
-        return moved(self.table[k], np.asarray(t - self.edges[k])[..., None])
-
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
-        """t -> (o(t), o'(t)) of a channel whose offset is in closed form."""
+        """t -> (o(t), o'(t)) of a channel."""
         function = system.channels[channel][1]
-        basis, rest = self.split([] if function is None else [(np.ones(1), function)], 1)
-        column, recorded = basis[:, 0], self.recorded(rest, 1)[:, 0]
-        still, known = not column.any(), not recorded.any()
-
-        def values(t: Array) -> tuple[Array, Array]:
-            o, rate = np.zeros(np.shape(t)), np.zeros(np.shape(t))
-            if not still:
-                g = self.coefficients(t)
-                o, rate = g @ column, g @ self.derivative().T @ column
-            if not known:
-                c = np.einsum("r,...rk->...k", recorded, self.polynomials(t))
-                o, rate = o + c[..., 0], rate + (c[..., 1] if self.order > 1 else 0.0)
-            return o, rate
-
-        return values
+        return lambda t: (offset_values(function, t), offset_rate(function, t))
 
 
 def stays_at_rest(system: System) -> bool:
