@@ -43,7 +43,9 @@ class Dense(Equation):
             whole[:n, n : 2 * n] = whole[2 * n : 3 * n, 3 * n :] = np.eye(n)
             whole[n : 2 * n, :n], whole[n : 2 * n, n : 2 * n] = minus @ self.K, minus @ self.C
             whole[n : 2 * n, 2 * n : 3 * n] = -minus
-            self.kept[t] = exponential(whole * t)
+            unit = np.ones(4 * n, Real)  # positions and velocities of one size, or squarings lose what is small
+            unit[n : 2 * n] = np.sqrt(np.max(np.abs(minus @ self.K))) or 1.0
+            self.kept[t] = unit[:, None] * exponential(whole * t / unit[:, None] * unit) / unit
         z = np.concatenate([y[0], y[1], force0 + 0 * y[0], (force1 - force0) / t + 0 * y[0]], axis=-1) @ self.kept[t].T
         return np.array([z[..., :n], z[..., n : 2 * n]])
 

@@ -76,6 +76,17 @@ def test_the_exact_energy_ledger_closes_over_a_thousand_events(cells, table10):
     assert np.max(ref.energy.energy) > 1.0
 
 
+@pytest.mark.parametrize("viscosity", [0.0, 0.02, 20.0], ids=["none", "weak", "above critical"])
+@pytest.mark.parametrize("form", ["displacement", "hermite"])
+def test_the_energy_of_damped_modes_is_accounted_for(form, viscosity, table10):
+    """In flight and pressed on a stop, whose modes are others and may be coupled by the damping."""
+    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=viscosity), 12, form)
+    ref = solve(system, 0.1, "exact", np.linspace(0.0, 0.1, 201), 0.0, None)
+    assert ref.impacts.count > 1
+    assert (ref.energy.viscous[-1] > 1.0) == (viscosity > 0.0)
+    assert np.max(np.abs(ref.energy.loss)) < 1e-10 * np.max(ref.energy.energy)
+
+
 def test_peaks_and_impulses_are_those_of_a_fine_sampling(table10):
     system = sb.semidiscretise(table10, 12)
     ref = solve(system, 0.15, "exact", None, 0.0, None)

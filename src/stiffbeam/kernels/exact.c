@@ -1856,8 +1856,8 @@ static void drive_at(const Free *f, double t, Int piece, double *g, double *rate
  * loads: in the modes of the flight. */
 static void powers(Motion *x, const Free *flown, int K, double tau, const double *loads, double *g, double power[3])
 {
-    const Free *f = x->free;
-    const double *rows = flown ? flown->rows : f->rows;
+    const Free *f = x->free, *of = flown ? flown : f; /* whose modes q and v are in */
+    const double *rows = of->rows;
     State *c = x->c;
     Int n = f->n, m = f->m, B = 2 * f->F + f->R;
     double *q = x->at_eta, *v = x->at_rate, *rate = g + B;
@@ -1867,9 +1867,9 @@ static void powers(Motion *x, const Free *flown, int K, double tau, const double
     power[0] = power[1] = power[2] = 0.0;
     for (Int b = 0; b < B; b++)
         if (g[b] != 0.0) power[0] += g[b] * dot(loads + b * n, v, n);
-    if (f->coupling == 1)
-        for (Int j = 0; j < n; j++) power[1] += f->drag[j] * v[j] * v[j];
-    for (Int j = 0; f->coupling == 2 && j < n; j++) power[1] += v[j] * dot(f->damping + j * n, v, n);
+    if (of->coupling == 1)
+        for (Int j = 0; j < n; j++) power[1] += of->drag[j] * v[j] * v[j];
+    for (Int j = 0; of->coupling == 2 && j < n; j++) power[1] += v[j] * dot(of->damping + j * n, v, n);
     for (Int i = 0; i < m; i++) {
         Int side = c->side[i];
         if (side == 0) continue;
