@@ -390,7 +390,12 @@ class Motion:
     def work(self, system: System, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
         which include every event."""
-        require_short(self.made.free, float(edges[-1] - edges[0]))
+        span = float(edges[-1] - edges[0])
+        require_short(self.made.free, span)
+        radians = 2.0 * np.pi * span / self.shortest_period
+        if radians > MOST_RADIANS:
+            reason = f"its energy is a sum over {radians:.2g} radians of the fastest motion, more than {MOST_RADIANS:g}"
+            raise SolverFailure("exact", 0.0, reason, "shorten t_end")
         found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
         return found[:, 0], found[:, 1], found[:, 2]
 
