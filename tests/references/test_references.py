@@ -195,7 +195,7 @@ def test_my_integrator(reference_solution, assert_within_reference):
     for wrong in ((run.t, 1.01 * run.tip), (run.t, 1.01 * run.states[0], run.states[1])):
         with pytest.raises(AssertionError, match="off by"):
             assert_within_reference(wrong, reference, tolerance=1e-3)
-    with pytest.raises(sb.InputError, match="4 arrays"):
+    with pytest.raises(sb.InputError, match=r"\(t, q, v\)"):
         assert_within_reference((run.t, run.tip, run.tip, run.tip), reference, tolerance=1e-3)
 
 def test_it_refuses_what_nobody_knows(reference_solution, assert_within_reference):

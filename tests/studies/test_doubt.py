@@ -285,7 +285,7 @@ stiffness = {}
     case = sb.load_cases(file)["plate"]
     assert str(sb.doubt(case, sb.HHT(-0.1), members=8)) == str(results[16])
     file.write_text(head + system + finer.replace("400.0", "500.0"))
-    with pytest.raises(sb.InputError, match=r"plate: finer.*the same structure"):
+    with pytest.raises(sb.InputError, match=r"plate\.finer must have as many loads"):
         sb.load_cases(file)
     with pytest.raises(sb.InputError, match=r"finer.*a beam has its cells"):
         sb.doubt(beam(8, 1e-3, 0.2), finer=matrices(16))
