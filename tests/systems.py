@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,12 @@ def one_mass(
     loads = [] if load is None else [([1.0], load)]
     observe = others.pop("observe", None if contacts else [1.0])
     return sb.System.from_matrices([[mass]], [[stiffness]], [[damping]], loads, contacts, observe, [q], [v], **others)
+
+
+def with_stops(system: sb.System, *stops: sb.Stops) -> sb.System:
+    """The system with other stops, one for each contact."""
+    pairs = zip(system.contacts, stops, strict=True)
+    return replace(system, contacts=tuple(replace(contact, stops=each) for contact, each in pairs))
 
 
 def two_contacts(**kwargs) -> sb.System:

@@ -164,7 +164,6 @@ FUNCTIONS = [
             {"system": beam(), "members": 3, "size": 1e-12, "seed": 1, "scale": 1.0}, 6),
     *(Surface(f"varied {name}", lambda name=name, **x: marched(sb.varied_members(beam(), {name: x["values"]})[0]),
               {"values": values}) for name, values in (("frequency", [9.0, 10.0]), ("amplitude", [0.1, 0.2]))),
-    Surface("varied stops", lambda **x: marched(sb.varied_members(beam(), **x)[0]), {"stops": [sb.Stops(**STOPS)]}),
     Surface("amplification", sb.amplification,
             {"scheme": sb.HHT(), "dt_over_period": [0.01, 0.1], "damping_ratio": 0.1, "source": "kernel"}, 6),
     Surface("load", sb.load, {"file": "run.nc", "system": beam(), "t_eval": None}),

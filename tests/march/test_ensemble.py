@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from systems import one_mass, random_chain, two_contacts
+from systems import one_mass, random_chain, two_contacts, with_stops
 
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
@@ -54,13 +54,15 @@ KINDS = {
     "perturbed": lambda s: sb.perturbed_members(s, 9, 1e-10),
     "frequency": lambda s: sb.varied_members(s, {"frequency": np.linspace(9.0, 11.0, 9)}),
     "amplitude": lambda s: sb.varied_members(s, {"amplitude": np.linspace(0.15, 0.25, 9)}),
-    "stops": lambda s: sb.varied_members(s, stops=[
-        sb.Stops(-g, g, stiffness=k) for g, k in zip(np.linspace(0.08, 0.12, 9), np.geomspace(1e6, 1e7, 9), strict=True)
-    ]),
+    "stops": lambda s: sb.varied_members(s, {
+        "stops.lower": -np.linspace(0.08, 0.12, 9), "stops.upper": np.linspace(0.08, 0.12, 9),
+        "stops.stiffness": np.geomspace(1e6, 1e7, 9),
+    }),
     # Laws of several kinds are marched apart, those of one kind together; they keep their places.
-    "laws": lambda s: sb.varied_members(s, stops=[
-        sb.Stops(-0.1, 0.1, stiffness=5e6, **law) for law in 3 * [{"exponent": 1.5}, {}, {"damping": 100.0}]
-    ]),
+    "laws": lambda s: [
+        with_stops(s, sb.Stops(-0.1, 0.1, stiffness=5e6, **law))
+        for law in 3 * [{"exponent": 1.5}, {}, {"damping": 100.0}]
+    ],
 }  # fmt: skip
 
 
@@ -149,7 +151,7 @@ def test_members_start_with_the_bits_of_their_single_runs(scheme, unknowns):
 def test_a_member_that_overflows_leaves_the_others_alone():
     case = sb.paper_case(11)
     system = sb.semidiscretise(case.problem, case.cells)
-    members = sb.varied_members(system, stops=[case.problem.stops, sb.Stops(-10.0, 10.0, stiffness=2e7)])
+    members = [system, with_stops(system, sb.Stops(-10.0, 10.0, stiffness=2e7))]
     ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2.5e-4, case.t_end, members, "extrapolated")
     with pytest.raises(sb.Diverged) as caught:
         sb.integrate(members[0], sb.HHT(-0.1), 2.5e-4, case.t_end, "extrapolated")
@@ -284,10 +286,10 @@ def ensemble(s, members, *more, **given):
 
 
 CALLS = [
-    (lambda s: sb.perturbed_members(s, 0), "members"), (lambda s: sb.varied_members(s), "parameters must be"),
-    (lambda s: sb.varied_members(s, {"frequency": [1.0]}, stops=[]), "varied"),
+    (lambda s: sb.perturbed_members(s, 0), "members"), (lambda s: sb.varied_members(s, None), "parameters must be"),
+    (lambda s: sb.varied_members(s, {}), "name a parameter"),
     (lambda s: sb.varied_members(s, {"frequency": [-1.0]}), "frequency"),
-    (lambda s: sb.varied_members(s, stops=[0.1]), "stops"), (lambda s: ensemble(s, []), "members"),
+    (lambda s: ensemble(s, []), "members"),
     (lambda s: ensemble(s, [sb.semidiscretise(s.problem, 9)]), "members"),
     (lambda s: sb.varied_members(two_contacts(), {"frequency": [1.0]}), "frequency"),
     (lambda s: sb.perturbed_members(one_mass(4.0, load=lambda t: np.sin(3.0 * t)), 1), "scale"),

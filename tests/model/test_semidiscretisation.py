@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from oracles import beam_mode, beam_roots, moving_support_series
 from scipy.integrate import solve_ivp
+from systems import with_stops
 
 import stiffbeam as sb
 from stiffbeam.measures.frequencies import steady_state
@@ -282,7 +283,7 @@ def test_the_problem_of_a_system_has_its_stops_where_they_are():
     system = sb.semidiscretise(problem, CELLS)
     assert system.problem == problem == again(system).problem
     assert system.problem.all_stops == (MIDDLE, TIP)
-    softer = sb.varied_members(system, stops=[[sb.Stops(-0.03, 0.03, stiffness=1.0), TIP]])[0]
+    softer = with_stops(system, sb.Stops(-0.03, 0.03, stiffness=1.0), TIP)
     assert softer.problem.all_stops[0] == replace(MIDDLE, stiffness=1.0)
     slower = sb.varied_members(system, {"frequency": [9.0]})[0]  # the base's: the gap follows it
     assert slower.fingerprint == sb.semidiscretise(beam(MIDDLE, TIP, base=sb.Harmonic(0.2, 9.0)), CELLS).fingerprint

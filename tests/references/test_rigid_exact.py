@@ -9,7 +9,7 @@ import pytest
 import rigid_witness
 from rigid_chain import chain as rigid_chain
 from rigid_solutions import RANDOM, known
-from systems import one_mass
+from systems import one_mass, with_stops
 
 import stiffbeam as sb
 from stiffbeam import InputError
@@ -367,7 +367,7 @@ def test_members_are_all_of_one_kind():
     with pytest.raises(InputError, match=r"member|matrices|load"):
         sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, [system, soft])
     with pytest.raises(InputError, match="members"):
-        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, sb.varied_members(system, stops=[soft.contacts[0].stops]))
+        sb.integrate_ensemble(system, sb.BDF2(), 0.02, 1.0, [with_stops(system, soft.contacts[0].stops)])
 
 
 @pytest.mark.parametrize(

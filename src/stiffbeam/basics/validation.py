@@ -85,7 +85,10 @@ def number(field: str, value: Any, exact: bool = False) -> float:
 def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str = "give them as a list") -> Array:
     """``value`` as finite floats in an array of its shape. Raises InputError for what is not real, for texts,
     for rows of different lengths, and for masked numbers."""
-    unmasked(field, value)
+    # NumPy would read what lies under a mask.
+    if any(np.ma.is_masked(row) for row in (value if isinstance(value, (list, tuple)) else [value])):
+        remedy = "leave the masked ones out, or fill them in with numpy.ma.filled"
+        raise InputError(field, "an array with masked numbers", "hold a number everywhere", remedy)
     try:
         # Integers, floats, and objects that may be numbers: no texts, no truth values, no complex numbers.
         array = value if isinstance(value, np.ndarray) else np.asarray(value)
@@ -95,16 +98,6 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     if result is None or not np.isfinite(result).all():
         raise InputError(field, value, rule, remedy)
     return result
-
-
-def unmasked(field: str, *values: Any) -> None:
-    """Raise InputError for an array, or a list of rows, with masked numbers: NumPy would read what lies under the
-    mask."""
-    for value in values:
-        rows = value if isinstance(value, (list, tuple)) else [value]
-        if any(np.ma.is_masked(row) for row in rows):
-            remedy = "leave the masked ones out, or fill them in with numpy.ma.filled"
-            raise InputError(field, "an array with masked numbers", "hold a number everywhere", remedy)
 
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:

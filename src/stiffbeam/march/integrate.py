@@ -98,11 +98,16 @@ class Plan:
         """The modes, or where the damping couples them all unknowns, which then step together."""
         return Coordinates(self.system, modes(self.system))
 
-    def stepper_for(self, member: System) -> Stepper:
-        """The block march of a member. Its law may be of another kind than that of the system."""
+    def rule_of(self, member: System) -> int:
+        """The rule of a member. Raises InputError for rigid stops beside compliant ones."""
         rule = self.rule if member is self.system else self.treatment.rule(member, self.scheme)
         if (rule == RIGID) != (self.rule == RIGID):
             raise InputError("members", "compliant and rigid stops", "be of one kind", "integrate them apart")
+        return rule
+
+    def stepper_for(self, member: System) -> Stepper:
+        """The block march of a member. Its law may be of another kind than that of the system."""
+        rule = self.rule_of(member)
         # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
         if rule not in self._steppers:
             length = block_length(self.coordinates, self.scheme, self.steps)
@@ -161,7 +166,7 @@ class Plan:
         """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
         if self.rule == RIGID:
             for member in members:
-                self.treatment.rule(member, self.scheme)
+                self.rule_of(member)
             return [slim(self.run(member, every, None, since)) for member in members]
         contacts = members.all_contacts()
         # By identity: members that share their contacts need one look-up.

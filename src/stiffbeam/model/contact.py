@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -81,12 +81,12 @@ class Stops:
     -5000.0
     """
 
+    lower: float | None = None
+    upper: float | None = None
     stiffness: float = field(kw_only=True)
     exponent: float = field(default=1.0, kw_only=True)
     damping: float = field(default=0.0, kw_only=True)
     dissipation: float = field(default=0.0, kw_only=True)
-    lower: float | None = None
-    upper: float | None = None
     restitution: float | None = field(default=None, kw_only=True)
     position: float | None = field(default=None, kw_only=True)
     motion: LoadFunction | None = field(default=None, kw_only=True)
@@ -150,8 +150,9 @@ class Stops:
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
-        shown = [name for name, default in NUMBERS.items() if name in SIDES or getattr(self, name) != default]
-        return f"Stops({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
+        values = ((x.name, x.default, getattr(self, x.name)) for x in fields(self))
+        shown = (f"{name}={value!r}" for name, default, value in values if name in SIDES or value != default)
+        return f"Stops({', '.join(shown)})"
 
     @property
     def lower_bound(self) -> float:
@@ -236,8 +237,8 @@ class Stops:
     @property
     def data(self) -> dict[str, float]:
         """Arguments of the law for ``Stops(**data)``, without those at their defaults."""
-        law = {name: default for name, default in NUMBERS.items() if name not in ("position", "motion")}
-        return {x: float(getattr(self, x)) for x, default in law.items() if getattr(self, x) != default}
+        law = (x for x in fields(self) if x.name not in ("position", "motion"))
+        return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
 
     def pressure(self, depth: ArrayLike, rate: ArrayLike | None = None) -> Array:
         """|F| at a penetration depth >= 0 that grows at ``rate``: needed where the law is dissipative.
@@ -306,11 +307,6 @@ class Stops:
 
 EPS = float(np.finfo(float).eps)
 SIDES = ("lower", "upper")
-# The fields with their defaults, in the order in which they are written down.
-NUMBERS = {
-    x: Stops.__dataclass_fields__[x].default
-    for x in (*SIDES, "stiffness", *LINEAR, "restitution", "position", "motion")
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,11 +367,6 @@ class Contact:
             if self.stops.dissipative and not isinstance(self.offset, TimeFunction):
                 rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
                 raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
-
-    @property
-    def width(self) -> float:
-        """Distance between both stops; inf where a side is free."""
-        return self.stops.upper_bound - self.stops.lower_bound
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

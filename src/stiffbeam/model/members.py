@@ -19,7 +19,6 @@ from ..basics.validation import (
     InputError,
     instance,
     integer,
-    itself,
     near,
     non_negative,
     number,
@@ -113,18 +112,15 @@ class EnsembleMembers(Sequence[System]):
     def __getitem__(self, i: Any) -> Any:
         """The system of member i, or those of a slice as EnsembleMembers."""
         if isinstance(i, slice):
-            fields = {name: values[i] for name, values in self.fields.items()}
-            return EnsembleMembers(self.system, self.parameter, self.values[i], fields)
+            return self.subset(range(len(self))[i])
         if not -len(self) <= i < len(self):
             raise IndexError(i)
         return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
 
     def subset(self, rows: Sequence[int]) -> EnsembleMembers:
         """The members of these numbers."""
-        if len(rows) == len(self):
-            return self
         fields = {name: [values[i] for i in rows] for name, values in self.fields.items()}
-        return EnsembleMembers(self.system, self.parameter, [self.values[i] for i in rows], fields)
+        return EnsembleMembers(self.system, self.parameter, np.asarray(self.values)[list(rows)], fields)
 
     def systems(self) -> list[System]:
         """Systems of the members: one each, or a single one if they differ in initial data alone."""
@@ -258,12 +254,7 @@ def perturbed_members(
     return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
 
 
-def varied_members(
-    system: System,
-    parameters: Mapping[str, ArrayLike] | None = None,
-    *,
-    stops: Sequence[Stops | Sequence[Stops]] | None = None,
-) -> EnsembleMembers:
+def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> EnsembleMembers:
     """Return one member per value of a parameter, or of several that vary together.
 
     Parameters
@@ -272,8 +263,6 @@ def varied_members(
     parameters : mapping of path to values
         For example ``{"stops.stiffness": [1e4, 1e5]}``, see ``with_values``. All paths have one number of values;
         ``{"frequency": w, "amplitude": c * w**2}`` couples an amplitude to the square of the frequency.
-    stops : sequence
-        In place of these the Stops of each member, with several contacts a sequence of one per contact.
 
     Returns
     -------
@@ -292,12 +281,10 @@ def varied_members(
     3
     """
     require_system(system)
-    if stops is not None and parameters is None:
-        return _with_stops(system, stops)
-    columns = dict(instance("parameters", parameters, Mapping, 'for example {"frequency": [9.0, 10.0]}'))
-    if stops is not None or not columns:
-        remedy = "for several that vary together pass a mapping of their paths"
-        raise InputError("varied_members", sorted(columns), "be given one of parameters and stops", remedy)
+    remedy = 'for example {"frequency": [9.0, 10.0]}'
+    columns = dict(instance("parameters", parameters, Mapping, remedy))
+    if not columns:
+        raise InputError("parameters", columns, "name a parameter", remedy)
     # Values of every path, as many for each.
     grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
     name, values = next(iter(grid.items()))
@@ -490,22 +477,6 @@ def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         for field in fields(thing):
             if field.name not in ("origin", "units"):  # which hold no numbers to vary
                 yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
-
-
-def _with_stops(system: System, stops: Sequence[Stops | Sequence[Stops]]) -> EnsembleMembers:
-    contacts = []
-    for entry in sequence("stops", stops, "be the Stops of each member"):
-        each: list[Any] = list(entry) if isinstance(entry, (tuple, list)) else [entry]
-        if len(each) != len(system.contacts):
-            remedy = "give a list of lists, Stops of every contact in each"
-            raise InputError("stops", entry, f"be {len(system.contacts)} Stops, one per contact", remedy)
-        for stop in each:
-            itself("stops", stop, Stops)
-        pairs = zip(system.contacts, each, strict=True)
-        contacts.append(tuple(replace(contact, stops=stop) for contact, stop in pairs))
-    if not contacts:
-        raise InputError("stops", stops, "name at least one member", "give one value or more")
-    return EnsembleMembers(system, "stops", list(stops), {"contacts": contacts})
 
 
 def _driven(system: System, name: str, value: float) -> System:

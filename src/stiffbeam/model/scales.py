@@ -71,9 +71,11 @@ def scales(system: System, t_end: float = np.inf, speed: float | None = None) ->
     if np.any(drifts):
         others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
         least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
-        for contact in (x for x in system.contacts if np.isfinite(x.width)):
-            across = 2.0 * largest * np.abs(basis.force(contact.row)) / contact.width
-            least = np.where(across > 0.0, np.minimum(least, across), least)
+        for contact in system.contacts:
+            gap = contact.stops.upper_bound - contact.stops.lower_bound
+            if np.isfinite(gap):
+                across = 2.0 * largest * np.abs(basis.force(contact.row)) / gap
+                least = np.where(across > 0.0, np.minimum(least, across), least)
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
 

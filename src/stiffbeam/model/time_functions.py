@@ -431,11 +431,6 @@ class Drive:
         """d."""
         return 1 + 2 * len(self.frequencies)
 
-    @cached_property
-    def rates(self) -> Array:
-        """The angular frequency of each of the d functions, 0 for the constant."""
-        return np.concatenate([[0.0], np.repeat(self.frequencies, 2)])
-
     def coefficients(self, t: ArrayLike) -> Array:
         """g(t), shape t.shape + (d,)."""
         phase = np.multiply.outer(np.asarray(t, float), np.asarray(self.frequencies, float))
@@ -456,15 +451,6 @@ class Drive:
         g = np.ones((count, self.size))
         g[:, 1::2], g[:, 2::2] = np.imag(turned), np.real(turned)
         return g
-
-    def transition(self, tau: float) -> Array:
-        """T with g(t + tau) = T g(t), (d, d)."""
-        T = np.eye(self.size)
-        for i, frequency in enumerate(self.frequencies):
-            s, c = np.sin(frequency * tau), np.cos(frequency * tau)
-            k = 1 + 2 * i
-            T[k : k + 2, k : k + 2] = [[c, s], [-s, c]]
-        return T
 
     def derivative(self) -> Array:
         """D with g'(t) = D g(t), (d, d)."""

@@ -13,7 +13,7 @@ from ..basics.units import with_unit
 from ..basics.validation import InputError, integer, positive
 from ..files.cases import Case
 from ..model.contact import Stops
-from ..model.members import require_kept, value_at, varied_members, with_values
+from ..model.members import require_kept, value_at, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
@@ -29,7 +29,7 @@ def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
     if not system.contacts:
         remedy = "vary another parameter, or give the case stops"
         raise InputError("parameter", "one of the stops", "be asked of a case with stops", remedy)
-    return varied_members(system, stops=[[change(contact.stops) for contact in system.contacts]])[0]
+    return replace(system, contacts=tuple(replace(x, stops=change(x.stops)) for x in system.contacts))
 
 
 def _clearance(system: System, value: float) -> System:

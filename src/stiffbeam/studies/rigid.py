@@ -18,7 +18,6 @@ from ..figures.chart import log_scale, style_of
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
-from ..model.members import varied_members
 from ..references.exact.solution import solve_exact
 from . import common
 from .base import Answer, Row, Study, Table, option
@@ -73,15 +72,16 @@ class Rigid(Study):
     def run(self, case: Case, factor: float) -> Row:
         """Distance of the compliant motion at one stiffness from the rigid one."""
         system, n = case.system(self.form), self.impacts
-        stops = system.contacts[0].stops
+        (contact,) = system.contacts
+        stops = contact.stops
         kappa, hard = stops.stiffness * factor, replace(stops, stiffness=np.inf, restitution=1.0)
-        rigid = solve_exact(varied_members(system, stops=[hard])[0], case.t_end)
+        rigid = solve_exact(replace(system, contacts=(replace(contact, stops=hard),)), case.t_end)
         if rigid.impacts.count <= n:
             remedy = "ask for fewer, or lengthen t_end"
             raise InputError("impacts", n, f"be fewer than the {rigid.impacts.count} of the rigid stops", remedy)
         times = rigid.impacts.times
         end = 0.5 * float(times[n - 1] + times[n])
-        compliant = varied_members(system, stops=[replace(stops, stiffness=kappa)])[0]
+        compliant = replace(system, contacts=(replace(contact, stops=replace(stops, stiffness=kappa)),))
         # The window is short against the horizon, and the same for every kappa.
         exact = common.solve_once(compliant, min(case.t_end, 2.0 * end))
         t = np.linspace(0.0, end, SAMPLES)
