@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"  # cells show their pictures, whoever builds
 project = author = html_title = "stiffbeam"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "numpydoc", "sphinx_copybutton"]
-root_doc = "studies/index"
+root_doc = "studies/README"
 include_patterns = [
-    "README.md", "CONTRIBUTING.md", "studies/*.md", "studies/*.ipynb", "studies/guide/*.md", "studies/theory/*.md",
-    "studies/engines/*.md", "reference/**.md", "tests/campaigns/*.md",
+    "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "studies/*.md", "studies/*/*.md", "studies/tutorial/*.ipynb",
+    "reference/**.md", "tests/campaigns/*.md",
 ]  # fmt: skip
 exclude_patterns = ["reference/problems/*/**"]
 myst_heading_anchors = 4
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
+nb_output_stderr = "remove"  # progress, on a slow machine
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True}
 numpydoc_show_class_members = False
 python_display_short_literal_types = True
 html_theme = "pydata_sphinx_theme"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_theme_options = {
     "navigation_with_keys": False, "show_prev_next": False, "header_links_before_dropdown": 6, "icon_links": [],
 }  # fmt: skip

@@ -145,7 +145,7 @@ If coarse steps overflow or the finest run lacks an impact, shorter steps are ad
 | `stiffbeam score` | scores of this package's schemes and solvers, in less than a minute |
 | `--out DIR` | table, records and pictures |
 | `--json FILE` | records |
-| a [test](../../studies/guide/references.md#in-a-test-suite) with `known_problem` | runs once for every problem |
+| a [test](../../studies/tutorial/references_in_tests.md) with `known_problem` | runs once for every problem |
 
 """
 

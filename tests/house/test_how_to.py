@@ -15,12 +15,12 @@ from scipy.integrate import solve_ivp
 
 import stiffbeam as sb
 
-STUDIES = Path(__file__).parents[2] / "studies"
+SCRIPTS = Path(__file__).parents[2] / "studies" / "how-to"
 CLAMPED_FREE = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])  # cos x cosh x = -1
 
 
 def printed(script: str, folder: Path, *arguments: str) -> str:
-    command = [sys.executable, "-W", "error", str(STUDIES / f"{script}.py"), "--out", str(folder), *arguments]
+    command = [sys.executable, "-W", "error", str(SCRIPTS / f"{script}.py"), "--out", str(folder), *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"MPLBACKEND": "agg"})
     assert done.returncode == 0, done.stderr
     assert (folder / f"{script}.png").stat().st_size > 20_000
@@ -30,6 +30,15 @@ def printed(script: str, folder: Path, *arguments: str) -> str:
 def numbers(line: str, text: str) -> list[float]:
     (found,) = re.findall(rf"^{line}(.*)$", text, re.MULTILINE)
     return [float(x) for x in re.findall(r"(?<![\w.])\d+\.?\d*(?:e[+-]?\d+)?", found)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", ["noise", "massless_contact", "round_hole"])
+def test_a_short_script_asserts_its_number(script):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(SCRIPTS / f"{script}.py")], capture_output=True, text=True
+    )
+    assert (done.returncode, len(done.stdout) > 20) == (0, True), done.stderr
 
 
 @pytest.mark.slow
@@ -117,7 +126,7 @@ def test_identification(tmp_path):
 def test_the_flip_of_a_scheme(monkeypatch):
     """The exponential scheme puts the flip where its distance falls by four with half the step; implicit contact has
     no multipliers there."""
-    monkeypatch.syspath_prepend(str(STUDIES))
+    monkeypatch.syspath_prepend(str(SCRIPTS))
     import scheme_flips
 
     flip, state = scheme_flips.exact_flip()
@@ -134,7 +143,7 @@ def test_the_flip_of_a_scheme(monkeypatch):
 @pytest.mark.slow
 def test_basins(monkeypatch):
     """Ends of motions agree with SciPy's event search; with a quarter of the step fewer starts end on the wrong one."""
-    monkeypatch.syspath_prepend(str(STUDIES))
+    monkeypatch.syspath_prepend(str(SCRIPTS))
     import basins
 
     members = basins.starts(6)

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from multiprocessing import current_process
 from typing import Any
 
@@ -83,7 +84,7 @@ class Display:
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
-        if console.is_terminal or console.is_jupyter:
+        if console.is_terminal or (console.is_jupyter and find_spec("ipywidgets")):
             columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), "left:",
                        TimeRemainingColumn())  # fmt: skip
             bar = Progress(*columns, speed_estimate_period=600.0, console=console, transient=True)
