@@ -6,7 +6,7 @@ A steel tube of 19 x 1.5 mm and 1.2 m length is clamped at one end. Two supports
 one at half its length and one at its end. A record of 0.25 s drives it, here one made of two tones and noise. The
 script writes a case file with ranges and the record. It prints where the uncertainty of every quantity comes from,
 on a coarse mesh and on a fine one. For each support it prints the rates of impacts and of work, and writes a table of
-all impacts with their work. The sliding at a support comes from the rotation of the tube's section, at its outer
+all impacts. The sliding at a support comes from the rotation of the tube's section, at its outer
 radius; there is no friction. It takes half a minute. The same budget on the command line:
 
     stiffbeam doubt FOLDER/tube.toml
