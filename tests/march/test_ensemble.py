@@ -86,7 +86,7 @@ def test_a_member_is_its_single_run(kind, scheme, contact, system):
 def test_members_of_a_random_chain(seed):
     """Several contacts, moving stops and samples; in modes, and in dense blocks where a dashpot couples them."""
     system, slow = random_chain(seed)
-    members = sb.perturbed_members(system, 3, 1e-3, scale=1.0)
+    members = sb.perturbed_members(system, 3, 1e-3, t_end=2.0 / slow)
     try:
         many = sb.integrate_ensemble(system, sb.HHT(-0.1), 0.02 / slow, 2.0 / slow, members, every=1)
     except sb.InputError:
@@ -261,7 +261,7 @@ def test_a_system_at_rest_at_zero_is_perturbed_in_proportion_to_its_load():
     assert np.isclose(large[0].v0[0], 10.0 * small[0].v0[0], rtol=1e-12)
     assert 0.0 < abs(small[0].v0[0]) <= 1e-3 * 1.0 / 3.0
     unknown = one_mass(4.0, load=lambda t: np.sin(3.0 * t))
-    assert sb.perturbed_members(unknown, 1, scale=1.0)[0].v0[0] != 0.0
+    assert sb.perturbed_members(unknown, 1, t_end=1.0)[0].v0[0] != 0.0
     # A function in Python has the scale of its samples, as a load and as the motion of a stop.
     t = np.linspace(0.0, 7.0, 4001)  # as many as ``scales`` takes
     for f in (lambda t: np.sin(3.0 * t), lambda t: np.where(t < 2.0, 5.0 * t, 0.0)):
@@ -292,7 +292,7 @@ CALLS = [
     (lambda s: ensemble(s, []), "members"),
     (lambda s: ensemble(s, [sb.semidiscretise(s.problem, 9)]), "members"),
     (lambda s: sb.varied_members(two_contacts(), {"frequency": [1.0]}), "frequency"),
-    (lambda s: sb.perturbed_members(one_mass(4.0, load=lambda t: np.sin(3.0 * t)), 1), "scale"),
+    (lambda s: sb.perturbed_members(one_mass(4.0, load=lambda t: np.sin(3.0 * t)), 1), "speed"),
     *((lambda s, since=since: ensemble(s, [s], since=since), "since") for since in (-0.1, 0.6, 0.00015)),
 ]  # fmt: skip
 

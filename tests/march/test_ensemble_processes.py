@@ -30,7 +30,7 @@ def same(one, other) -> None:
     "members",
     [
         sb.perturbed_members(SYSTEM, 9),
-        sb.perturbed_members(LOADED, 3, scale=1.0),
+        sb.perturbed_members(LOADED, 3, t_end=1.0),
         sb.varied_members(SYSTEM, {"stops.stiffness": np.linspace(1e4, 5e6, 5)}),
         SAMPLED,
     ],

@@ -193,7 +193,7 @@ def same_rows(contacts: Sequence[Contact], others: Sequence[Contact]) -> bool:
 
 
 def perturbed_members(
-    system: System, members: int, size: float = SPREAD, seed: int = 1, scale: float | None = None, t_end: float = np.inf
+    system: System, members: int, size: float = SPREAD, seed: int = 1, t_end: float = np.inf
 ) -> EnsembleMembers:
     """Return copies of a system whose initial data differ by a small random part of its motion.
 
@@ -211,10 +211,8 @@ def perturbed_members(
         Relative to the motion. With the default, members diverge before a scheme leaves the exact motion.
     seed : int
         Members k are the first k of any larger ensemble.
-    scale : float, optional
-        V; needed where time functions are callables, the start is at rest at zero and ``t_end`` is not passed.
     t_end : float
-        Length of the runs. A motion that is slower counts as none.
+        Length of the runs. A motion that is slower counts as none. Needed where only callables drive the system.
 
     Returns
     -------
@@ -238,19 +236,17 @@ def perturbed_members(
     integer("seed", seed, 0)
     non_negative("size", size)
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
-    if scale is not None:
-        positive("scale", scale)
     span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
-    basis, motion = undamped_modes(system), scales(system, span, scale)
+    basis, motion = undamped_modes(system), scales(system, span)
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
-        raise InputError("scale", motion.speed, rule, "give t_end, or the scale, a modal velocity")
+        raise InputError("the speed of the motion", motion.speed, rule, "give t_end, the length of the runs")
     # A stream for each member, so that more members leave the first ones as they are.
     noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
-    scale = motion.speed
-    q0 = [system.q0 + size * scale * basis.to_nodal(x) for x in eta]
-    v0 = [system.v0 + size * scale * basis.to_nodal(x) for x in noise[:, 1]]
+    speed = size * motion.speed
+    q0 = [system.q0 + speed * basis.to_nodal(x) for x in eta]
+    v0 = [system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1]]
     return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
 
 

@@ -54,8 +54,8 @@ class Scales:
 
 
 @np.errstate(over="ignore")  # a speed of inf is refused by those who need one
-def scales(system: System, t_end: float = np.inf, speed: float | None = None) -> Scales:
-    """The scales of a run of ``system`` to t_end, inf where it is not known; ``speed`` in place of its V."""
+def scales(system: System, t_end: float = np.inf) -> Scales:
+    """The scales of a run of ``system`` to t_end, inf where it is not known."""
     basis = undamped_modes(system)
     held = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
@@ -63,7 +63,7 @@ def scales(system: System, t_end: float = np.inf, speed: float | None = None) ->
     for vector, function in system.loads:
         levels = (factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
         constant = constant + basis.force(vector) * sum(levels)
-    largest = _speed(system, held, t_end) if speed is None else speed
+    largest = _speed(system, held, t_end)
     # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end
