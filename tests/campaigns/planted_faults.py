@@ -108,7 +108,7 @@ FAULTS = [
     ("model", "model/natural_modes.py", "values, shapes, rigid = basis.omega**2", "values, shapes, rigid = basis.omega"),
     ("model", "model/natural_modes.py", "values = values + eigenvalues_off(", "values = values - 0.0 * eigenvalues_off("),
     ("model", "model/members.py", "np.random.default_rng([seed, i])", "np.random.default_rng([seed, 0])"),
-    ("model", "model/members.py", "v0 = [system.v0 + size * scale", "v0 = [system.v0 + 0.5 * size * scale"),
+    ("model", "model/members.py", "v0 = [system.v0 + speed", "v0 = [system.v0 + 0.5 * speed"),
     ("model", "model/members.py", "isinstance(root.stops, Stops) and keys[:2]", "False and keys[:2]"),
     ("model", "model/members.py", "if len(values) > 1:\n        require_kept", "if False:\n        require_kept"),
     ("model", "model/members.py", "return members.separate or any(", "return any("),

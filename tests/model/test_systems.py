@@ -1,4 +1,4 @@
-"""A system and what is made of it: replaced, pickled, saved, shown, moved; nothing derived outlives its data."""
+"""A system and what is made of it: replaced, pickled, moved; nothing derived outlives its data."""
 
 from __future__ import annotations
 
@@ -194,9 +194,6 @@ def test_records_and_errors_arrive_whole():
     for error in ERRORS:
         arrived = again(error)
         assert (type(arrived), str(arrived), vars(arrived)) == (type(error), str(error), vars(error))
-
-
-# ------------------------------------------------------------------ shown and saved
 
 
 # ------------------------------------------------------------------ moved
