@@ -13,6 +13,7 @@ os.environ.setdefault("MPLBACKEND", "agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 sys.path.append(str(Path(__file__).parents[1] / "studies"))  # for dumont2002
+sys.path.append(str(Path(__file__).parents[1] / "studies" / "how-to"))
 
 # A shell's background jobs ignore it, and so would every command that a test starts and interrupts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
