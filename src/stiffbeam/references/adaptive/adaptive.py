@@ -54,12 +54,9 @@ def reference_from(
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
-        begun = clock()
         run = solver(rhs, share * rtol, tolerances)
-        path = follow(method, rhs, pieces, t, scales, run)
-        # A later solve of the same equations uses the compiled program and must not count this time again.
-        compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
-        return path._replace(seconds=clock() - begun, compile_seconds=compiling)
+        begun = clock()
+        return follow(method, rhs, pieces, t, scales, run)._replace(seconds=clock() - begun)
 
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
@@ -82,7 +79,6 @@ def reference_from(
         "pieces": len(pieces),
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
-        **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
     }
     return Reference(
         t=t,

@@ -225,15 +225,13 @@ class Contacts:
 
 
 class Path(NamedTuple):
-    """States (k, size) at the outputs, the contacts' spans, the counters and the state at the end; seconds of solving,
-    and of compiling, apart."""
+    """States (k, size) at the outputs, the contacts' spans, the counters, the state at the end and the seconds."""
 
     states: Array
     contacts: Contacts
     counters: dict[str, int]
     end: Array
     seconds: float = 0.0
-    compile_seconds: float = 0.0
 
 
 def follow(
