@@ -17,8 +17,8 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.references import REFERENCES, solve
-from stiffbeam.references.adaptive import diffrax, pieces
-from stiffbeam.references.adaptive.pieces import smooth_pieces
+from stiffbeam.references.adaptive import diffrax, intervals
+from stiffbeam.references.adaptive.intervals import smooth_intervals
 from stiffbeam.references.registry import Steps
 
 SLOW = ("radau", "kvaerno3", "kvaerno5")
@@ -37,8 +37,8 @@ def struck(width: float, start: float = 0.5, load=None) -> sb.System:
     )
 
 
-def parts(load, t_end: float = 1.0, **options) -> list[pieces.Piece]:
-    return smooth_pieces(struck(0.002, load=load), t_end, Steps(**options))
+def parts(load, t_end: float = 1.0, **options) -> list[intervals.Interval]:
+    return smooth_intervals(struck(0.002, load=load), t_end, Steps(**options))
 
 
 @pytest.mark.parametrize("method", [*PHASED, pytest.param("radau", marks=pytest.mark.slow)])

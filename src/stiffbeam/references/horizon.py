@@ -21,7 +21,6 @@ from ..basics.validation import InputError, integer, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
-from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
@@ -378,7 +377,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
             audit(system, solution, t_end)
         along = TangentVectors(system, solution, t_end)
         # Vectors that held contacts leave nothing of drop out.
-        dq, dv = _unit(system, *along.on_stops(0, *_vectors(system, seed)))
+        dq, dv = _unit(system, *along.on_stops(0, *along.start(seed)))
         if not dq.shape[1]:
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
         # Every event is an edge, so that each flow is that of one segment.
@@ -403,8 +402,25 @@ class TangentVectors:
 
     def __init__(self, system: System, solution: Motion, t_end: float) -> None:
         path = path_of_solution(system, solution, t_end)
-        self.n, self.times, self.tangent = system.size, path.times, Tangent(Generators(system), path)
+        self.system, self.n, self.times, self.tangent = (
+            system,
+            system.size,
+            path.times,
+            Tangent(Generators(system), path),
+        )
         self.held = [tuple(np.flatnonzero(sides).tolist()) if path.rigid else () for sides in path.sides]
+
+    def start(self, seed: int) -> tuple[Array, Array]:
+        """Unit vectors: random with the energy spread over all modes, and (q', q'')."""
+        basis = undamped_modes(self.system)
+        noise = np.random.default_rng(seed).standard_normal((2, self.n, RANDOM))
+        slowest = np.min(basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0)
+        # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
+        scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
+        rate = (self.tangent.regimes[0].A @ self.tangent.Z[0])[: 2 * self.n]
+        dq = np.column_stack([basis.shapes @ (noise[0] / scale), rate[: self.n]])
+        dv = np.column_stack([basis.shapes @ noise[1], rate[self.n :]])
+        return _unit(self.system, dq, dv)
 
     def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """Vectors at tau after dq, dv in a segment."""
@@ -455,30 +471,6 @@ def _carried(
         else:
             return q, v, total
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
-
-
-def _vectors(system: System, seed: int) -> tuple[Array, Array]:
-    """Unit tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
-    basis = undamped_modes(system)
-    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
-    slowest = np.min(
-        basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
-    )  # also for a rigid motion
-    # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
-    scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
-    # The direction of the motion needs q'' at t = 0, with the forces of the stops.
-    force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
-    compliant = [contact for contact in system.contacts if not contact.stops.rigid]
-    for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):
-        speed = (
-            float(contact.row @ system.v0) + offset_rate(contact.offset, np.zeros(1))[0]
-            if contact.stops.dissipative
-            else 0.0
-        )
-        force = force + contact.row * contact.stops.force(u, speed)
-    dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
-    dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
-    return _unit(system, dq, dv)
 
 
 def _unit(system: System, dq: Array, dv: Array) -> tuple[Array, Array]:

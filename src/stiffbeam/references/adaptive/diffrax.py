@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
@@ -22,7 +22,7 @@ from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
-from .scipy import Cubic, Stepping
+from .scipy import Stepping
 
 CAPACITY = 128  # steps per call of the program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
@@ -179,9 +179,14 @@ class Stepper:
         self.counters["stages"] += int(tried) * self._program.stages
         return bool(made)
 
-    def dense_output(self) -> Cubic:
+    def dense_output(self) -> Callable[[Any], Array]:
         """The cubic with the states and rates at both ends of the last step."""
-        return Cubic(self._program.rhs, self.t_old, self._old, self.t, self.y)
+        from scipy.interpolate import CubicHermiteSpline
+
+        ends = (self.t_old, self._old), (self.t, self.y)
+        slopes = [self._program.rhs.value(t, y) for t, y in ends]
+        spline = CubicHermiteSpline([self.t_old, self.t], np.array([self._old, self.y]), np.array(slopes))
+        return lambda t: np.asarray(spline(t)).T
 
 
 def _modal(jacobian: Array) -> tuple[Modal | None, float]:

@@ -92,11 +92,13 @@ class Stepping:
             # Zero counts as negative: a root at the joint of two steps is found once.
             crossed = ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
             before = after
-            found = _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ()
-            root = next((x for x in found if watch.ends([x])), None)
-            # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
-            if root is not None and not watch.missed([root]):
-                root = self._polished(stepper, left, watch, root)
+            if crossed.any():
+                dense = stepper.dense_output()
+                found = _located(stepper, dense, watch, np.flatnonzero(crossed))
+                root = next((x for x in found if watch.ends([x])), None)
+                # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
+                if root is not None and root.which < watch.count:
+                    root = self._polished(stepper, left, dense, watch, root)
             stop = stepper.t if root is None else root.time
             due = phase.times[len(states) : int(phase.times.searchsorted(stop, "right"))]
             if len(due) and due[0] < stepper.t:
@@ -106,11 +108,13 @@ class Stepping:
         self._count(stepper)
         ended_by = [] if root is None else [root]
         t, z = (phase.end, stepper.y) if root is None else (root.time, root.z)
-        return Outcome(t, z, states, ended_by, watch.missed(ended_by), self.counters)
+        return Outcome(t, z, states, ended_by, self.counters)
 
-    def _polished(self, stepper: Any, left: Array, watch: Watch, root: Root) -> Root:
+    def _polished(self, stepper: Any, left: Array, dense: Any, watch: Watch, root: Root) -> Root:
         """A gap's root by steps of the solver from ``left``, where the step it lies in starts."""
-        t = root.time
+        t, short = root.time, 1e-4 * (stepper.t - stepper.t_old)
+        behind, ahead = (float(watch.values(t + s, dense(t + s))[root.which]) for s in (-short, short))
+        rate = (ahead - behind) / (2.0 * short)
         for _ in range(POLISH):
             # The root lies at the start of the step, whose state is known.
             if t - stepper.t_old <= SAME * abs(t):
@@ -120,7 +124,6 @@ class Stepping:
                 break
             root = root._replace(time=t, z=z)
             gap = float(watch.values(t, z)[root.which])
-            rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
             new = t - gap / rate if rate else t
             # Newton's method has converged to rounding, or left the step: the last time and state stand.
             if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
@@ -161,11 +164,10 @@ def refuse_stiff(system: System, t_end: float) -> None:
         )  # fmt: skip
 
 
-def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
+def _located(stepper: Any, dense: Any, watch: Watch, changed: Array) -> list[Root]:
     """The roots in the last step by its dense output, in order of time."""
     from scipy.optimize import brentq
 
-    dense = stepper.dense_output()
     roots = []
     for k in changed:
 
@@ -180,17 +182,3 @@ def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
             t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
         roots.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
     return sorted(roots, key=lambda root: root.time)
-
-
-class Cubic:
-    """The cubic with states and rates given at two times, (size, k) at times (k,) as SciPy's dense output."""
-
-    def __init__(self, rhs: RightHandSide, t0: float, z0: Array, t1: float, z1: Array) -> None:
-        from scipy.interpolate import CubicHermiteSpline
-
-        slopes = [rhs.value(t0, z0), rhs.value(t1, z1)]
-        self._spline = CubicHermiteSpline([t0, t1], np.array([z0, z1]), np.array(slopes))
-
-    def __call__(self, t: Any) -> Array:
-        """The states at t."""
-        return np.asarray(self._spline(t)).T

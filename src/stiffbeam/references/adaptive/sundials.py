@@ -250,7 +250,7 @@ class Sundials:
         }  # fmt: skip
         t = t if ended_by else phase.end
         # The end of the phase is an output only if it was asked for.
-        return Outcome(t, z, states[: len(phase.times)], ended_by, phase.watch.missed(ended_by), counters)
+        return Outcome(t, z, states[: len(phase.times)], ended_by, counters)
 
     def _start(self, phase: Phase) -> None:
         """Start the solver at the beginning of a phase with its event functions and step bound."""
