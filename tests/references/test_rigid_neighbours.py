@@ -37,8 +37,8 @@ def system_of(seed: int) -> sb.System:
 def test_tangent_vectors_grow_as_neighbouring_motions_part(seed):
     system, step, end = system_of(seed), 1e-8, np.array([1.5])
     growth = sb.lyapunov(system, 1.5, seed=3)
-    dq, dv = tangent._vectors(system, 3)
     base = Solver(system).solve(1.5)
+    dq, dv = tangent.TangentVectors(system, base, 1.5).start(3)
     assert len(base.blows.t)
     q, v = base.states(end)
     for j in range(dq.shape[1]):

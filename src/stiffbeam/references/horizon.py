@@ -415,7 +415,7 @@ class TangentVectors:
         basis = undamped_modes(self.system)
         noise = np.random.default_rng(seed).standard_normal((2, self.n, RANDOM))
         slowest = np.min(basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0)
-        # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
+        # Displacements over frequencies: elastic and kinetic energy are of one size. The floor is for rigid modes.
         scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
         rate = (self.tangent.regimes[0].A @ self.tangent.Z[0])[: 2 * self.n]
         dq = np.column_stack([basis.shapes @ (noise[0] / scale), rate[: self.n]])
