@@ -254,16 +254,6 @@ def test_the_largest_of_many_nearly_equal_peaks_is_found():
     assert np.max(force) * (1.0 - 1e-12) <= found.contacts[0].peak_force <= np.max(force) * (1.0 + 1e-8)
 
 
-def test_a_motion_below_the_rounding_of_its_amplitudes_is_no_solution():
-    """x'' + 1e7 x' + 1e-5 x = 1 to t = 1e-5, alone and as a member: amplitudes of 1e5, a motion of 1e-12."""
-    system = sb.System.from_matrices([[1.0]], [[1e-5]], [[1e7]], loads=[([1.0], sb.Constant(1.0))], observe=[1.0])
-    with pytest.raises(sb.SolverFailure):
-        sb.reference(system, 1e-5)
-    with pytest.raises(sb.SolverFailure):
-        sb.reference_ensemble(system, 1e-5, sb.perturbed_members(system, 2, 1e-12))
-    assert sb.reference(system, 1e-5, "cvode").horizon > 0.0
-
-
 @pytest.mark.fast(4)
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
 @pytest.mark.parametrize("turn", range(6))
