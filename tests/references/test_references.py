@@ -177,7 +177,7 @@ def test_frozen_references_take_damping_and_several_contacts(kind, table10, tmp_
         assert np.allclose(ours.impacts.times, theirs.impacts.times, rtol=0, atol=BOUND)
 
 
-DOWNSTREAM = """
+DOWNSTREAM = r"""
 import numpy as np
 import pytest
 import stiffbeam as sb

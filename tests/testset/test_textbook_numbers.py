@@ -3,7 +3,7 @@
 Those that other tests ask:
     Kelvin-Voigt and Hunt-Crossley restitution, Hertz    test_contact_laws
     a ball's and a preloaded oscillator's last bounce    test_rigid_exact
-    speed and phase of the impact oscillator             test_rigid_exact; the rational orbit test_rigid_solutions
+    speed and phase of the impact oscillator             test_rigid_exact, the rational orbit too
     nonsmooth modes of a chain and of the beam           test_rigid_exact
     the chain that sticks once a period                  test_known_answers
     bars on a wall, in rational numbers                  test_rigid_bar
