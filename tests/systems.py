@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from vibro_impact import Case, wave_value
+from vibro_impact import Case, Contact, wave_value
 
 import stiffbeam as sb
 
@@ -134,6 +134,23 @@ def system_of(case: Case) -> sb.System:
         case.mass, case.stiffness, case.damping, [(p, function_of(wave)) for p, wave in case.loads], contacts,
         case.observe, case.q0, case.v0,
     )  # fmt: skip
+
+
+def case_of(system: sb.System, t_end: Any) -> Case:
+    """The plain numbers of a system with linear stops, for a witness."""
+
+    def wave(f: Any) -> Any:
+        return ("constant", f.level) if isinstance(f, sb.Constant) else ("harmonic", f.amplitude, f.frequency, f.phase)
+
+    contacts = tuple(
+        Contact(
+            c.row, c.stops.lower_bound, c.stops.upper_bound, float(c.stops.stiffness), c.offset and wave(c.offset)
+        )
+        for c in system.contacts
+    )  # fmt: skip
+    loads = tuple((np.array(row), wave(f)) for row, f in system.loads)
+    observe = system.channels[system.tip_channel][0]
+    return Case(system.mass, system.damping, system.stiffness, system.q0, system.v0, loads, contacts, observe, t_end)
 
 
 LAWS = [{}, {}, {"damping": 3.0}, {"dissipation": 0.3}, {"exponent": 1.5}]

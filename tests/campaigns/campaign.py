@@ -5,8 +5,6 @@
 Prints the outcomes by family and by subject, and every violation with the numbers that repeat it:
 
     python tests/campaigns/campaign.py --seed 1 --only 1234 --methods exact
-
-``--references`` computes every reference of every system, and holds them against one another as well.
 """
 
 from __future__ import annotations
@@ -22,14 +20,13 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
-from judge import Verdict, every_reference, judged, methods_for
+from judge import Verdict, judged, methods_for
 from random_systems import case as random_case
 from supervised import supervised
 
 OUTCOMES = ("right", "refused", "short", "open", "wrong", "hang", "exception", "not finite")
 VIOLATIONS = ("wrong", "hang", "exception", "not finite")
 MEMORY = 12.0  # GiB
-REFERENCES = ("every reference",)  # in place of the methods that are asked
 
 
 def work(task: tuple[int, int, tuple[str, ...]]) -> list[Verdict]:
@@ -48,10 +45,8 @@ def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple
     """
     by_family, by_subject, violations, figures = Counter(), Counter(), [], {}
     cases = {index: random_case(seed, index) for index in indices}
-    asked = {i: every_reference(x) if only == REFERENCES else only or methods_for(x, i) for i, x in cases.items()}
-    together = not (only and only != REFERENCES)  # what is known of a system is kept from method to method
-    most = limit * max(map(len, asked.values()))
-    tasks = [(seed, i, part) for i in indices for part in ([asked[i]] if together else [(m,) for m in asked[i]])]
+    tasks = [(seed, i, tuple(only or methods_for(cases[i], i))) for i in indices]
+    most = limit * max(len(methods) for *_, methods in tasks)
     for (_, index, methods), answer in supervised(work, tasks, jobs, most, MEMORY, seconds):
         family = cases[index].notes
         if not isinstance(answer, list):
@@ -101,13 +96,11 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no system after that")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of systems")
     parser.add_argument("--methods", nargs="*", default=[])
-    parser.add_argument("--references", action="store_true", help="every reference method, and their agreement")
     options = parser.parse_args()
     indices = options.only or list(range(options.first, options.first + options.systems))
-    methods = REFERENCES if options.references else tuple(options.methods)
     begun = time.monotonic()
     families, subjects, violations, figures = campaign(
-        indices, options.seed, options.jobs, options.limit, methods, seconds=options.seconds
+        indices, options.seed, options.jobs, options.limit, tuple(options.methods), seconds=options.seconds
     )
     print(f"\nSystems of seed {options.seed}, {len(indices)} asked, in {time.monotonic() - begun:.0f} s\n")
     print("\n\n".join([table(families), table(subjects), *([differences(figures)] if figures else [])]))

@@ -2,7 +2,7 @@
 
 Verdicts: "right"; "refused" (InputError, SolverFailure, Diverged); "wrong"; "not finite"; "exception" (any
 other); "short" (right, but trusted to less than a fifth of what float64 can know); "open" (the judge
-does not know itself). "agreement" after other methods holds their references against one another.
+does not know itself).
 """
 
 from __future__ import annotations
@@ -21,11 +21,6 @@ import stiffbeam as sb
 from stiffbeam.references import best_reference
 from stiffbeam.references.registry import REFERENCES
 
-AGREEMENT = "agreement"
-# Every family of solvers that a comparison may show, and at the end their references against one another.
-EVERY_REFERENCE = (
-    "exact", "multiprecision", "cvode", "cvode-adams", "ida", "kvaerno5", "radau", "dop853", AGREEMENT
-)  # fmt: skip
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 OUTPUTS = 401
 DISPLACEMENT = 1e-3  # of max |u|: what a horizon promises
@@ -38,8 +33,8 @@ MOST_SECONDS = 5.0  # of work in mpmath, for each of two precisions
 class Verdict:
     """``outcome`` of ``subject``, a method; ``reason``: what is wrong, or why it was refused.
 
-    difference: largest |du| inside the horizon over max |u|, from the true motion or between references; horizon:
-    as a share of the span. NaN where neither was measured.
+    difference: largest |du| from the true motion inside the horizon over max |u|; horizon: as a share of the span. NaN
+    where neither was measured.
     """
 
     outcome: str
@@ -90,12 +85,6 @@ def truth_of(case: Case) -> Truth:
     return Truth(case)
 
 
-@lru_cache(maxsize=1)
-def references_of(case: Case) -> dict[str, sb.Reference]:
-    """The references of a case by method, as far as they have been computed."""
-    return {}
-
-
 def judge(case: Case, method: str) -> list[Verdict]:
     """What ``method`` of the package makes of the case: a reference method or "ensemble"."""
     try:
@@ -109,9 +98,7 @@ def judge(case: Case, method: str) -> list[Verdict]:
     try:
         if method == "ensemble":
             return [judge_ensemble(system, truth)]
-        if method == AGREEMENT:
-            return [judge_agreement(references_of(case), truth)]
-        ref = references_of(case)[method] = sb.reference(system, case.t_end, method, t_eval=truth.t)
+        ref = sb.reference(system, case.t_end, method, t_eval=truth.t)
         return [judge_reference(ref, truth, method)]
     except (sb.InputError, sb.SolverFailure, sb.Diverged) as error:
         return [Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])]
@@ -158,31 +145,6 @@ def judge_reference(ref: sb.Reference, truth: Truth, method: str) -> Verdict:
         return Verdict("short", method, f"horizon {horizon / end:.3g} t_end, known to {truth.known / end:.3g}, {early}")
     known = inside & (truth.t <= truth.known)
     return Verdict("right", method, "", float(np.max(error[known], initial=0.0)) / truth.scale, horizon / end)
-
-
-def judge_agreement(references: dict[str, sb.Reference], truth: Truth) -> Verdict:
-    """Every two references follow one another at the tip and at every contact up to the earlier horizon.
-
-    Each promises ``DISPLACEMENT`` of the true motion, so that two may differ by twice that.
-    """
-    names, largest = list(references), (0.0, "")
-    for k, one in enumerate(names):
-        for other in names[:k]:
-            a, b = references[one], references[other]
-            horizon = min(a.horizon, b.horizon)
-            inside = (truth.t <= horizon) & (horizon > 0.0)
-            pairs = [(a.tip, b.tip, truth.scale)] + [
-                (x.position, y.position, reach) for x, y, reach in zip(a.contacts, b.contacts, truth.reach, strict=True)
-            ]
-            for x, y, scale in pairs:
-                off = float(np.max(np.abs(x - y)[inside], initial=0.0)) / max(scale, 1e-300)
-                largest = max(largest, (off, f"{one} and {other} to {horizon / truth.case.t_end:.4g} t_end"))
-    if len(names) < 2:
-        return Verdict("open", AGREEMENT, f"{len(names)} references")
-    reason = f"{len(names)} references, |du| = {largest[0]:.3g} max|u| between {largest[1]}"
-    horizon = min(reference.horizon for reference in references.values()) / truth.case.t_end
-    outcome = "wrong" if largest[0] > 2.04 * DISPLACEMENT else "right"
-    return Verdict(outcome, AGREEMENT, reason, largest[0], horizon)
 
 
 def judge_contact(ref: sb.Reference, truth: Truth, i: int, method: str, until: float) -> str:
@@ -321,11 +283,6 @@ def _affordable(case: Case, method: str) -> bool:
     flexible = [c.kappa * float(c.row @ np.linalg.solve(case.mass, c.row)) for c in case.contacts]
     phase = case.t_end * float(np.sqrt(case.frequencies[-1] ** 2 + sum(flexible)))
     return method not in ADAPTIVE or phase < {"radau": 1e3, "kvaerno5": 1e3, "dop853": 3e3}.get(method, 1e4)
-
-
-def every_reference(case: Case) -> list[str]:
-    """Every method that can follow a case in seconds, and ``AGREEMENT``."""
-    return [method for method in EVERY_REFERENCE if _affordable(case, method)]
 
 
 def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:

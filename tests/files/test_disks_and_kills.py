@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import random
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from break_it import LOSSES, kills
 from commands import invoke
 from fuzz_texts import STEEL
 
@@ -119,13 +122,38 @@ def test_a_terminal_of_few_letters_has_the_whole_table(encoding):
 
 # ---------------------------------------------------------------- kills
 
+COMMAND = ["study", "modes", "table10", "--schemes", "bdf2,bathe,trapezoidal,SDIRK(gamma=0.4359)", "--jobs", "1"]
+
+
+def begun(folder: Path) -> subprocess.Popen[bytes]:
+    words = [sys.executable, "-m", "stiffbeam", *COMMAND, "--out", str(folder)]
+    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+
 
 @pytest.mark.parametrize(
     "wanted", [pytest.param(4, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
 )
 def test_kills_lose_no_finished_point(wanted, tmp_path):
-    found = kills(2, wanted, tmp_path)
-    assert found["kills"] >= wanted
-    assert found["runs that ended between them"]
-    assert found["most points there at a kill"] > 1  # there was something to lose
-    assert not any(found[name] for name in LOSSES), found
+    """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder, until it ends as without any."""
+    rng, folder, kills, ends, most = random.Random(2), tmp_path / "killed", 0, 0, 0
+    start = time.monotonic()
+    begun(tmp_path / "whole").communicate(timeout=600)
+    longest, whole = time.monotonic() - start, (tmp_path / "whole" / "modes.csv").read_text()
+    while kills < wanted or not ends:
+        before, child = len(list(folder.glob("points/*.json"))), begun(folder)
+        try:
+            child.wait(rng.uniform(0.3, 1.2) * longest)
+        except subprocess.TimeoutExpired:
+            child.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
+            kills += 1
+        child.communicate(timeout=600)
+        points = list(folder.glob("points/*.json"))
+        assert len(points) >= before
+        most = max(most, len(points))
+        if child.returncode == 0:
+            ends += 1
+            assert (folder / "modes.csv").read_text() == whole
+            assert not list(folder.rglob("*.partial"))
+            for file in [*points, *folder.glob("modes.*")]:
+                file.unlink()
+    assert most > 1  # there was something to lose

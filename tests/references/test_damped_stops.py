@@ -147,8 +147,8 @@ def test_many_digits_agree_with_float64(seed):
 def test_tangent_vectors_turn_at_an_entry(seed):
     system, step = kelvin_voigt_system(seed), 1e-7
     growth = sb.lyapunov(system, 3.0, seed=3)
-    dq, dv = tangent._vectors(system, 3)
     base = Solver(system).solve(3.0)
+    dq, dv = tangent.TangentVectors(system, base, 3.0).start(3)
     assert np.any(base.sides[:, 0])
     assert LET_GO in np.abs(base.sides)
     q, v = (x[-1] for x in base.states(growth.t))

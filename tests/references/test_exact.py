@@ -16,13 +16,17 @@ from stiffbeam.references import solve
 from stiffbeam.references.exact.motion import Solver
 
 
-def test_without_contact_the_exact_solution_is_the_matrix_exponential(three_masses):
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+@pytest.mark.parametrize("damped", [False, True])
+def test_without_contact_the_exact_solution_is_the_matrix_exponential(damped, method, three_masses):
+    damping = 0.3 * three_masses.mass + 0.02 * three_masses.stiffness  # couples no modes
+    three_masses = dataclasses.replace(three_masses, damping=damping) if damped else three_masses
     times = np.linspace(0.0, 20.0, 11)
     load = np.array([1.0, 0.0, -1.0])
     q, v = exact_linear(
         *linear_part(three_masses), times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
     )
-    ref = sb.reference(three_masses, 20.0, t_eval=times)
+    ref = sb.reference(three_masses, 20.0, method, times)
     assert np.max(np.abs(ref.states[0] - q)) < 1e-12
     assert np.max(np.abs(ref.states[1] - v)) < 1e-12
     assert ref.horizon == 20.0
@@ -43,27 +47,9 @@ def test_one_mass_on_one_stop_bounces_as_the_closed_form_says():
     assert np.isclose(ref.contacts[0].fraction, (np.pi / np.sqrt(100.0)) / period, atol=0.02)
 
 
-def test_a_double_crossing_too_short_for_any_sampling_is_found():
-    """The mass penetrates by 1e-9 of its amplitude for 9e-5 of a period; sampled outputs never see it."""
-    g = 1.0 - 1e-9
-    system = one_mass(1.0, sb.Stops(None, g, stiffness=1.0), v=1.0)
-    ref = sb.reference(system, 7.0, t_eval=np.linspace(0.0, 7.0, 50))
-    assert ref.impacts.count == 1
-    assert abs(ref.impacts.times[0] - np.arcsin(g)) < 1e-11
-    assert ref.impacts_sampled(0.05).count == 0
-
-
 def test_touching_without_penetration_is_no_impact():
     system = one_mass(1.0, sb.Stops(None, 1.0 + 1e-12, stiffness=1.0), v=1.0)
     assert sb.reference(system, 30.0).impacts.count == 0
-
-
-def test_contact_at_the_start_is_no_impact_and_counts_as_contact():
-    system = one_mass(1.0, sb.Stops(-0.5, None, stiffness=99.0), q=-0.6)
-    ref = sb.reference(system, 1.0)
-    assert ref.impacts.count == 0
-    assert ref.contacts[0].fraction > 0.1
-    assert np.isclose(ref.contact_force[0], 9.9)
 
 
 @pytest.mark.parametrize("cells", [25])
@@ -85,22 +71,6 @@ def test_the_energy_of_damped_modes_is_accounted_for(form, viscosity, table10):
     assert ref.impacts.count > 1
     assert (ref.energy.viscous[-1] > 1.0) == (viscosity > 0.0)
     assert np.max(np.abs(ref.energy.loss)) < 1e-10 * np.max(ref.energy.energy)
-
-
-def test_peaks_and_impulses_are_those_of_a_fine_sampling(table10):
-    system = sb.semidiscretise(table10, 12)
-    ref = solve(system, 0.15, "exact", None, 0.0, None)
-    t = np.linspace(0.0, 0.15, 600_001)
-    force = np.abs(table10.stops.force(ref.at(t)[0]))
-    assert ref.impacts.count > 7
-    assert np.isclose(ref.contacts[0].peak_force, force.max(), rtol=1e-6)
-    assert np.isclose(ref.contacts[0].impulse, np.trapezoid(force, t), rtol=1e-6)
-    for i in (0, 3, 7):
-        start = ref.impacts.times[i]
-        after = t[(t > start) & (force == 0.0)][0]
-        inside = (t >= start) & (t <= after)
-        assert np.isclose(ref.impacts.peaks[i], force[inside].max(), rtol=1e-4)
-        assert np.isclose(ref.impacts.impulses[i], np.trapezoid(force[inside], t[inside]), rtol=1e-3)
 
 
 def test_the_exact_solution_satisfies_the_equation_of_motion_everywhere(table10_system):
@@ -160,12 +130,13 @@ def test_both_exact_solutions_are_one_where_both_apply(table10_system):
     assert np.allclose(general.times[1:], real.solution.times[1:], rtol=0, atol=1e-13)
 
 
-def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance():
+@pytest.mark.parametrize("method", ["exact", "multiprecision"])
+def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance(method):
     """K = diag(4, 9, 16) driven at 3 on the first mass only: u = (sin 3t - 1.5 sin 2t)/(4 - 9)."""
     system = sb.System.from_matrices(
         np.eye(3), np.diag([4.0, 9.0, 16.0]), loads=[([1.0, 0.0, 0.0], sb.Harmonic(1.0, 3.0))], observe=[1.0, 0.0, 0.0]
     )
-    ref = sb.reference(system, 5.0)
+    ref = sb.reference(system, 5.0, method)
     expected = (np.sin(3 * ref.t) - 1.5 * np.sin(2 * ref.t)) / (4.0 - 9.0)
     assert np.max(np.abs(ref.tip - expected)) < 1e-13
     forced = sb.System.from_matrices(
@@ -173,5 +144,5 @@ def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance():
         loads=[([1.0, 0.0, 0.0], sb.Harmonic(1.0, 3.0)), ([0.0, 0.0, 1.0], sb.Harmonic(1.0, 4.0))],
         observe=[0.0, 0.0, 1.0],
     )  # fmt: skip
-    ref = sb.reference(forced, 5.0)  # at resonance: it grows in proportion to time
+    ref = sb.reference(forced, 5.0, method)  # at resonance: it grows in proportion to time
     assert np.max(np.abs(ref.tip - (np.sin(4 * ref.t) / 4.0 - ref.t * np.cos(4 * ref.t)) / 8.0)) < 1e-13

@@ -96,40 +96,6 @@ def files(system, tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["saved", "frozen"])
-def test_a_flipped_byte_is_found_or_changes_nothing(kind, files, tmp_path):
-    content = (files / f"{kind}.nc").read_bytes()
-    whole = sb.load(files / f"{kind}.nc")
-    damaged, found = tmp_path / "damaged.nc", 0
-    positions = np.random.default_rng(5).integers(0, len(content), 25)
-    for position in positions.tolist():
-        flipped = bytearray(content)
-        flipped[position] ^= 0x04
-        damaged.write_bytes(flipped)
-        try:
-            again = sb.load(damaged)
-        except sb.InputError as error:
-            found += error.field == "file"
-            continue
-        np.testing.assert_array_equal(again.t, whole.t)
-        np.testing.assert_allclose(again.tip, whole.tip, rtol=0, atol=1e-15)
-        np.testing.assert_array_equal(again.impacts.stops, whole.impacts.stops)
-        assert again.horizon == whole.horizon
-        assert again.provenance == whole.provenance
-    assert found > len(positions) // 4
-
-
-@pytest.mark.fast(2)
-@pytest.mark.parametrize("kind", ["saved", "frozen"])
-@pytest.mark.parametrize("part", [0.1, 0.5, 0.9, 0.999])
-def test_a_cut_file_is_found(kind, part, files, tmp_path):
-    content = (files / f"{kind}.nc").read_bytes()
-    (cut := tmp_path / "cut.nc").write_bytes(content[: int(part * len(content))])
-    with pytest.raises(sb.InputError, match=r"be a whole netCDF-4 file, got '.*cut\.nc'"):
-        sb.load(cut)
-
-
 @pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("kind", "attribute", "value", "message"),

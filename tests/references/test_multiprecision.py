@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import damped_bounces, exact_linear
-from systems import linear_part, one_mass
+from oracles import damped_bounces
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -45,28 +45,6 @@ def test_too_few_digits_show_as_a_horizon(table10):
     assert 0.3 < few.horizon < 2.0
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_matrices_of_ones_own_with_a_moving_stop(seed):
-    from systems import bouncing_chain
-
-    system = bouncing_chain()
-    many = sb.reference(system, 6.0, "multiprecision", digits=40 + seed)
-    double = solve(system, 6.0, "exact", many.t, 0.0, None)
-    assert many.impacts.count == double.impacts.count > 5
-    assert np.max(np.abs(many.tip - double.tip)) < 1e-9
-
-
-def test_one_stop_contact_at_the_start_and_no_contact_at_all():
-    pressed = one_mass(1.0, sb.Stops(-0.5, None, stiffness=99.0), q=-0.6)
-    free = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.3, sb.Harmonic(2.0, 7.0)),)), 6)
-    for system, t_end in ((pressed, 9.0), (free, 0.5)):
-        many = sb.reference(system, t_end, "multiprecision")
-        double = solve(system, t_end, "exact", many.t, 0.0, None)
-        assert many.horizon == t_end
-        assert many.impacts.count == double.impacts.count
-        assert np.max(np.abs(many.tip - double.tip)) < 1e-11
-
-
 @pytest.mark.slow
 def test_a_damped_mass_between_stops_bounces_as_the_closed_form_in_mpmath_past_the_float64_horizon():
     pytest.importorskip("mpmath")
@@ -98,19 +76,6 @@ def test_a_viscous_beam_in_two_precisions_and_in_float64(viscosity, table10):
     assert np.array_equal(other.sides, many.solution.sides)
     assert np.max(np.abs(other.times - many.solution.times)) < 1e-14
     assert np.max(np.abs(many.energy.loss)) < 1e-10 * np.max(many.energy.energy)
-
-
-def test_damping_that_couples_no_modes_is_the_closed_form(three_masses):
-    """C = 0.3 M + 0.02 K without contact, against the matrix exponential."""
-    system = dataclasses.replace(three_masses, damping=0.3 * three_masses.mass + 0.02 * three_masses.stiffness)
-    load = np.array([1.0, 0.0, -1.0])
-    times = np.linspace(0.0, 20.0, 11)
-    q, v = exact_linear(
-        *linear_part(system), times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
-    )
-    many = sb.reference(system, 20.0, "multiprecision", t_eval=times)
-    assert np.max(np.abs(many.states[0] - q)) < 1e-12
-    assert np.max(np.abs(many.states[1] - v)) < 1e-12
 
 
 @pytest.mark.slow
@@ -158,22 +123,6 @@ def test_frequencies_that_coincide_or_vanish(stiffness, damping):
     assert many.horizon == double.horizon == 20.0
     assert many.impacts.count == double.impacts.count > 5
     assert np.max(np.abs(many.tip - double.tip)) < 1e-11
-
-
-@pytest.mark.parametrize("contacts", [0, 2])
-@pytest.mark.slow
-def test_a_mode_at_the_drives_frequency_that_is_not_forced_is_no_resonance(contacts):
-    """K = diag(4, 9, 16) driven at 3 on the first mass only: u = (sin 3t - 1.5 sin 2t)/(4 - 9)."""
-    far = [sb.Contact(np.eye(3)[i], sb.Stops(-9.0, 9.0, stiffness=1.0)) for i in range(contacts)]
-    unit = np.eye(3)[0]
-    system = sb.System.from_matrices(
-        np.eye(3), np.diag([4.0, 9.0, 16.0]), loads=[(unit, sb.Harmonic(1.0, 3.0))], contacts=far, observe=unit
-    )
-    many = sb.reference(system, 5.0, "multiprecision", digits=30)
-    assert np.max(np.abs(many.tip - (np.sin(3 * many.t) - 1.5 * np.sin(2 * many.t)) / (4.0 - 9.0))) < 1e-13
-    resonant = dataclasses.replace(system, loads=((unit, sb.Harmonic(1.0, 2.0)),))
-    many = sb.reference(resonant, 5.0, "multiprecision", digits=30)
-    assert np.max(np.abs(many.tip - (np.sin(2 * many.t) / 2.0 - many.t * np.cos(2 * many.t)) / 4.0)) < 1e-14
 
 
 def test_what_it_cannot_take_is_refused(table10):

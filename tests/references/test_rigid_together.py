@@ -5,15 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rigid_solutions import known
 
 import stiffbeam as sb
 
 COUPLED = np.linalg.inv([[1.0, 0.5], [0.5, 1.0]])  # M of which the inverse is this
-
-
-def impulses(motion):
-    return [contact.impulse for contact in motion.contacts]
 
 
 def stop(row, restitution=0.5, **where):
@@ -26,17 +21,6 @@ def bar(inertia, restitution, q0, weight=1.0, spring=0.0, v0=(0.0, 0.0)):
     load = [([weight, 0.0], sb.Constant(1.0))]
     M, K = np.diag([1.0, inertia]), np.diag([0.0, spring])
     return sb.System.from_matrices(M, K, loads=load, contacts=contacts, initial_displacement=q0, initial_velocity=v0)
-
-
-@pytest.mark.slow
-def test_an_order_that_rounding_decides_is_not_certified():
-    """Left falls from 1/10, right from 1/2: in decimals they close together at 2/sqrt(5), in doubles they do not."""
-    system, t = bar(0.5, (0.5, 0.5), (-0.3, 0.2)), np.linspace(0.0, 4.0, 401)
-    run, truth = sb.reference(system, 4.0, t_eval=t), known("order by rounding")
-    assert 0.88 < run.horizon < 2.0 / np.sqrt(5.0)
-    off = np.abs(run.tip[:: truth.every] - truth.tip)
-    assert np.max(off[t[:: truth.every] <= run.horizon]) < 1e-14
-    assert np.max(off) > 0.01
 
 
 def balls(starts, restitution, v0, gap=0.0):
@@ -83,19 +67,6 @@ def test_a_comparison_says_why_a_flat_drop_ends_the_horizon():
     assert reference.horizon <= 1.0 + 1e-9
     run = sb.integrate(system, sb.MoreauJean(), 1e-3, 2.0)
     assert "hit at one time, t = 1: their order decides" in str(sb.compare(run, reference))
-
-
-@pytest.mark.parametrize("restitution", [0.2, 0.5, 0.8])
-def test_ends_that_do_not_move_each_other_chatter_side_by_side(restitution):
-    """Inertia 1: the flat fall is that of two balls, which rest after sqrt(2 h/g) (1 + 2 e/(1 - e))."""
-    rest = 1.0 + 2.0 * restitution / (1.0 - restitution)
-    system = bar(1.0, (restitution, restitution), (-0.5, 0.0))
-    run = sb.reference(system, rest + 1.0)
-    assert run.horizon == rest + 1.0
-    for mine, other in zip(run.contacts, known(f"side by side, {restitution}").contacts, strict=True):
-        assert mine.impacts.count == len(other.times)
-        assert mine.fraction == pytest.approx(1.0 / (rest + 1.0), rel=1e-5)
-        assert mine.impulse == pytest.approx(0.5 * (rest + 1.0), rel=1e-12)
 
 
 FLAT = [(0.2, (0.5, 0.5), (-0.5, 0.0), 1.0, 0.0), (0.05, (0.8, 0.8), (-0.5, 0.0), 1.0, 0.0)]
@@ -170,10 +141,6 @@ def test_two_that_start_on_their_stops_but_for_rounding_have_no_order(written):
     given = {"initial_displacement": q0, "initial_velocity": [1.0, 1.3]}
     system = sb.System.from_matrices(COUPLED, 5.0 * np.eye(2), contacts=contacts, **given)
     assert sb.reference(system, 1.0).horizon == 0.0
-    exactly = [stop([1.0, 0.0], upper=0.3), stop([0.0, 1.0], upper=0.1)]
-    run = sb.reference(sb.System.from_matrices(COUPLED, 5.0 * np.eye(2), contacts=exactly, **given), 1.0)
-    assert run.horizon == 0.0
-    assert impulses(run) == pytest.approx(impulses(known("written exactly")), rel=1e-10)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3])
@@ -193,41 +160,23 @@ def test_a_plastic_impact_of_a_free_body(size):
 
 
 @pytest.mark.fast(1)
-@pytest.mark.parametrize("load", ["sine", "ramp", "chain"])
-def test_a_load_that_rises_from_zero_presses_a_body_on_its_stop(load):
-    """J = int f dt while it presses; that on the other mass of a chain reaches the stop through its spring only."""
-    sine, ramp = sb.Harmonic(1.0, 2.8), sb.Sampled([0.0, 1.0, 2.0], [0.0, 1.0, 2.0], "linear")
-    n = 2 if load == "chain" else 1
-    K = np.array([[2.0, -2.0], [-2.0, 2.0]]) if n == 2 else np.zeros((1, 1))
-    contact = stop(np.eye(n)[0], 0.8, upper=0.0)
-    f = ramp if load == "ramp" else sine
-    system = sb.System.from_matrices(np.eye(n), K, loads=[(np.eye(n)[-1], f)], contacts=[contact])
-    run = sb.reference(system, 1.0)
+@pytest.mark.parametrize(
+    ("load", "J"),
+    [(sb.Harmonic(1.0, 2.8), (1.0 - np.cos(2.8)) / 2.8), (sb.Sampled([0.0, 1.0, 2.0], [0.0, 1.0, 2.0]), 0.5)],
+)
+def test_a_load_that_rises_from_zero_presses_a_body_on_its_stop(load, J):
+    """J = int f dt."""
+    contact = stop([1.0], 0.8, upper=0.0)
+    run = sb.reference(sb.System.from_matrices([[1.0]], [[0.0]], loads=[([1.0], load)], contacts=[contact]), 1.0)
     assert run.contacts[0].position == pytest.approx(0.0, abs=1e-15)
-    if n == 1:
-        assert run.horizon == 1.0
-        J = 0.5 if load == "ramp" else (1.0 - np.cos(2.8)) / 2.8
-        assert run.contacts[0].impulse == pytest.approx(J, rel=1e-10)
-    else:
-        assert impulses(run) == pytest.approx(impulses(known("load on a chain")), rel=1e-10)
-
-
-def test_the_horizon_of_what_starts_at_rest_on_a_stop():
-    """Its copies are off by a rounding of their speeds, and thrown off the stop by that."""
-    load = sb.Harmonic(1.0, 2.8, np.pi / 2.0)
-    system = sb.System.from_matrices([[1.0]], [[1.0]], damping=[[0.05]], loads=[([1.0], load)],
-                                     contacts=[stop([1.0], 0.8, upper=0.0)])  # fmt: skip
-    run, truth = sb.reference(system, 5.0, t_eval=np.linspace(0.0, 5.0, 501)), known("at rest")
-    assert run.horizon == 5.0
-    assert run.impacts.count == 1
-    assert np.max(np.abs(run.tip[:: truth.every] - truth.tip)) < 1e-13
+    assert run.horizon == 1.0
+    assert run.contacts[0].impulse == pytest.approx(J, rel=1e-10)
 
 
 PRESSED = {
     "one": ([[0.7]], [[0.3]], [1.3], [[1.0]]),
     "row of 2": ([[0.7]], [[0.3]], [1.3], [[2.0]]),
     "both held": ([[2.0, 0.3], [0.3, 1.1]], [[3.0, -1.0], [-1.0, 2.0]], [1.3, 0.7], [[1.0, 0.0], [0.0, 1.0]]),
-    "the other moves": ([[2.0, 0.3], [0.3, 1.1]], [[3.0, -1.0], [-1.0, 2.0]], [1.3, 0.7], [[1.0, 0.0]]),
 }
 
 
@@ -237,7 +186,7 @@ PRESSED = {
 def test_a_body_that_is_pressed_on_its_stop_stays_there(name, load):
     """Rounding is all that moves it: its energy balance is not open by that.
 
-    Where everything is held J = row^-T p int f dt, which is 3/2 of the constant and 15/16 of the ramp.
+    J = row^-T p int f dt, which is 3/2 of the constant and 15/16 of the ramp.
     """
     M, K, p, rows = (np.array(x) for x in PRESSED[name])
     f = sb.Constant(1.0) if load == "constant" else sb.Sampled([0.0, 1.0, 9.0], [0.0, 1.0, -3.0], "linear")
@@ -247,27 +196,8 @@ def test_a_body_that_is_pressed_on_its_stop_stays_there(name, load):
     assert run.horizon == 1.5
     assert not np.any(run.tip)
     assert run.impacts.count == 0
-    if len(rows) == len(p):
-        J = np.linalg.solve(rows.T, p) * (1.5 if load == "constant" else 15.0 / 16.0)
-        assert impulses(run) == pytest.approx(J, rel=1e-12)
-    else:
-        assert impulses(run) == pytest.approx(impulses(known(f"pressed, {load}")), rel=1e-10)
-
-
-def test_two_contacts_that_one_load_lets_go_at_one_time():
-    """Both are pressed by sin(w t) until pi/w, J = 2 p/w, and leave together, one of which e = 0 would hold."""
-    M = [[2.54746271394026, 0.1804747787178271], [0.1804747787178271, 1.3246032388081606]]
-    K = [[1.0841625601336173, -3.446087395232882], [-3.446087395232882, 18.62082480214387]]
-    p = [1.0333753457626227, 0.9078343846283474]
-    contacts = [stop([1.0, 0.0], 0.5, upper=0.0), stop([0.0, 1.0], 0.0, upper=0.0)]
-    system = sb.System.from_matrices(M, K, loads=[(p, sb.Harmonic(1.0, 2.8))], contacts=contacts)
-    run = sb.reference(system, 1.5, t_eval=np.linspace(0.0, 1.5, 31))
-    assert run.horizon == 1.5
-    assert impulses(run) == pytest.approx(2.0 / 2.8 * np.array(p), rel=1e-12)
-    assert run.contacts[0].fraction == pytest.approx(np.pi / 2.8 / 1.5, rel=1e-12)
-    for mine, other in zip(run.contacts, known("let go together").contacts, strict=True):
-        assert np.max(np.abs(mine.position - other.position)) < 1e-14
-        assert other.position[-1] < -1e-3
+    J = np.linalg.solve(rows.T, p) * (1.5 if load == "constant" else 15.0 / 16.0)
+    assert [contact.impulse for contact in run.contacts] == pytest.approx(J, rel=1e-12)
 
 
 def test_a_contact_that_leaves_is_driven_back_by_a_blow_on_another():
@@ -281,61 +211,3 @@ def test_a_contact_that_leaves_is_driven_back_by_a_blow_on_another():
     # B leaves with 1/2 - P/2 > 0: no more blows.
     assert [c.impulse for c in run.contacts] == pytest.approx([P, 1.5], rel=1e-12)
     assert [c.position[-1] for c in run.contacts] == pytest.approx([0.5 * 0.55, 0.5 - 0.5 * P], rel=1e-12)
-
-
-@pytest.mark.parametrize("name", ["constant", "cosine"])
-def test_the_copies_of_what_is_written_as_at_rest_are_at_rest(name):
-    """A copy that is off by a rounding of a speed hit its stop and another contact in turns without end.
-
-    "constant": the blow at t = 0 drives the other contact on its stop. A gap of 1e-9 there gives another motion, 0.082
-    for 0.017 at the end: no horizon.
-    """
-    if name == "constant":
-        M, K = (
-            [[4.629094976755292, 2.629328087933236], [2.629328087933236, 2.1743132421609435]],
-            [[14.9, 4.8], [4.8, 5.9]],
-        )
-        contacts = [stop([1.0, 0.0], 0.8, lower=0.0), stop([0.0, 1.0], 0.5, lower=0.0)]
-        p, f, v0 = [0.578, 0.329], sb.Constant(1.0), [-1.0146, 0.0]
-    else:
-        M, K = [[0.6275798, 0.6821689], [0.6821689, 7.0349688]], [[6.6, -16.0], [-16.0, 40.3]]
-        contacts = [stop([1.0, 0.0], 0.5, lower=0.0), stop([0.0, 1.0], 0.0, upper=0.0)]
-        p, f, v0 = [-0.00628799629256378, 0.7877514569336045], sb.Harmonic(1.0, 2.8, np.pi / 2.0), [0.0, 0.0]
-    system = sb.System.from_matrices(M, K, loads=[(p, f)], contacts=contacts, initial_velocity=v0)
-    run, truth = sb.reference(system, 1.5, t_eval=np.linspace(0.0, 1.5, 31)), known(f"copies, {name}")
-    assert run.horizon == truth.horizon == (0.0 if name == "constant" else 1.5)
-    assert [c.impacts.count for c in run.contacts] == [len(c.times) for c in truth.contacts]
-    assert np.max(np.abs(run.tip - truth.tip)) < 1e-11 * np.max(np.abs(truth.tip))
-    assert impulses(run) == pytest.approx(impulses(truth), rel=1e-10)
-
-
-@pytest.mark.parametrize("load", ["sine", "ramp"])
-def test_two_contacts_at_rest_under_a_load_that_rises_from_zero(load):
-    """Who is pressed and who leaves is one question of both, asked of the first derivative that does not vanish."""
-    f = sb.Harmonic(1.0, 2.8) if load == "sine" else sb.Sampled([0.0, 1.0, 9.0], [0.0, 1.0, -3.0], "linear")
-    if load == "sine":
-        M, K, p = [[7.56, 3.98], [3.98, 5.2]], [[0.04, 0.05], [0.05, 1.76]], [-0.213, -1.265]
-        contacts = [stop([1.0, 0.0], lower=0.0), stop([0.0, 1.0], lower=0.0)]
-    else:
-        M, K, p = [[1.01, -0.14], [-0.14, 3.08]], [[7.53, 3.52], [3.52, 2.04]], [-0.0163, 0.677]
-        contacts = [stop([1.0, 0.0], 0.0, lower=0.0), stop([0.0, 1.0], 0.8, upper=0.0)]
-    system = sb.System.from_matrices(M, K, loads=[(p, f)], contacts=contacts)
-    run, truth = sb.reference(system, 1.5, t_eval=np.linspace(0.0, 1.5, 31)), known(f"rising, {load}")
-    assert run.horizon >= (1.12 if load == "sine" else 1.5)  # where the sine turns, who leaves is close
-    for mine, other in zip(run.contacts, truth.contacts, strict=True):
-        assert np.max(np.abs(mine.position - other.position)) <= 1e-11
-    assert impulses(run) == pytest.approx(impulses(truth), rel=1e-8)
-
-
-@pytest.mark.slow
-def test_blows_in_turns_are_the_motion_of_many_digits():
-    """Two contacts hit each other in turns until they rest, infinitely often."""
-    M = [[6.86, 1.77, -0.54, -2.88], [1.77, 1.48, 0.17, -1.07], [-0.54, 0.17, 1.55, -0.78], [-2.88, -1.07, -0.78, 3.19]]
-    K = [[28.8, 9.4, 32.3, 7.8], [9.4, 22.1, 3.3, 1.5], [32.3, 3.3, 56.9, 1.9], [7.8, 1.5, 1.9, 29.6]]
-    contacts = [stop(np.eye(4)[0], 0.5, upper=0.0), stop(np.eye(4)[1], 0.0, upper=0.0)]
-    loads = [([-0.596, 0.1236, -1.968, -0.3668], sb.Harmonic(1.0, 2.8))]
-    system = sb.System.from_matrices(M, K, loads=loads, contacts=contacts)
-    run, truth = sb.reference(system, 1.5, t_eval=np.linspace(0.0, 1.5, 31)), known("blows in turns")
-    assert run.horizon == truth.horizon == 1.5
-    assert np.max(np.abs(run.tip - truth.tip)) < 1e-14
-    assert impulses(run) == pytest.approx(impulses(truth), rel=1e-10)

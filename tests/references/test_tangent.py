@@ -52,9 +52,9 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
         "two contacts": lambda: (two_contacts(), 6.0),
     }[which]()
     growth = sb.lyapunov(system, t_end, seed=3)
-    dq, dv = tangent._vectors(system, 3)
     step = 1e-8
     base = Solver(system).solve(t_end)
+    dq, dv = tangent.TangentVectors(system, base, t_end).start(3)
     assert len(base.times) > 10
     here = base.states(growth.t)
     for j in range(dq.shape[1]):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.integrate
-from random_systems import case
 
 import stiffbeam as sb
 from stiffbeam.references.adaptive import restarts
@@ -39,14 +38,6 @@ def test_an_explicit_method_on_a_stiff_system_is_refused_before_it_starts():
     hard = 1.0 / np.sqrt(np.array([1e-16, 1.0]))
     with pytest.raises(sb.InputError, match="dop853"):
         sb.reference(sb.System.from_matrices(np.diag(hard**-2), np.eye(2), observe=[0.0, 1.0]), 1.0, "dop853")
-
-
-def test_a_system_of_the_campaign_that_took_a_minute():
-    made = case(1, 166)
-    loads = [(p, sb.Constant(w[1]) if w[0] == "constant" else sb.Harmonic(*w[1:])) for p, w in made.loads]
-    system = sb.System.from_matrices(made.mass, made.stiffness, made.damping, loads=loads, observe=made.observe)
-    with pytest.raises(sb.InputError, match="to be stable"):
-        sb.reference(system, made.t_end, "dop853")
 
 
 def test_the_estimate_is_what_stability_costs():

@@ -12,9 +12,7 @@ import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 from oracles import exact_linear
-from random_systems import case as random_case
-from step_loops import STEPS, march
-from systems import linear_part, one_mass, system_of, three_masses
+from systems import linear_part, one_mass, three_masses
 
 import stiffbeam as sb
 from stiffbeam.kernels.contact import solve_stage
@@ -30,26 +28,9 @@ from stiffbeam.studies.common import chosen
 ALL = list(registered())
 PRINTED = [sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
 CONSERVING = [sb.Trapezoidal(), sb.ExponentialFlow()]
-TEXTBOOK = [scheme for scheme in (*ALL, sb.Bathe(split=0.7), sb.Theta(theta=0.8)) if scheme.name in STEPS]
 
 
-@pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
-@pytest.mark.parametrize("scheme", TEXTBOOK, ids=str)
-@pytest.mark.parametrize("index", range(12, 16))  # plain, damped, several contacts, moving stops
-def test_a_scheme_is_its_textbook_loop(index, scheme, contact):
-    """Formulas on dense matrices, written again; contact by trying all sides. Rounding grows as two loops part."""
-    case, steps = random_case(1, index), 150
-    dt = case.t_end / steps
-    q, _ = march(case, scheme.name, scheme.parameters, dt, steps, contact)
-    case.q0[:] = case.q0 * (1 + 1e-13) + 1e-14 * np.max(np.abs(q))
-    other, _ = march(case, scheme.name, scheme.parameters, dt, steps, contact)
-    case = random_case(1, index)
-    run = sb.integrate(system_of(case), scheme, dt, case.t_end, contact)
-    loop, spread = q @ case.observe, np.maximum.accumulate(np.abs((q - other) @ case.observe))
-    assert np.all(np.abs(run.tip - loop) <= 1e-9 * np.maximum.accumulate(np.abs(loop)) + 100.0 * spread)
-
-
-@pytest.mark.parametrize("scheme", [scheme for scheme in ALL if scheme.name in STEPS], ids=str)
+@pytest.mark.parametrize("scheme", [scheme for scheme in ALL if not isinstance(scheme, sb.ExponentialFlow)], ids=str)
 def test_a_reaction_acts_as_a_load_does(scheme):
     """So that the textbook's formula under loads is also the one under contact."""
     rng, S = np.random.default_rng(3), len(scheme.nodes)

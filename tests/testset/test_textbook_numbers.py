@@ -3,7 +3,7 @@
 Those that other tests ask:
     Kelvin-Voigt and Hunt-Crossley restitution, Hertz    test_contact_laws
     a ball's and a preloaded oscillator's last bounce    test_rigid_exact
-    speed and phase of the impact oscillator             test_rigid_exact; the rational orbit test_rigid_solutions
+    speed and phase of the impact oscillator             test_rigid_exact, the rational orbit too
     nonsmooth modes of a chain and of the beam           test_rigid_exact
     the chain that sticks once a period                  test_known_answers
     bars on a wall, in rational numbers                  test_rigid_bar
@@ -23,7 +23,7 @@ import scipy.optimize
 import stiffbeam as sb
 from stiffbeam.model.contact import dissipation_for
 from stiffbeam.references.exact.motion import Solver
-from stiffbeam.references.horizon import Struck
+from stiffbeam.references.horizon import TangentVectors
 
 INF = float("inf")
 
@@ -130,7 +130,7 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
     drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
     one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
     motion = Solver(one).solve(1.01 * T)
-    flow = Struck(one, motion, 1.01 * T)
+    flow = TangentVectors(one, motion, 1.01 * T)
     after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
     dq, dv = np.eye(2)[:1], np.eye(2)[1:]
     for k in range(after):

@@ -176,7 +176,8 @@ class Event:
     direction : float
         0: zeros in both directions.
     terminal : bool
-        False; set it to True to restart there with ``ODE.segment``.
+        False; set it to True to restart there with ``ODE.segment``, and ``direction`` to 1 where the contact is open,
+        to -1 where it is closed: otherwise SciPy stops at the event at which it starts.
     """
 
     def __init__(self, value: Callable[[float, ArrayLike], float], contact: int, side: int) -> None:

@@ -42,7 +42,6 @@ class RightHandSide:
         self.damped = any(c.contact.stops.dissipative for c in contacts)
         self.size = n + 2 + m + self.damped
         self.z0 = np.concatenate([first_order.y0, np.zeros(2 + m + self.damped)])
-        self.compile_seconds = 0.0  # of what a solver compiles for it
         self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
         drive, units = Drive.of(system), np.eye(m)

@@ -88,8 +88,7 @@ def reference(
     Returns
     -------
     Reference
-        Limitation: a graze that goes less deep than 1e-12 of the motion, 1e-18 in multiprecision, may count as no
-        impact.
+        Limitation: a graze that goes less deep than 1e-12 of the motion may count as no impact.
 
     Raises
     ------

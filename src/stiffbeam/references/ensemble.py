@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.progress import silent, working
-from ..basics.resources import clock, cores, over_slices
+from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, function, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
@@ -21,9 +20,7 @@ from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference
 from . import solve as solve_by
-from .exact.contacts import audit, within_float64
-from .exact.motion import Solver
-from .exact.solution import observations, reference_of, solve_exact
+from .exact.solution import solve_exact
 
 
 @working("solving an ensemble")
@@ -85,7 +82,7 @@ def reference_ensemble(
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
     one = solve_exact if method == "exact" else partial(_adaptive, method)
     first = one(members[0], t_end, at, since)
-    solving = Solving(method, t_end, at, since, len(times))
+    solving = partial(_solved, one, t_end, at, since, len(times))
     report = None if progress is None else lambda done: progress(1 + done)
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
     parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
@@ -97,34 +94,11 @@ def reference_ensemble(
     return gathered(members, parts, times, Work(0, seconds, seconds), first.provenance | notes, ledger)
 
 
-@dataclass(frozen=True, eq=False)
-class Solving:
-    """The solution of members by a method over [0, t_end], kept at the first ``outputs`` of the times ``at``."""
-
-    method: str
-    t_end: float
-    at: Array
-    since: float
-    outputs: int
-
-    def __call__(self, part: EnsembleMembers) -> list[Trajectory]:
-        """Runs of some of the members."""
-        system, t_end, since = part.system, self.t_end, self.since
-        one = solve_exact if self.method == "exact" else partial(_adaptive, self.method)
-        # Members that differ in their starts alone share one solver.
-        exact = self.method == "exact" and not system.rigid
-        if not exact or not set(part.fields) <= {"q0", "v0"}:
-            return [slim(one(x, t_end, self.at, since), self.outputs) for x in part]
-        begun, solver, runs = clock(), Solver(system), []
-        for i in range(len(part)):
-            start = part.start(i)
-            with within_float64("exact", t_end):
-                solution = solver.solve(t_end, start, self.at)
-                audit(system, solution, t_end, start=start)
-                observe = partial(observations, start=start)
-                run = reference_of(system, solution, t_end, self.at, begun, self.method, {}, since, observe)
-            runs.append(slim(run, self.outputs))
-        return runs
+def _solved(
+    one: Callable[..., Reference], t_end: float, at: Array, since: float, outputs: int, part: EnsembleMembers
+) -> list[Trajectory]:
+    """Runs of some of the members."""
+    return [slim(one(system, t_end, at, since), outputs) for system in part]
 
 
 def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:

@@ -4,7 +4,7 @@ tip and at every contact; and the rate at which neighbouring motions diverge, by
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last segment ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
 If the force is continuous, tangent vectors do not jump at an event (the saltation matrix is the identity), and Phi is
-the product of the homogeneous flows of the segments. At the entry into a damped stop the force jumps, see ``entry``.
+the product of the homogeneous flows of the segments. Where the force or the velocity jumps, see ``exact/tangent.py``.
 """
 
 from __future__ import annotations
@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray
+from ..basics.arrays import Array
 from ..basics.progress import Show, silent
 from ..basics.validation import InputError, integer, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
-from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
@@ -44,7 +43,7 @@ LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 class Watched(NamedTuple):
     """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, the impacts of
-    each contact, and the impulses of rigid stops at t = 0, but for rounding."""
+    each contact, and of an exact motion the impulses (m,) of rigid stops at t = 0, but for rounding."""
 
     t: Array
     paths: tuple[Array, ...]
@@ -65,21 +64,19 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0)
 
 def watched(run: Trajectory) -> Watched:
     """The data of a run that define the horizon, at its output times."""
-    impacts = tuple(c.impacts for c in run.contacts)
-    solution, rigid = getattr(run, "solution", None), run.system is not None and run.system.rigid
-    if rigid and isinstance(solution, Motion):
-        end = float(run.t[-1])
-        impacts = tuple(entries(solution, i, end) for i in range(len(impacts)))
-        return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), impacts, _struck_at_once(solution, end))
-    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), impacts)
+    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
 
 
-def _struck_at_once(solution: Motion, t_end: float) -> Array:
-    """Impulses of rigid stops at t = 0, but for rounding, (m,)."""
-    blows, contacts = solution.blows, range(len(solution.system.contacts))
-    largest = np.array([largest_momentum(solution, i) for i in contacts])
-    strong = (blows.t <= AT_ONCE * t_end) & (blows.outward >= DUST * largest[blows.contact])
-    return np.bincount(blows.contact, blows.outward * strong, len(contacts))
+def _watched_motion(system: System, motion: Motion, t: Array) -> Watched:
+    """The same of an exact motion, at any times t (k,)."""
+    end, contacts = float(t[-1]), range(len(system.contacts))
+    paths = tuple(path_of(system, motion, t, i)[0] for i in (system.tip_channel, *contacts))
+    impacts = tuple(entries(motion, i, end) for i in contacts)
+    if not system.rigid:
+        return Watched(t, paths, impacts)
+    largest, blows = np.array([largest_momentum(motion, i) for i in contacts]), motion.blows
+    strong = (blows.t <= AT_ONCE * end) & (blows.outward >= DUST * largest[blows.contact])
+    return Watched(t, paths, impacts, np.bincount(blows.contact, blows.outward * strong, len(contacts)))
 
 
 def scales_of(run: Trajectory) -> list[float]:
@@ -165,40 +162,29 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copy_of(solver: Solver, seed: int, t: Array) -> Watched:
-    """The solution of a perturbed copy of the problem to the last of the times t (k,), see ``Solver.perturbed``."""
-    system, t_end = solver.system, float(t[-1])
-    with within_float64("exact", t_end):
-        solution = solver.perturbed(PERTURBATION, seed).solve(t_end, stations=t)
-        seen = [path_of(system, solution, t, channel)[0] for channel in range(len(system.channels))]
-        paths = (seen[system.tip_channel], *seen[: len(system.contacts)])
-        impacts = tuple(entries(solution, i, t_end) for i in range(len(system.contacts)))
-    return Watched(t, paths, impacts, _struck_at_once(solution, t_end) if system.rigid else np.zeros(0))
-
-
 def copies_agree_until(
-    nominal: Watched, system: System, tolerance: float, scales: list[float], horizon: float, show: Show = silent
+    system: System, motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
 ) -> float:
-    """The time, ``horizon`` at most, to which COPIES of the problem agree with its solution."""
-    solver, whole = Solver(system), nominal
-
-    def until(horizon: float) -> Watched:
-        count = min(len(whole.t), max(2, 1 + int(np.searchsorted(whole.t, horizon))))
-        impacts = tuple(each.until(float(whole.t[count - 1])) for each in whole.impacts)
-        return Watched(whole.t[:count], tuple(u[:count] for u in whole.paths), impacts, whole.struck)
-
+    """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
+    solver = Solver(system)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
+        copy, until = solver.perturbed(PERTURBATION, seed), horizon
         # The first copy to diverge, or to stop, ends it: no other need go further.
-        part = until(horizon)
-        try:
-            other = copy_of(solver, seed, part.t)
-        except SolverFailure as stopped:
-            horizon = float(whole.t[max(0, int(np.searchsorted(whole.t, stopped.t)) - 1)])
-            part = until(float(np.nextafter(horizon, 0.0)))
-            other = copy_of(solver, seed, part.t)
+        for attempt in range(2):
+            part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
+            try:
+                with within_float64("exact", float(part[-1])):
+                    other = _watched_motion(system, copy.solve(float(part[-1]), stations=part), part)
+                break
+            except SolverFailure as stopped:
+                if attempt:
+                    raise
+                horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
+                until = float(np.nextafter(horizon, 0.0))
         # Of a chatter either may count more impacts.
-        horizon = min(horizon, agree_until(part, other, tolerance, scales, PART, system.rigid))
+        agreed = agree_until(_watched_motion(system, motion, part), other, tolerance, scales, PART, system.rigid)
+        horizon = min(horizon, agreed)
     return horizon
 
 
@@ -209,25 +195,28 @@ def exact_horizon(
 
     It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
-    would hold back: the horizon ends where that reaches the tolerance.
+    would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
-    horizon, scales = min(t_end, _of_free_modes(system)), scales_of(reference)
+    motion, t, scales = reference.solution, reference.t, scales_of(reference)
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
-        _, kept = withheld(system, reference.solution, t_end)
+        _, kept = withheld(system, motion, t_end)
         rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
         scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
     # Outputs that begin late show nothing of the time before.
-    if reference.t[0] > 0.0:
-        early = np.linspace(0.0, reference.t[0], OUTPUTS, endpoint=False)
-        reference = solve_exact(system, t_end, np.append(early, reference.t))
-    unseen = horizon
-    horizon = copies_agree_until(watched(reference), system, tolerance, scales, horizon, show)
+    if t[0] > 0.0:
+        t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
+    most = min(t_end, _of_free_modes(system))
+    horizon = copies_agree_until(system, motion, t, tolerance, scales, most, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
-        horizon = min(unseen, _soon(reference, system, t_end, tolerance))
+        times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
+        horizon = min(most, copies_agree_until(system, motion, times, tolerance, scales_of(reference), t_end))
+        if horizon <= times[1] and not system.rigid:
+            reason = "rounding is as large as the outputs from the start"
+            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
-    ends = _order_decides(reference.solution, horizon, reference.t) if system.rigid and horizon < t_end else ""
+    ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
     return horizon, {"against": against} | ({"horizon_ends": ends} if ends else {})
 
 
@@ -250,22 +239,6 @@ def _of_free_modes(system: System) -> float:
     terms = np.sum(np.abs(shapes) * (np.abs(system.stiffness) @ np.abs(shapes)), axis=0)
     largest = float(np.max(rounding_of_zero(terms, system.size), initial=0.0))
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf
-
-
-def _soon(reference: Reference, system: System, t_end: float, tolerance: float) -> float:
-    """The horizon by outputs at t_end 2^-k, if it ends before the first output of the reference.
-
-    Its tolerance stays that of the reference's outputs: where all of these are zeros of the motion, as good as
-    none of their digits is right, however large the motion is between them. Raises SolverFailure where it ends
-    before all of these too: there rounding is as large as the outputs.
-    """
-    times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-    own, scales = watched(solve_exact(system, t_end, times)), scales_of(reference)
-    horizon = copies_agree_until(own, system, tolerance, scales, t_end)
-    if horizon <= times[1] and not system.rigid:
-        reason = "rounding is as large as the outputs from the start"
-        raise SolverFailure("exact", 0.0, reason, "use multiprecision")
-    return horizon
 
 
 def with_horizon(
@@ -402,71 +375,52 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
         solution = Solver(system).solve(t_end)
         if not system.rigid:
             audit(system, solution, t_end)
-        return growth(system, solution, t_end, seed)
-
-
-def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough: float = np.inf) -> PerturbationGrowth:
-    """``lyapunov`` along an existing solution; it ends where a growth, ln, reaches ``enough``."""
-    dq, dv = _vectors(system, seed)
-    along = Struck(system, solution, t_end) if system.rigid else Pressed(system, solution)
-    # Vectors that held contacts leave nothing of drop out.
-    dq, dv = _unit(system, *along.start(dq, dv))
-    if not dq.shape[1]:
-        raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
-    times = np.asarray(solution.times)
-    # Every event is an edge, so that each flow is that of one segment.
-    edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
-    segment = np.maximum(np.searchsorted(times, edges[:-1], side="right") - 1, 0)
-    logs, last = np.zeros((len(edges), dq.shape[1])), 0
-    for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
-        # Several events may come between two edges, at one time.
-        for new in range(last + 1, k + 1):
-            dq, dv = along.across(new, dq, dv)
-        last = k
-        try:
+        along = TangentVectors(system, solution, t_end)
+        # Vectors that held contacts leave nothing of drop out.
+        dq, dv = _unit(system, *along.on_stops(0, *along.start(seed)))
+        if not dq.shape[1]:
+            raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
+        # Every event is an edge, so that each flow is that of one segment.
+        edges = np.union1d(along.times, np.linspace(0.0, t_end, SAMPLES + 1))
+        segment = np.maximum(np.searchsorted(along.times, edges[:-1], side="right") - 1, 0)
+        logs, last = np.zeros((len(edges), dq.shape[1])), 0
+        for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
+            # Several events may come between two edges, at one time.
+            for new in range(last + 1, k + 1):
+                dq, dv = along.across(new, dq, dv)
+            last = k
             dq, dv, logs[i + 1] = _carried(system, along, k, tau, dq, dv, logs[i], float(edges[i]))
-        except SolverFailure:
-            if not np.isfinite(enough):
-                raise
-            return PerturbationGrowth(edges[: i + 1], logs[: i + 1])  # nothing is left that could grow to ``enough``
-        if np.max(logs[i + 1]) > enough:
-            return PerturbationGrowth(edges[: i + 2], logs[: i + 2])
-    return PerturbationGrowth(edges, logs)
+        return PerturbationGrowth(edges, logs)
 
 
-@dataclass(frozen=True, eq=False)
-class Pressed:
-    """Tangent vectors (n, k) along a motion between compliant stops."""
+class TangentVectors:
+    """Tangent vectors (n, k) along an exact motion, whose segments begin at ``times``.
 
-    system: System
-    solution: Motion
-
-    def start(self, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors at t = 0."""
-        return dq, dv
-
-    def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors at tau after dq, dv in a segment."""
-        return self.solution.flow(segment, tau, dq, dv)
-
-    def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors after the event at which a segment begins."""
-        return dq, entry(self.system, self.solution.sides[segment - 1], self.solution.sides[segment], dq, dv)
-
-
-class Struck:
-    """Tangent vectors (n, k) along a motion between rigid stops.
-
-    A contact that is held leaves of them what is M-orthogonal to M^-1 row^T: impulses along the row do not touch it.
+    A contact that is held on a rigid stop leaves of them what is M-orthogonal to M^-1 row^T: impulses along the row do
+    not touch it.
     """
 
     def __init__(self, system: System, solution: Motion, t_end: float) -> None:
-        self.n, self.held = system.size, [tuple(np.flatnonzero(sides).tolist()) for sides in solution.sides]
-        self.tangent = Tangent(Generators(system), path_of_solution(system, solution, t_end))
+        path = path_of_solution(system, solution, t_end)
+        self.system, self.n, self.times, self.tangent = (
+            system,
+            system.size,
+            path.times,
+            Tangent(Generators(system), path),
+        )
+        self.held = [tuple(np.flatnonzero(sides).tolist()) if path.rigid else () for sides in path.sides]
 
-    def start(self, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors at t = 0."""
-        return self._on_stops(0, dq, dv)
+    def start(self, seed: int) -> tuple[Array, Array]:
+        """Unit vectors: random with the energy spread over all modes, and (q', q'')."""
+        basis = undamped_modes(self.system)
+        noise = np.random.default_rng(seed).standard_normal((2, self.n, RANDOM))
+        slowest = np.min(basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0)
+        # Displacements over frequencies: elastic and kinetic energy are of one size. The floor is for rigid modes.
+        scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
+        rate = (self.tangent.regimes[0].A @ self.tangent.Z[0])[: 2 * self.n]
+        dq = np.column_stack([basis.shapes @ (noise[0] / scale), rate[: self.n]])
+        dv = np.column_stack([basis.shapes @ noise[1], rate[self.n :]])
+        return _unit(self.system, dq, dv)
 
     def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
         """Vectors at tau after dq, dv in a segment."""
@@ -477,7 +431,7 @@ class Struck:
         dq, dv = self._split(self.tangent.across(segment, self._joined(dq, dv)))
         # Contacts held before stay so under the flow: only new ones change the vectors.
         newly_held = set(self.held[segment]) - set(self.held[segment - 1])
-        return self._on_stops(segment, dq, dv) if newly_held else (dq, dv)
+        return self.on_stops(segment, dq, dv) if newly_held else (dq, dv)
 
     def _joined(self, dq: Array, dv: Array) -> Array:
         return np.vstack([dq, dv, np.zeros((self.tangent.generators.basis.size, dq.shape[1]))])
@@ -485,7 +439,7 @@ class Struck:
     def _split(self, dZ: Array) -> tuple[Array, Array]:
         return dZ[: self.n], dZ[self.n : 2 * self.n]
 
-    def _on_stops(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
+    def on_stops(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
         """Projection of vectors while the contacts of a segment are held; zero where all that is left is rounding."""
         data, held = self.tangent.generators.data, list(self.held[segment])
         if not held:
@@ -501,7 +455,7 @@ class Struck:
 
 
 def _carried(
-    system: System, along: Pressed | Struck, segment: int, tau: float, dq: Array, dv: Array, log: Array, t: float
+    system: System, along: TangentVectors, segment: int, tau: float, dq: Array, dv: Array, log: Array, t: float
 ) -> tuple[Array, Array, Array]:
     """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
     nothing of them that float64 can hold."""
@@ -517,42 +471,6 @@ def _carried(
         else:
             return q, v, total
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
-
-
-def entry(system: System, before: IntArray, after: IntArray, dq: Array, dv: Array) -> Array:
-    """dq' (n, k) after an event from the sides ``before`` to those ``after`` (m,).
-
-    A neighbour enters a damped stop later by -(row dq)/d', without its force c d' until then.
-    """
-    for contact, old, new in zip(system.contacts, before.tolist(), after.tolist(), strict=True):
-        if contact.stops.damping > 0.0 and old == 0 and new:
-            kick = np.linalg.solve(system.mass, contact.row)
-            dv = dv - float(contact.stops.damping) * np.outer(kick, contact.row @ dq)
-    return dv
-
-
-def _vectors(system: System, seed: int) -> tuple[Array, Array]:
-    """Unit tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
-    basis = undamped_modes(system)
-    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
-    slowest = np.min(
-        basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
-    )  # also for a rigid motion
-    # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
-    scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
-    # The direction of the motion needs q'' at t = 0, with the forces of the stops.
-    force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
-    compliant = [contact for contact in system.contacts if not contact.stops.rigid]
-    for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):
-        speed = (
-            float(contact.row @ system.v0) + offset_rate(contact.offset, np.zeros(1))[0]
-            if contact.stops.dissipative
-            else 0.0
-        )
-        force = force + contact.row * contact.stops.force(u, speed)
-    dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
-    dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
-    return _unit(system, dq, dv)
 
 
 def _unit(system: System, dq: Array, dv: Array) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, near, numbers, one_of, require_jax_float64, sequence
 from ..model.members import paths_of, value_at, with_values
 from ..model.system import System, require_system
+from ..trajectory.trajectory import Reference
 from . import reference
 from .registry import output_times
 
@@ -38,16 +40,20 @@ class JaxFlow:
 
         self.system, self.wrt, self.t, self.quantity = system, tuple(wrt), t, quantity
         self.start = np.array([value_at(system, path) for path in self.wrt])
-        self._known: tuple[bytes, tuple[Array, Array]] | None = None
+        # JAX asks for the value and for the derivative at one place in two calls: they share one solution.
+        self._solved = lru_cache(maxsize=1)(self._solve)
         # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
-        values, slopes = self._solved(self.start, derive=True)
+        values = self._values(self.start)
         if np.any(np.isnan(values)):
             horizon = float(t[np.argmax(np.isnan(values).reshape(len(t), -1).any(axis=1))])
             raise InputError("t", t[-1], f"end before the horizon of the solution, {horizon:.4g}", "ask for less time")
-        flow = jax.custom_jvp(self._called)
-        flow.defjvp(self._derived)
-        self._flow = flow
-        self._shapes = values.shape, slopes.shape
+        shapes = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in (values, self._slopes(self.start))]
+        # The solver takes one system at a time, so vmap calls it member by member.
+        values_at = partial(jax.pure_callback, self._values, shapes[0], vmap_method="sequential")
+        slopes_at = partial(jax.pure_callback, self._slopes, shapes[1], vmap_method="sequential")
+        self._flow = jax.custom_jvp(values_at)
+        # Linear in the tangent, so that JAX can transpose it.
+        self._flow.defjvp(lambda x, tangents: (values_at(*x), slopes_at(*x) @ tangents[0]))
 
     def __call__(self, values: Any) -> Any:
         """Return the quantity for these values of the parameters, a JAX array (k,), of the state (k, 2n).
@@ -65,44 +71,27 @@ class JaxFlow:
     def __repr__(self) -> str:
         return f"<JaxFlow of {self.quantity} in {', '.join(self.wrt)}, {len(self.t)} times to {self.t[-1]:.6g}>"
 
-    def _solved(self, values: ArrayLike, derive: bool) -> tuple[Array, Array]:
-        """Return the quantity at the times and, if asked, its derivative with the parameters as last axis.
+    def _solve(self, *values: float) -> Reference:
+        system = with_values(self.system, dict(zip(self.wrt, values, strict=True)))
+        return reference(system, float(self.t[-1]), t_eval=self.t)
 
-        JAX asks for the value and for the derivative at one place in two calls; the second finds the first.
-        """
-        values = np.asarray(values, float)
-        key = values.tobytes()
-        if self._known is not None and self._known[0] == key and (len(self._known[1][1]) or not derive):
-            return self._known[1]
-        system = with_values(self.system, dict(zip(self.wrt, values.tolist(), strict=True)))
-        run = reference(system, float(self.t[-1]), t_eval=self.t)
-        states = np.concatenate(run.states, axis=1) if self.quantity == "state" else None
-        # A copy: NaN must not enter the Reference.
-        result = np.array(getattr(run, self.quantity) if states is None else states)
-        result[self.t > run.horizon] = np.nan
-        slopes = np.empty(0)
-        if derive:
-            derivative = run.derivative(self.wrt)
-            slopes = np.array(getattr(derivative, self.quantity))
-            slopes[self.t > derivative.horizon] = np.nan
-        self._known = key, (result, slopes)
-        return self._known[1]
+    def _values(self, values: ArrayLike) -> Array:
+        """Return the quantity at the times, NaN past the horizon."""
+        run = self._solved(*np.asarray(values, float).tolist())
+        found = np.hstack(run.states) if self.quantity == "state" else getattr(run, self.quantity)
+        return _until(run.horizon, self.t, found)
 
-    def _called(self, values: Any) -> Any:
-        """Return the quantity; JAX calls back into the exact solver."""
-        import jax
+    def _slopes(self, values: ArrayLike) -> Array:
+        """Return its derivative with the parameters as last axis, NaN past its own horizon."""
+        derivative = self._solved(*np.asarray(values, float).tolist()).derivative(self.wrt)
+        return _until(derivative.horizon, self.t, getattr(derivative, self.quantity))
 
-        shape = jax.ShapeDtypeStruct(self._shapes[0], np.float64)
-        # The solver takes one system at a time, so vmap calls it member by member.
-        return jax.pure_callback(lambda x: self._solved(x, False)[0], shape, values, vmap_method="sequential")
 
-    def _derived(self, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-        """Return the quantity and its derivative along the tangent, linear in it, so that JAX can transpose it."""
-        import jax
-
-        shapes = [jax.ShapeDtypeStruct(shape, np.float64) for shape in self._shapes]
-        values, slopes = jax.pure_callback(lambda x: self._solved(x, True), shapes, *primals, vmap_method="sequential")
-        return values, slopes @ tangents[0]
+def _until(horizon: float, t: Array, numbers: Array) -> Array:
+    """A copy, since NaN must not enter the Reference."""
+    numbers = np.array(numbers)
+    numbers[t > horizon] = np.nan
+    return numbers
 
 
 def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> JaxFlow:

@@ -18,7 +18,7 @@ from ...model.time_functions import in_closed_form
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
 from ..registry import REFERENCES, Request, output_times, provenance_of
-from .pieces import smooth_pieces
+from .intervals import smooth_intervals
 from .restarts import Contacts, Outcome, Path, Phase, Scales, follow, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
@@ -48,18 +48,15 @@ def reference_from(
     # Smooth intervals of the loads, the equations, and the sizes from which the tolerances follow.
     t = output_times(t_eval, t_end)
     begun = clock()
-    pieces = smooth_pieces(system, t_end, steps)  # which asks the functions of time what they are
+    intervals = smooth_intervals(system, t_end, steps)  # which asks the functions of time what they are
     rhs = RightHandSide(first_order or state_space(system), mass)
     scales = scales_of(rhs.first_order, t_end)
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
-        begun = clock()
         run = solver(rhs, share * rtol, tolerances)
-        path = follow(method, rhs, pieces, t, scales, run)
-        # A later solve of the same equations uses the compiled program and must not count this time again.
-        compiling, rhs.compile_seconds = rhs.compile_seconds, 0.0
-        return path._replace(seconds=clock() - begun, compile_seconds=compiling)
+        begun = clock()
+        return follow(method, rhs, intervals, t, scales, run)._replace(seconds=clock() - begun)
 
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
@@ -75,14 +72,13 @@ def reference_from(
         return _ledger(system, t, states[0], states[1], given, taken, of_stops)
 
     # Record of how the solution was computed.
-    bounds = [piece.max_step for piece in pieces if np.isfinite(piece.max_step)]
+    bounds = [interval.max_step for interval in intervals if np.isfinite(interval.max_step)]
     notes: dict[str, Any] = {
         "rtol": rtol,
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
-        "pieces": len(pieces),
+        "intervals": len(intervals),
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
         **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
-        **({"compile_seconds": result.compile_seconds} if result.compile_seconds else {}),
     }
     return Reference(
         t=t,

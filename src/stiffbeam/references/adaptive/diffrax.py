@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-import os
-import pickle
-import platform
-import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,27 +22,23 @@ from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
-from .scipy import Cubic, Stepping
+from .scipy import Stepping
 
-CAPACITY = 128  # steps per call of a program: bounds its memory and lets an interrupt through
+CAPACITY = 128  # steps per call of the program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
-MOST = 1 << 28  # bytes of compiled programs that are kept on disk, some 4e5 each
-WORST = 1e-8  # error of the inverse in eigenvectors, relative, with which it is used
+WORST = 1e-8  # error of the inverse in eigenvectors, relative, with which it is used: two iterations leave rounding
 LEAST_STEP = 1e-14  # of the time reached: with shorter ones a solver has failed
-_PROGRAMS: dict[tuple[Any, ...], Any] = {}
 
 
 def solve(request: Request) -> Reference:
     """Kvaerno's L-stable, stiffly accurate methods of order 3 and 5 in float64.
 
-    diffrax makes the steps and chooses their lengths. A root is looked for at the ends of every step; where one ends
-    a phase, a step of the full order leads to it, and another to every output time, since dense output is of third
-    order only. The solver starts anew at every event. Newton's method takes the dense Jacobian by automatic
-    differentiation, and the eigenvectors of the Jacobian where it is constant, see ``Modal``. A program is compiled
-    once for each shape of the system, and read from disk by later processes (``provenance["compile_seconds"]`` is the
-    time of either). Takes time functions
-    made of Harmonic, Constant and Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth
-    of a time unit.
+    diffrax makes the steps and chooses their lengths, and a step ends at every output, since dense output is of third
+    order only. A root is looked for at the ends of every step; where one ends a phase, a step of the full order leads
+    to it. Newton's method takes the dense Jacobian by automatic differentiation, and the eigenvectors of the Jacobian
+    where it is constant, see ``Modal``. The program is compiled once for each shape of the system, before the time of
+    the solution counts; JAX keeps it on disk for later processes. Takes time functions made of Harmonic, Constant and
+    Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth of a time unit.
     """
     import diffrax
     import jax
@@ -57,146 +46,105 @@ def solve(request: Request) -> Reference:
     system, method = request.system, request.method
     require_closed_form(system.time_functions, method)
     name = REFERENCES[method].solver
-    assert hasattr(diffrax, name) and jax is not None  # noqa: PT018 - both are named where one is missing
+    assert hasattr(diffrax, name)
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Stepping(method, partial(Stepper, Programs(rhs, name)), rhs, rtol, atol, steps_to_outputs=True).run
+        return Stepping(method, partial(Stepper, Program(rhs, name, rtol, atol)), rhs).run
 
     return reference_from(request, solver)
 
 
 class Modal(NamedTuple):
-    """The constant Jacobian Re(V diag(rates) W) of the n states. Of two conjugate eigenvectors V has one, twice.
-
-    vectors: [Re V, -Im V] (n, 2m). back: W likewise, (2m, n), rows of V^-1. rates: (m,), complex. Zeros fill all
-    three up to a round m, so that regimes share programs. iterations: None for each, which is structure to JAX and
-    no number: a loop would cost as much as an iteration.
+    """The constant Jacobian Re(V diag(rates) W) of the n states: vectors [Re V, -Im V] (n, 2n), back [Re W; Im W]
+    (2n, n) with W = V^-1, rates (n,).
 
     Between events under a linear law y' is linear in y. The equations of a stage, (I - c J) d = r, are then solved by
     two products with V and W for any c, without a Jacobian or a factorisation in the step. Each iteration leaves the
-    rounding of W times the error before it.
+    rounding of W times the error before it. Real matrices make a product several times as fast as complex ones.
     """
 
     vectors: Any
     back: Any
     rates: Any
-    iterations: tuple[None, ...]
 
 
-class Arguments(NamedTuple):
-    """Arguments of a program. numbers: of the right-hand side. modal: its Jacobian in its eigenvectors, None where
-    Newton's method takes it in every step."""
+class Program:
+    """The compiled march of a solver of diffrax for one right-hand side, whose regime and window change."""
 
-    numbers: Any
-    modal: Modal | None
-
-
-class Programs:
-    """The compiled programs of a solver of diffrax for one right-hand side, whose regime and window change."""
-
-    def __init__(self, rhs: RightHandSide, name: str) -> None:
+    def __init__(self, rhs: RightHandSide, name: str, rtol: float, atol: Array) -> None:
         import diffrax
+        import jax
 
-        self.rhs, self.name = rhs, name
-        self._kind = numbers_of(rhs.equations)[0]
+        self.rhs, self.name, self.rtol, self.atol = rhs, name, rtol, atol
         # The first stage of a step is the last one of the step before (FSAL).
         self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
         # Modal needs y' linear in y.
         self._linear = linear(rhs.first_order.system.contacts)
-        self._numbers: Any = None
         self._modal: dict[bytes, Modal | None] = {}
-        self._iterations = 0
-        self._ready: dict[tuple[Any, tuple[int, int] | None], Any] = {}
+        self._twice = False
+        with float64_on_the_processor():
+            self._kind, numbers = numbers_of(rhs.equations)
+            self._numbers = jax.device_put(numbers)
+        self(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0)  # compiles
 
-    def arguments(self, rtol: float) -> Arguments:
-        """Numbers of the regime and the window of now; all others lie on the device."""
-        import jax
+    def __call__(
+        self, t: float, z: Array, length: float, end: float, outputs: Array, max_step: float, count: int
+    ) -> tuple[Any, ...]:
+        """``_march`` in the regime of now, with up to CAPACITY outputs."""
+        with float64_on_the_processor():
+            arguments = self._arguments()
+            ahead = np.full(CAPACITY, np.inf)
+            ahead[: len(outputs)] = outputs
+            march = _compiled(self.name, self._kind, self._twice)
+            found = march(arguments, t, z, length, end, ahead, self.rtol, self.atol, max_step, count)
+            return tuple(map(np.asarray, found))
 
+    def _arguments(self) -> tuple[Any, Modal | None]:
+        """Numbers of the right-hand side, and its Jacobian in its eigenvectors."""
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
-        if self._numbers is None:
-            self._numbers = jax.device_put(numbers_of(rhs.equations)[1])
         if regime not in self._modal:
-            linear = self._linear
-            modal = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states], rtol) if linear else None
-            if modal is not None:
-                # A regime that needs fewer iterations takes the program of one before: to compile another takes longer.
-                self._iterations = max(self._iterations, len(modal.iterations))
-                modal = modal._replace(iterations=(None,) * self._iterations)
-            self._modal[regime] = jax.device_put(modal)
-        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window))
-        return Arguments(numbers, self._modal[regime])
-
-    def __call__(self, function: Callable[..., Any], arguments: Arguments, *rest: Any) -> Any:
-        """``function`` of the name, the kind and these arguments, compiled at its first call."""
-        modal = arguments.modal
-        key = (function, None if modal is None else (len(modal.rates), len(modal.iterations)))
-        if key not in self._ready:
-            self._ready[key] = self._compiled(function, arguments, *rest)
-        return self._ready[key](arguments, *rest)
-
-    def _compiled(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        import jax
-
-        # The numbers of the system are arguments of the program: systems of one shape share it.
-        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(np.shape(x), np.asarray(x).dtype), arguments)
-        key = (function, self.name, self._kind, jax.tree.structure(shapes), *jax.tree.leaves(shapes))
-        if key not in _PROGRAMS:
-            # Processor time, as ``clock`` counts it: other programs on the machine do not lengthen it.
-            begun = time.process_time()
-            _PROGRAMS[key] = _program(jax.jit(partial(function, self.name, self._kind)).lower(*shapes))
-            self.rhs.compile_seconds += time.process_time() - begun
-        return _PROGRAMS[key]
+            modal, loss = None, 0.0
+            if self._linear:
+                modal, loss = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states])
+            # The errors of the stages are to stay far below those of the steps.
+            self._twice = self._twice or loss > 1e-3 * self.rtol
+            self._modal[regime] = modal
+        return self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window)), self._modal[regime]
 
 
-def _program(lowered: Any) -> Any:
-    """The compiled program, read from the cache directory where an earlier process compiled it: XLA takes seconds.
+@cache
+def _compiled(name: str, kind: Kind, twice: bool) -> Any:
+    """The march, compiled for every shape of its arguments once: systems of one shape share it."""
+    import jax
 
-    The name of the file tells the program's text and what else decides the machine code.
-    """
-    from jax.experimental.serialize_executable import deserialize_and_load, serialize
-
-    processor = [platform.machine()]
-    with suppress(OSError):  # not on Linux
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor += sorted({x for x in lines if x.startswith(("model name", "flags", "Features", "CPU part"))})
-    made_of = version("jax"), version("jaxlib"), os.environ.get("XLA_FLAGS", ""), *processor, lowered.as_text()
-    file = storage.directory() / "jax" / f"{hashlib.sha256(repr(made_of).encode()).hexdigest()}.xla"
-    with suppress(Exception):  # no such file, or whatever unpickling makes of a damaged one
-        program = deserialize_and_load(*pickle.loads(file.read_bytes()))
-        file.touch()  # used last
-        return program
-    program = lowered.compile()
-    with suppress(Exception):  # a full disk, or a program that this version of JAX cannot write
-        storage.write_whole(file, pickle.dumps(serialize(program)))
-        storage.forget(file.parent, "*.xla", MOST)
-    return program
+    return jax.jit(partial(_march, name, kind, twice))
 
 
 class Stepper:
     """A solver of diffrax with the attributes of SciPy's ``OdeSolver``, its steps made in calls of many.
 
-    first_step: the first one's length. outputs: the times that ``reach`` will be asked for. t_old, t, y: of the last
-    step. made: times (k,) and states (k, n) at the ends of the steps that follow it and are computed.
+    first_step: the first one's length. outputs: times at which steps end. t_old, t, y: of the last step.
     """
 
     def __init__(
-        self, programs: Programs, _: Any, t0: float, y0: Array, t_bound: float, *, rtol: float, atol: Array,
-        max_step: float = math.inf, first_step: float | None = None, outputs: Array | None = None,
+        self, program: Program, t0: float, y0: Array, t_bound: float, *, max_step: float = math.inf,
+        first_step: float | None = None, outputs: Array | None = None,
     ) -> None:  # fmt: skip
         self.t, self.y, self.t_bound, self.status = t0, np.asarray(y0), t_bound, "running"
-        self.t_old: float = t0
-        self._programs, self._rtol, self._atol, self._max_step = programs, rtol, atol, max_step
-        self._old = self.y
-        # The first length is only a guess, which error control corrects. A stated one leads to an event or an output:
-        # the caller needs that one step.
-        self._next = 1e-3 * rtol**0.2 * min(t_bound - t0, max_step) if first_step is None else first_step
-        self._steps = 1 if first_step is not None else FIRST_STEPS
-        self.made: tuple[Array, Array] = (np.empty(0), np.empty((0, len(self.y))))
+        self.t_old, self._old = t0, self.y
+        self._program, self._max_step = program, max_step
+        # The first length is only a guess, which error control corrects. A stated one leads to an event: the caller
+        # needs that one step.
+        guess = 1e-3 * program.rtol**0.2 * min(t_bound - t0, max_step)
+        self._length = guess if first_step is None else first_step
+        self._count = FIRST_STEPS if first_step is None else 1
         self._outputs = np.empty(0) if outputs is None else outputs
-        self._reached: dict[float, Array | None] = {}
+        self._times: Array = np.empty(0)
+        self._states: Array = np.empty((0, len(y0)))
+        self._next = 0
         self.counters = {"steps": 0, "stages": 0}
-        with float64_on_the_processor():
-            self._arguments = programs.arguments(rtol)
 
     @property
     def nfev(self) -> int:
@@ -205,117 +153,72 @@ class Stepper:
 
     def step(self) -> str | None:
         """Make one step; return the reason where it fails."""
-        if not len(self.made[0]) and not self._fill():
+        if self._next == len(self._times) and not self._fill():
             self.status = "failed"
             return "no step is short enough for the tolerances"
-        self.skip(1)
-        return None
-
-    def skip(self, count: int) -> None:
-        """Make ``count`` of the steps in ``made``."""
-        times, states = self.made
-        if count > 1:
-            self.t, self.y = float(times[count - 2]), states[count - 2]
         self.t_old, self._old = self.t, self.y
-        self.t, self.y = float(times[count - 1]), states[count - 1]
-        self.made = times[count:], states[count:]
+        self.t, self.y = float(self._times[self._next]), self._states[self._next]
+        self._next += 1
         if self.t >= self.t_bound:
             self.status = "finished"
+        return None
 
     def _fill(self) -> bool:
-        """Make up to ``_steps`` steps ahead; return False where there are none."""
-        with float64_on_the_processor():
-            # One call of the compiled march makes many steps, since each call from Python has its cost.
-            ts, ys, made, tried, self._next = self._programs(
-                _march, self._arguments, self.t, self.y, self._next, self.t_bound, self._rtol, self._atol,
-                self._max_step, self._steps,
-            )  # fmt: skip
-            made = int(made)
-            self.made = np.array(ts)[:made], np.array(ys)[:made]
-        self._steps = min(CAPACITY, 2 * self._steps)
+        """Make up to ``_count`` steps ahead; return False where there are none."""
+        # One call of the compiled march makes many steps, since each call from Python has its cost.
+        first = int(np.searchsorted(self._outputs, self.t, "right"))
+        outputs = self._outputs[first : first + CAPACITY]
+        end = float(outputs[-1]) if len(outputs) == CAPACITY else self.t_bound
+        times, states, made, tried, length = self._program(
+            self.t, self.y, self._length, end, outputs, self._max_step, self._count
+        )
+        self._times, self._states, self._next = times[:made], states[:made], 0
+        self._length, self._count = float(length), min(CAPACITY, 2 * self._count)
         # A rejected step takes as many stages as an accepted one.
-        self._count(int(tried))
-        return made > 0
+        self.counters["steps"] += int(tried)
+        self.counters["stages"] += int(tried) * self._program.stages
+        return bool(made)
 
-    def reach(self, t: float) -> Array | None:
-        """The state at t in the last step, by a step of the full order from where that begins; None if the error of
-        this step is too large."""
-        if t not in self._reached:
-            # All outputs in the steps made so far are reached in one call.
-            ends = np.concatenate([[self.t_old, self.t], self.made[0]])
-            lefts = np.concatenate([[self._old, self.y], self.made[1]])
-            first, last = np.searchsorted(self._outputs, [t, ends[-1]])
-            times = self._outputs[first:last][:CAPACITY]
-            times = times if t in times else np.array([t])
-            begins = np.searchsorted(ends[1:], times)
-            count = len(times)
-            starts, ahead, states = np.zeros(CAPACITY), np.ones(CAPACITY), np.zeros((CAPACITY, len(self.y)))
-            starts[:count], ahead[:count], states[:count] = ends[begins], times, lefts[begins]
-            with float64_on_the_processor():
-                reached, fits = self._programs(
-                    _reach, self._arguments, starts, states, ahead, self._rtol, self._atol, count
-                )
-                reached, fits = np.asarray(reached), np.asarray(fits)
-            self._reached = {float(x): reached[i] if fits[i] else None for i, x in enumerate(times)}
-            self._count(count)
-        return self._reached[t]
-
-    def _count(self, steps: int) -> None:
-        self.counters["steps"] += steps
-        self.counters["stages"] += steps * self._programs.stages
-
-    def dense_output(self) -> Cubic:
+    def dense_output(self) -> Callable[[Any], Array]:
         """The cubic with the states and rates at both ends of the last step."""
-        return Cubic(self._programs.rhs, self.t_old, self._old, self.t, self.y)
+        from scipy.interpolate import CubicHermiteSpline
+
+        ends = (self.t_old, self._old), (self.t, self.y)
+        slopes = [self._program.rhs.value(t, y) for t, y in ends]
+        spline = CubicHermiteSpline([self.t_old, self.t], np.array([self._old, self.y]), np.array(slopes))
+        return lambda t: np.asarray(spline(t)).T
 
 
-def _modal(jacobian: Array, rtol: float) -> Modal | None:
-    """The Jacobian in its eigenvectors; None where these are so ill-conditioned that it needs many iterations."""
+def _modal(jacobian: Array) -> tuple[Modal | None, float]:
+    """The Jacobian in its eigenvectors, None where these are too ill-conditioned; and the relative error they leave."""
     # Scaled first, so that the units of the unknowns do not count.
     balanced, (scale, _) = scipy.linalg.matrix_balance(jacobian, permute=False, separate=True)
-    rates: Any
-    vectors: Any
     rates, vectors = np.linalg.eig(balanced)
-    loss = float(np.linalg.cond(vectors)) * np.finfo(float).eps
+    loss = float(np.linalg.cond(vectors)) * float(np.finfo(float).eps)
     if not loss < WORST:
-        return None
-    # The errors of the stages are to stay far below those of the steps.
-    iterations = max(1, math.ceil(math.log(1e-3 * rtol) / math.log(loss)))
-    inverse: Any = np.linalg.inv(vectors) / scale
-    # Of two conjugate terms, whose sum is real, one is taken twice.
-    kept = rates.imag >= 0.0
-    vectors = scale[:, None] * vectors[:, kept] * np.where(rates[kept].imag > 0.0, 2.0, 1.0)
-    count, quarter = int(np.sum(kept)), -(-len(rates) // 4)
-    more = (0, min(len(rates), -(-count // quarter) * quarter) - count)
-    rates, vectors = np.pad(rates[kept], more).astype(complex), np.pad(vectors, ((0, 0), more))
-    inverse = np.pad(inverse[kept], (more, (0, 0)))
-    # Re(V x) as a product of real matrices, which is several times as fast.
-    stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([inverse.real, inverse.imag])
-    return Modal(*stacked, rates, (None,) * iterations)
-
-
-def _method(name: str, kind: Kind, arguments: Arguments, rtol: Any, atol: Any) -> tuple[Any, Any]:
-    """The solver of diffrax and its term."""
-    import diffrax
-    import optimistix
-
-    term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x.numbers))
-    # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
-    finder: Any = diffrax.VeryChord if arguments.modal is None else _modal_root_finder()
-    return getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm)), term
+        return None, 0.0
+    back: Any = np.linalg.inv(vectors) / scale
+    vectors = scale[:, None] * vectors
+    stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([back.real, back.imag])
+    return Modal(*stacked, rates.astype(complex)), loss
 
 
 def _march(
-    name: str, kind: Kind, arguments: Any, t: Any, z: Any, dt: Any, end: Any, rtol: Any, atol: Any, max_step: Any,
-    count: Any,
+    name: str, kind: Kind, twice: bool, arguments: Any, t: Any, z: Any, dt: Any, end: Any, outputs: Any, rtol: Any,
+    atol: Any, max_step: Any, count: Any,
 ) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
-    """Up to ``count`` accepted steps from (t, z) towards ``end``: their times and states, the numbers of accepted and
-    of tried steps, and the length of the next."""
+    """Up to ``count`` accepted steps from (t, z) towards ``end``, one to each of the ``outputs``: their times and
+    states, the numbers of accepted and of tried steps, and the length of the next."""
     import diffrax
+    import jax
     import jax.numpy as jnp
+    import optimistix
     from jax import lax
 
-    solver, term = _method(name, kind, arguments, rtol, atol)
+    term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x[0]))
+    # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
+    finder: Any = diffrax.VeryChord if arguments[1] is None else partial(_chord(), twice=twice)
+    solver = getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     order = solver.error_order(term)
     _, control = controller.init(term, t, end, z, dt, arguments, solver.func, order)
@@ -328,9 +231,11 @@ def _march(
     def one(carry: Any) -> Any:
         now, state, length, memory, control, made, tried, times, states = carry
         length = jnp.minimum(length, max_step)
-        # A step that ends a little before ``end`` is stretched to it: the rest would be a billionth of it.
-        last = now + (1.0 + 1e-9) * length >= end
-        until = jnp.where(last, end, now + length)
+        # An output too close for a step of its own lies in the next one.
+        due = jnp.minimum(end, jnp.min(jnp.where(outputs > now + 10.0 * LEAST_STEP * jnp.abs(now), outputs, jnp.inf)))
+        # A step that ends a little before ``due`` is stretched to it: the rest would be a billionth of it.
+        last = now + (1.0 + 1e-9) * length >= due
+        until = jnp.where(last, due, now + length)
         new, error, _, new_memory, _ = solver.step(term, now, until, state, arguments, memory, False)
         keep, _, ahead, _, control, _ = controller.adapt_step_size(
             now, until, state, new, arguments, error, order, control
@@ -338,9 +243,9 @@ def _march(
         # A state with infinities is rejected, whatever its error estimate.
         keep = keep & jnp.all(jnp.isfinite(new))
         proposed = ahead - jnp.where(keep, until, now)
-        # A step cut short by the end does not tell that the next has to be as short.
+        # A step cut short by an output does not tell that the next has to be as short.
         proposed = jnp.where(keep & last, jnp.maximum(proposed, length), proposed)
-        memory = _chosen(keep, new_memory, memory)
+        memory = jax.tree.map(lambda a, b: jnp.where(keep, a, b), new_memory, memory)
         times = times.at[made].set(jnp.where(keep, until, times[made]))
         states = states.at[made].set(jnp.where(keep, new, states[made]))
         return (
@@ -358,30 +263,8 @@ def _march(
     return times, states, made, tried, length
 
 
-def _reach(
-    name: str, kind: Kind, arguments: Any, starts: Any, states: Any, ends: Any, rtol: Any, atol: Any, count: Any
-) -> tuple[Any, Any]:
-    """One step from each of the first ``count`` starts to its end: the states there, and whether the error fits."""
-    import jax.numpy as jnp
-    import optimistix
-    from jax import lax
-
-    solver, term = _method(name, kind, arguments, rtol, atol)
-
-    def one(k: Any, carry: Any) -> Any:
-        reached, fits = carry
-        t, end, z = starts[k], ends[k], states[k]
-        memory = solver.init(term, t, end, z, arguments)
-        new, error, _, _, _ = solver.step(term, t, end, z, arguments, memory, False)
-        # The norm of PIDController.
-        size = optimistix.rms_norm(error / (atol + rtol * jnp.maximum(jnp.abs(z), jnp.abs(new))))
-        return reached.at[k].set(new), fits.at[k].set((size < 1.0) & jnp.all(jnp.isfinite(new)))
-
-    return lax.fori_loop(0, count, one, (jnp.zeros_like(states), jnp.zeros(len(starts), bool)))
-
-
 @cache
-def _modal_root_finder() -> Any:
+def _chord() -> Any:
     """The root finder for the stages f = f(y + c f) where the Jacobian of the states is constant, see ``Modal``."""
     import jax.numpy as jnp
     import optimistix
@@ -396,38 +279,28 @@ def _modal_root_finder() -> Any:
         rtol: Any
         atol: Any
         norm: Any
+        twice: bool
 
-        def init(
-            self, fn: Any, y: Any, args: Any, options: Any, f_struct: Any, aux_struct: Any, tags: Any
-        ) -> tuple[()]:
+        def init(self, *_: Any, **__: Any) -> tuple[()]:
             return ()
 
         def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
             return y, state, fn(y, args)[1]
 
-        def terminate(
-            self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any
-        ) -> tuple[Any, optimistix.RESULTS]:
+        def terminate(self, *_: Any, **__: Any) -> tuple[Any, optimistix.RESULTS]:
             return jnp.array(True), optimistix.RESULTS.successful
 
-        def postprocess(
-            self, fn: Any, y: Any, aux: Any, args: Any, options: Any, state: Any, tags: Any, result: Any
-        ) -> tuple[Any, Any, dict[str, Any]]:
-            _, diagonal, *_, arguments, h = args
-            modal = arguments.modal
-            n, m = len(modal.vectors), len(modal.rates)
+        def postprocess(self, fn: Any, y: Any, aux: Any, args: Any, *_: Any, **__: Any) -> tuple[Any, Any, Any]:
+            _, diagonal, *_, (_, modal), h = args
+            n = len(modal.vectors)
             inverse = 1.0 / (1.0 - h * diagonal * modal.rates)
-            residual = fn(y, args)[0]
-            for k in range(len(modal.iterations)):
-                residual = fn(y, args)[0] if k else residual
-                x = modal.back @ residual[:n]
-                x = inverse * (x[:m] + 1j * x[m:])
-                y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
-            # No rate depends on the integrals, so that theirs follow from the states at once. A further iteration moves
-            # these by rounding only: its residual has the integrals of the states too.
-            if len(modal.iterations) == 1:
+            for _ in range(1 + self.twice):
                 residual = fn(y, args)[0]
-            y = y.at[n:].add(-residual[n:])
+                x = modal.back @ residual[:n]
+                x = inverse * (x[:n] + 1j * x[n:])
+                y = y.at[:n].add(-modal.vectors @ jnp.concatenate([x.real, x.imag]))
+            # No rate depends on the integrals, so that theirs follow from the states at once.
+            y = y.at[n:].add(-fn(y, args)[0][n:])
             return y, aux, {}
 
     return Chord
@@ -463,11 +336,3 @@ def float64_on_the_processor() -> Generator[None]:
         processor = None
     with home.enable_x64(True), jax.default_device(processor):
         yield
-
-
-def _chosen(keep: Any, new: Any, old: Any) -> Any:
-    """The tree ``new`` if the step is kept, else ``old``."""
-    import jax
-    import jax.numpy as jnp
-
-    return jax.tree.map(lambda a, b: jnp.where(keep, a, b), new, old)

@@ -21,7 +21,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.state_space import StateSpace
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from .pieces import Piece
+from .intervals import Interval
 
 SAMPLES = 4097  # of every function of time, for its largest value
 
@@ -117,14 +117,12 @@ class Phase(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """End of a phase, with the states at its output times up to there. ended_by: the roots that ended it. missed: these
-    are rates, so the phase must be repeated with a step that ends there."""
+    """End of a phase, with the states at its output times up to there. ended_by: the roots that ended it."""
 
     t: float
     z: Array
     states: list[Array]
     ended_by: list[Root]
-    missed: bool
     counters: dict[str, int]
 
 
@@ -174,19 +172,6 @@ class Watch:
                 self.peaks.append(root)
         return False
 
-    def missed(self, roots: Sequence[Root]) -> bool:
-        """Return True where the phase is ended by a rate only."""
-        return bool(roots) and all(r.which >= self.count for r in roots)
-
-    def rate(self, t: float, z: Array, which: int, short: float) -> float:
-        """The rate of root ``which``, a gap; of a damped stop by a difference over ``short`` along the motion."""
-        # The event function of a damped stop is the lesser of gap and force; no root function is its rate.
-        if not self.rhs.first_order.contacts[self.rhs.sides[which][0]].contact.stops.dissipative:
-            return float(self.values(t, z)[self.count + which])
-        slope = self.rhs.rate(t, z)
-        ahead, behind = (float(self.values(t + s, z + s * slope)[which]) for s in (short, -short))
-        return (ahead - behind) / (2.0 * short)
-
 
 class Contacts:
     """Closed intervals of every side: times, states and |F| at entries and exits; times and |F| at ``peaks``. Forces
@@ -225,45 +210,48 @@ class Contacts:
 
 
 class Path(NamedTuple):
-    """States (k, size) at the outputs, the contacts' spans, the counters and the state at the end; seconds of solving,
-    and of compiling, apart."""
+    """States (k, size) at the outputs, the contacts' spans, the counters, the state at the end and the seconds."""
 
     states: Array
     contacts: Contacts
     counters: dict[str, int]
     end: Array
     seconds: float = 0.0
-    compile_seconds: float = 0.0
 
 
 def follow(
-    method: str, rhs: RightHandSide, pieces: Sequence[Piece], t: Array, scales: Scales, run: Callable[[Phase], Outcome]
+    method: str,
+    rhs: RightHandSide,
+    intervals: Sequence[Interval],
+    t: Array,
+    scales: Scales,
+    run: Callable[[Phase], Outcome],
 ) -> Path:
-    """Integrate from 0 to the end of the last piece, with output at the times t."""
+    """Integrate from 0 to the end of the last interval, with output at the times t."""
     # Setup: event functions with their rounding, and the sides closed at the start.
     rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
     rounding = _rounding(rhs, scales)
     z, contacts = rhs.z0.copy(), Contacts(rhs)
-    rhs.window = (pieces[0].first, pieces[0].last)
-    for k, closed in enumerate(_closed_at_start(rhs, z, pieces[0], rounding)):
+    rhs.window = (intervals[0].first, intervals[0].last)
+    for k, closed in enumerate(_closed_at_start(rhs, z, intervals[0], rounding)):
         if closed:
             contacts.switch(k, 0.0, z)
     states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
     counters: dict[str, int] = {}
     # In every smooth interval, phases from event to event.
     still = 0
-    for piece in pieces:
-        now, stored = piece.start, rhs.stored(piece.start, z)
-        rhs.window = (piece.first, piece.last)
+    for interval in intervals:
+        now, stored = interval.start, rhs.stored(interval.start, z)
+        rhs.window = (interval.first, interval.last)
         # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
-        if piece is not pieces[0]:
+        if interval is not intervals[0]:
             z = rhs.jumped(now, z, stored)
             for k in _turned(rhs, now, z, contacts.closed, rounding):
                 contacts.switch(k, now, z)
-        while now < piece.end:
+        while now < interval.end:
             contacts.pass_kink(now, z)
-            last = int(np.searchsorted(t, piece.end, "right"))
-            phase = (now, piece.end, z, t[len(states) : last], piece.max_step)
+            last = int(np.searchsorted(t, interval.end, "right"))
+            phase = (now, interval.end, z, t[len(states) : last], interval.max_step)
             outcome, watch, switched = _phase(method, rhs, contacts.closed, rounding, phase, run, counters)
             # Go on from there. Phases without progress in time would never end.
             counters["starts"] = counters.get("starts", 0) + 1
@@ -306,7 +294,9 @@ def _phase(
         for name, count in outcome.counters.items():
             counters[name] = counters.get(name, 0) + count
         refuse_endless(method, outcome.t, max(counters.values(), default=0))
-        if not outcome.missed or outcome.t <= now or tries == STUCK:
+        # Ended by rates only, it is repeated with a step that ends there.
+        missed = outcome.ended_by and all(root.which >= watch.count for root in outcome.ended_by)
+        if not missed or outcome.t <= now or tries == STUCK:
             break
         landing, end = outcome.ended_by[0].which % watch.count, outcome.t
     # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
@@ -344,7 +334,7 @@ def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding
     return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
 
 
-def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> list[bool]:
+def _closed_at_start(rhs: RightHandSide, z: Array, interval: Interval, rounding: Array) -> list[bool]:
     """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
     rhs.levels[:] = 0.0
     values = rhs.event_functions(0.0, z)
@@ -356,21 +346,21 @@ def _closed_at_start(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array
         push = side * float(row @ z_rate[: rhs.states])
         orders.append(next((x for x in (values[k], values[count + k], push) if x != 0.0), 0.0))
     if 0.0 in orders:
-        orders = [x or later for x, later in zip(orders, _leaving(rhs, z, piece, rounding).tolist(), strict=True)]
+        orders = [x or later for x, later in zip(orders, _leaving(rhs, z, interval, rounding).tolist(), strict=True)]
     return [x > 0.0 for x in orders]
 
 
 ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
 
 
-def _leaving(rhs: RightHandSide, z: Array, piece: Piece, rounding: Array) -> Array:
+def _leaving(rhs: RightHandSide, z: Array, interval: Interval, rounding: Array) -> Array:
     """The rate of every gap just after the start, 0.0 where it is below rounding.
 
     A load that grows from zero, or a neighbour, moves a body at rest by a high power of time. A step of Euler's method
     is a polynomial with positive coefficients, so that ``ORDERS`` short ones have the sign of the first power.
     """
     fastest = np.max(np.abs(np.linalg.eigvals(rhs.jacobian(0.0, z)[: rhs.states, : rhs.states])))
-    h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, piece.max_step, piece.end)
+    h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, interval.max_step, interval.end)
     for k in range(ORDERS):
         z = z + h * rhs.rate(k * h, z)
     count = len(rhs.sides)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,15 @@ from ...model.state_space import state_space
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request
-from .adaptive import reference_from
+from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, Watch, refuse_endless
 
 STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
 MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
 IMPLICIT = ("LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
-BETWEEN = 32  # steps between two looks at the clock
-FEW = 4  # steps made ahead that are sooner taken one by one
+BETWEEN = 256  # steps between two looks at the clock
+NO_TIMES = np.empty(0)
 POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
 
 
@@ -45,36 +46,35 @@ def solve(request: Request) -> Reference:
     name = REFERENCES[method].solver
     if name == "DOP853":
         refuse_stiff(request.system, request.t_end)
-    library = getattr(scipy.integrate, name)
-    return reference_from(request, lambda *equations: Stepping(method, library, *equations).run)
+    library: Any = getattr(scipy.integrate, name)
+
+    def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
+        options = {"rtol": rtol, "atol": atol} | ({"jac": rhs.jacobian} if name in IMPLICIT else {})
+
+        def start(t: float, z: Array, end: float, outputs: Array = NO_TIMES, **more: Any) -> Any:
+            # Radau's dense output is of order 3: steps no longer than the spacing of the outputs keep these accurate.
+            if name == "Radau" and len(outputs) > 1:
+                more["max_step"] = min(more["max_step"], float(np.max(np.diff(outputs))))
+            return library(rhs.value, t, z, end, **options, **more)
+
+        return Stepping(method, start, rhs).run
+
+    return reference_from(request, solver)
 
 
 class Stepping:
-    """Phases by an OdeSolver of SciPy, or of its interface; an implicit one gets the analytic Jacobian.
+    """Phases by steppers with the interface of SciPy's ``OdeSolver``.
 
-    steps_to_outputs: a step of the full order leads to every output, where dense output is less accurate.
+    start: the stepper from (t, z) to an end, with ``max_step`` and ``outputs``, or with the length ``first_step``.
     """
 
-    def __init__(
-        self, method: str, library: Any, rhs: RightHandSide, rtol: float, atol: Array, steps_to_outputs: bool = False
-    ) -> None:
-        self.method, self.library, self.rhs, self.steps_to_outputs = method, library, rhs, steps_to_outputs
-        self.name = getattr(library, "__name__", "")
-        self.options: dict[str, Any] = {"rtol": rtol, "atol": atol}
-        if self.name in IMPLICIT:
-            self.options["jac"] = rhs.jacobian
+    def __init__(self, method: str, start: Callable[..., Any], rhs: RightHandSide) -> None:
+        self.method, self.start, self.rhs = method, start, rhs
         self.counters: dict[str, int] = {}
 
     def run(self, phase: Phase) -> Outcome:
         """Integrate a phase step by step: a step, its roots, and the outputs up to its end or to the event."""
-        # Radau's dense output is of order 3: steps no longer than the spacing of the outputs keep these accurate.
-        longest = phase.max_step
-        if self.name == "Radau" and len(phase.times) > 1:
-            longest = min(longest, float(np.max(np.diff(phase.times))))
-        more = {"outputs": phase.times} if self.steps_to_outputs else {}
-        stepper = self.library(
-            self.rhs.value, phase.start, phase.z, phase.end, max_step=longest, **self.options, **more
-        )
+        stepper = self.start(phase.start, phase.z, phase.end, max_step=phase.max_step, outputs=phase.times)
         self.counters = {}
         states: list[Array] = []
         watch, before = phase.watch, phase.watch.values(phase.start, phase.z)
@@ -89,49 +89,41 @@ class Stepping:
                 remedy = "loosen rtol and atol or take the exact solution"
                 raise SolverFailure(self.method, float(stepper.t), str(message), remedy)
             after = watch.values(stepper.t, stepper.y)
-            crossed = _crossed(before, after, directions)
+            # Zero counts as negative: a root at the joint of two steps is found once.
+            crossed = ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
             before = after
-            found = _located(stepper, watch, np.flatnonzero(crossed)) if crossed.any() else ()
-            root = next((x for x in found if watch.ends([x])), None)
-            # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
-            if root is not None and not watch.missed([root]):
-                root = self._polished(stepper, left, watch, root)
+            if crossed.any():
+                dense = stepper.dense_output()
+                found = _located(stepper, dense, watch, np.flatnonzero(crossed))
+                root = next((x for x in found if watch.ends([x])), None)
+                # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
+                if root is not None and root.which < watch.count:
+                    root = self._polished(stepper, left, dense, watch, root)
             stop = stepper.t if root is None else root.time
             due = phase.times[len(states) : int(phase.times.searchsorted(stop, "right"))]
-            states += self._outputs(stepper, left, due)
-            if hasattr(stepper, "made") and root is None:
-                until = phase.times[len(states)] if len(states) < len(phase.times) else np.inf
-                before = _quiet(stepper, watch, directions, before, until)
+            if len(due) and due[0] < stepper.t:
+                states += list(stepper.dense_output()(due).T)
+            elif len(due):
+                states.append(stepper.y)
         self._count(stepper)
         ended_by = [] if root is None else [root]
         t, z = (phase.end, stepper.y) if root is None else (root.time, root.z)
-        return Outcome(t, z, states, ended_by, watch.missed(ended_by), self.counters)
+        return Outcome(t, z, states, ended_by, self.counters)
 
-    def _outputs(self, stepper: Any, left: Array, due: Array) -> list[Array]:
-        """States at the times ``due`` in the last step, by dense output or by a step of the full order to each."""
-        if not len(due):
-            return []
-        if not self.steps_to_outputs:
-            return list(stepper.dense_output()(due).T)
-        states = [self._stepped(stepper, left, t) for t in due.tolist()]
-        for t, z in zip(due.tolist(), states, strict=True):
-            if z is None:
-                raise SolverFailure(self.method, t, "no step leads to an output time", "loosen rtol")
-        return states  # type: ignore[return-value]
-
-    def _polished(self, stepper: Any, left: Array, watch: Watch, root: Root) -> Root:
+    def _polished(self, stepper: Any, left: Array, dense: Any, watch: Watch, root: Root) -> Root:
         """A gap's root by steps of the solver from ``left``, where the step it lies in starts."""
-        t = root.time
+        t, short = root.time, 1e-4 * (stepper.t - stepper.t_old)
+        behind, ahead = (float(watch.values(t + s, dense(t + s))[root.which]) for s in (-short, short))
+        rate = (ahead - behind) / (2.0 * short)
         for _ in range(POLISH):
             # The root lies at the start of the step, whose state is known.
-            if not t > stepper.t_old:
+            if t - stepper.t_old <= SAME * abs(t):
                 return root._replace(time=stepper.t_old, z=left)
             z = self._stepped(stepper, left, t)
             if z is None:
                 break
             root = root._replace(time=t, z=z)
             gap = float(watch.values(t, z)[root.which])
-            rate = watch.rate(t, z, root.which, 1e-4 * (stepper.t - stepper.t_old))
             new = t - gap / rate if rate else t
             # Newton's method has converged to rounding, or left the step: the last time and state stand.
             if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
@@ -142,17 +134,10 @@ class Stepping:
 
     def _stepped(self, stepper: Any, left: Array, t: float) -> Array | None:
         """The state at t by steps of the full order from ``left``, where the last step starts; None if they fail."""
-        if t - stepper.t_old <= SAME * abs(t):  # as where a sample is an output time but for rounding
-            return left
         if t == stepper.t:
             return stepper.y
-        # A solver that makes such steps at once does so, where error control leaves them whole.
-        z = stepper.reach(t) if hasattr(stepper, "reach") else None
-        if z is not None:
-            return z
         # The whole way is proposed as one step; error control may still divide it.
-        way = t - stepper.t_old
-        short = self.library(self.rhs.value, stepper.t_old, left, t, first_step=way, **self.options)
+        short = self.start(stepper.t_old, left, t, max_step=np.inf, first_step=t - stepper.t_old)
         while short.status == "running":
             short.step()
         self._count(short)
@@ -160,9 +145,8 @@ class Stepping:
 
     def _count(self, stepper: Any) -> None:
         """Add what a stepper has counted."""
-        factorised = int(getattr(stepper, "nlu", 0))
         counted = getattr(stepper, "counters", None) or {
-            "rhs": int(stepper.nfev), "jacobians": int(stepper.njev), "factorisations": factorised,
+            "rhs": int(stepper.nfev), "jacobians": int(stepper.njev), "factorisations": int(stepper.nlu),
         }  # fmt: skip
         for name, count in counted.items():
             self.counters[name] = self.counters.get(name, 0) + count
@@ -180,34 +164,10 @@ def refuse_stiff(system: System, t_end: float) -> None:
         )  # fmt: skip
 
 
-def _crossed(before: Array, after: Array, directions: Array) -> Array:
-    """True where a root function has a root between two values. Zero counts as negative: a root at the joint of two
-    steps is found once."""
-    return ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
-
-
-def _quiet(stepper: Any, watch: Any, directions: Array, before: Array, until: float) -> Array:
-    """Make the steps computed ahead that have no root and end before ``until``; return the root functions after them.
-
-    before: the root functions after the last step.
-    """
-    times, states = stepper.made
-    count = int(np.searchsorted(times, until))
-    if count < FEW:
-        return before
-    values = np.array([before, *map(watch.values, times[:count].tolist(), states[:count])])
-    crossed = _crossed(values[:-1], values[1:], directions).any(axis=1)
-    quiet = int(np.argmax(crossed)) if crossed.any() else count
-    if quiet:
-        stepper.skip(quiet)
-    return values[quiet]
-
-
-def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
+def _located(stepper: Any, dense: Any, watch: Watch, changed: Array) -> list[Root]:
     """The roots in the last step by its dense output, in order of time."""
     from scipy.optimize import brentq
 
-    dense = stepper.dense_output()
     roots = []
     for k in changed:
 
@@ -222,17 +182,3 @@ def _located(stepper: Any, watch: Any, changed: Array) -> list[Root]:
             t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
         roots.append(Root(int(k), 1 if high > low else -1, float(t), dense(t)))
     return sorted(roots, key=lambda root: root.time)
-
-
-class Cubic:
-    """The cubic with states and rates given at two times, (size, k) at times (k,) as SciPy's dense output."""
-
-    def __init__(self, rhs: RightHandSide, t0: float, z0: Array, t1: float, z1: Array) -> None:
-        from scipy.interpolate import CubicHermiteSpline
-
-        slopes = [rhs.value(t0, z0), rhs.value(t1, z1)]
-        self._spline = CubicHermiteSpline([t0, t1], np.array([z0, z1]), np.array(slopes))
-
-    def __call__(self, t: Any) -> Array:
-        """The states at t."""
-        return np.asarray(self._spline(t)).T

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from contextlib import closing
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -96,9 +97,9 @@ def library_of(family: str) -> Library:
         label = ctypes.create_string_buffer(32)
         library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
         # Where the numbers of vectors and matrices lie, before C reads them.
-        with Memory(library) as memory:
+        with closing(Memory(library)) as memory:
             vector = memory.vector(np.zeros(4))
-            dense, band = memory.matrix("SUNDenseMatrix", 4, 4), memory.matrix("SUNBandMatrix", 4, 1, 1)
+            dense, band = memory.matrix(None, 4), memory.matrix((1, 1), 4)
             places = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
             places.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
             places.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
@@ -128,34 +129,26 @@ class Memory:
         # Failures come back as statuses; the handlers would also write them to the terminal.
         library("SUNContext_ClearErrHandlers", self.context)
 
+    def made(self, name: str, *arguments: Any, free: str) -> Any:
+        """Return what a function of SUNDIALS makes in this context, which ``free`` frees."""
+        address = POINTER(self.library(name, *arguments, self.context, result=POINTER))
+        self._free.append(lambda: self.library(free, address, result=None))
+        return address
+
     def vector(self, numbers: Array) -> Any:
         """Return a vector whose numbers are those of ``numbers``, which has to outlive it."""
-        address = POINTER(numbers.ctypes.data)
-        made = POINTER(self.library("N_VMake_Serial", INTEGER(len(numbers)), address, self.context, result=POINTER))
-        self._free.append(lambda: self.library("N_VDestroy", made, result=None))
-        return made
+        return self.made("N_VMake_Serial", INTEGER(len(numbers)), POINTER(numbers.ctypes.data), free="N_VDestroy")
 
-    def matrix(self, kind: str, *sizes: int) -> Any:
-        """Return a matrix of SUNDIALS."""
-        made = POINTER(self.library(kind, *map(INTEGER, sizes), self.context, result=POINTER))
-        self._free.append(lambda: self.library("SUNMatDestroy", made, result=None))
-        return made
-
-    def linear_solver(self, kind: str, vector: Any, matrix: Any) -> Any:
-        """Return a direct linear solver."""
-        made = POINTER(self.library(kind, vector, matrix, self.context, result=POINTER))
-        self._free.append(lambda: self.library("SUNLinSolFree", made))
-        return made
+    def matrix(self, bandwidths: tuple[int, int] | None, size: int) -> Any:
+        """Return a banded matrix, or a dense one."""
+        if bandwidths is None:
+            return self.made("SUNDenseMatrix", INTEGER(size), INTEGER(size), free="SUNMatDestroy")
+        lower, upper = bandwidths
+        return self.made("SUNBandMatrix", INTEGER(size), INTEGER(upper), INTEGER(lower), free="SUNMatDestroy")
 
     def keep(self, solver: Any, free: str) -> None:
         """Free ``solver`` with the rest."""
         self._free.append(lambda: self.library(free, ctypes.byref(solver), result=None))
-
-    def __enter__(self) -> Memory:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free everything, the last first."""
@@ -178,12 +171,8 @@ class Sundials:
         # SUNDIALS computes in these NumPy arrays: its vectors only point to them.
         self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
         self._vectors = [memory.vector(x) for x in ((self._y,) if self.family == "CVode" else (self._y, self._rate))]
-        if rhs.bandwidths is None:
-            matrix = memory.matrix("SUNDenseMatrix", size, size)
-            linear = memory.linear_solver("SUNLinSol_Dense", self._vectors[0], matrix)
-        else:
-            matrix = memory.matrix("SUNBandMatrix", size, *reversed(rhs.bandwidths))
-            linear = memory.linear_solver("SUNLinSol_Band", self._vectors[0], matrix)
+        matrix, kind = memory.matrix(rhs.bandwidths, size), "Dense" if rhs.bandwidths is None else "Band"
+        linear = memory.made(f"SUNLinSol_{kind}", self._vectors[0], matrix, free="SUNLinSolFree")
         self._functions = [self._function(*named) for named in FUNCTIONS[self.family].items()]
         first, jacobian, self._events = self._functions
         # Settings that all phases share.
@@ -250,7 +239,7 @@ class Sundials:
         }  # fmt: skip
         t = t if ended_by else phase.end
         # The end of the phase is an output only if it was asked for.
-        return Outcome(t, z, states[: len(phase.times)], ended_by, phase.watch.missed(ended_by), counters)
+        return Outcome(t, z, states[: len(phase.times)], ended_by, counters)
 
     def _start(self, phase: Phase) -> None:
         """Start the solver at the beginning of a phase with its event functions and step bound."""

@@ -4,21 +4,13 @@ Between two events the system is one linear flow, z' = G z, in blocks (linear_fl
 from the state, Newton's method doubles its digits, and one evaluation of the exponentials uses all of them. Digits that
 the motion has lost are dropped. Two runs with different digits have to agree.
 
-Contacts that float64 cannot see: where a gap is almost zero as it turns, many digits say whether it is closed.
-
-The event search runs in float64, where a gap that turns at less than the rounding of its terms counts as open.
-Near such a turn gap = d + a s^2/2, a > 0, s the time from it, and d in all the digits that are carried decides:
-
-    d < 0    closed for 2 sqrt(-2 d/a): a contact, or a moment between two, that was passed over
-    d > 0    open; where |d| is less than ``TOUCH`` of the motion it touches, and that is no contact
-
-In contact the gap is the penetration. Of a damped stop that presses only the penetration is looked at, not the force.
+Limitation: the event search runs in float64, so that a contact shallower than 1e-12 of the motion may be missed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -37,9 +29,7 @@ from ...model.system import System
 from ...model.time_functions import Drive
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.contacts import path_of
 from ..exact.motion import (
-    EPS,
     LET_GO,
     NO_BLOWS,
     NO_EVENTS,
@@ -55,7 +45,7 @@ from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request
 from .linear_flow import LinearFlow, Split, by_float64
-from .rational import carried, exact_problem
+from .rational import carried
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -63,18 +53,9 @@ GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the o
 KNOWN_BITS = 28  # precision of a time between two events in float64
 CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the events
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
-MOST = 100  # contacts that float64 passes over; each costs the whole solution once more
 
 Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
-Sampler = Callable[..., tuple[Array, Array]]  # of the channels at any times, rounded by what it is given
-
-
-class Switch(NamedTuple):
-    """An event that the search receives: approximate time, contact, and side of the stop."""
-
-    t: float
-    contact: int
-    side: int
+Sampler = Callable[[Array], tuple[Array, Array]]  # positions and velocities (k, channels) at any times
 
 
 def solve(request: Request) -> Reference:
@@ -92,9 +73,7 @@ def solve(request: Request) -> Reference:
     Numbers: those of a case file, and in Python those given as texts, Fractions or Decimals, have their exact
     values. All others are doubles; provenance["parameters"] names the
     exact ones. Past the horizon of float64 the two readings have different solutions. t_end and output
-    times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined. Events
-    that float64 passes over are searched where gaps turn, see above. A contact shallower than 1e-18 of the motion
-    counts as none, see provenance["grazes"].
+    times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
     positive("t_end", t_end)
@@ -135,7 +114,6 @@ def solve(request: Request) -> Reference:
                     "digits_confirmed_with": previous.provenance["digits"],
                     "horizon": horizon,
                     "horizon_against": f"itself with {previous.provenance['digits']} digits",
-                    "grazes": grazes_of(solution, t_end),
                     "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same events",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
@@ -157,17 +135,7 @@ def carry(
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        told: list[Switch] = []
-        known = {} if known is None else known
-        # A contact that float64 passed over changes all that follows: solve again with it.
-        for _ in range(MOST):
-            solution = follow(system, t_end, full, guard, told, known)
-            another = passed_over(system, solution[0], solution[1], t_end, told[-1].t if told else 0.0)
-            if another is None:
-                return solution
-            told.append(another)
-        remedy = f"end before t = {told[0].t:.6g}"
-        raise SolverFailure("multiprecision", told[-1].t, f"{MOST} contacts that float64 does not see", remedy)
+        return follow(system, t_end, full, guard, {} if known is None else known)
     finally:
         ctx.prec = before
 
@@ -297,13 +265,11 @@ class Unrounded(Motion):
         return *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
 
 
-def follow(
-    system: System, t_end: float, full: int, guard: int, told: Sequence[Switch], known: Known
-) -> tuple[Motion, Sampler, Unrounded]:
+def follow(system: System, t_end: float, full: int, guard: int, known: Known) -> tuple[Motion, Sampler, Unrounded]:
     """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
     float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
 
-    told: events that float64 does not see, in order. known: see ``PreciseRegime``.
+    known: see ``PreciseRegime``.
     """
     room, drive, solver = ctx.prec, Drive.of(system), Solver(system)
     # The flow in many digits; the events are found by float64.
@@ -314,7 +280,7 @@ def follow(
         for contact, *forms in zip(system.contacts, flow.forms, flow.rates, strict=False)
     ]
     sides, states, first = list[list[int]](), list[Array](), list[int]()  # of marks, and the marks of events
-    fresh, pieces, untold = np.zeros(len(chi), np.int64), list[Piece](), list(told)
+    fresh, pieces = np.zeros(len(chi), np.int64), list[Piece]()
     fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
     while True:
         # The regime of these contacts, refined where it is first met.
@@ -333,16 +299,11 @@ def follow(
         states.append(np.array([float(x) for x in z.entries()[: 2 * flow.n]]))
         pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
         afford("t_end", t_end, "shorten t_end", floats=len(sides) * (full / 32.0 + 20.0) * system.size)
-        # Next event before the next sample: by float64, or one that float64 passes over if that comes first.
+        # Next event before the next sample, by float64.
         edge = drive.next_edge(begun, t_end)
         found = solver.first_event(begun, np.array(chi, np.int64), fresh, np.split(states[-1], 2), edge)
-        start, contact, side = found or (edge, -1, 0)
-        if untold and untold[0].t < (start if contact >= 0 else edge):
-            start, contact, side = untold[0]
-            # In contact the event that was passed over is an exit.
-            side = 0 if chi[contact] else side
-            del untold[0]
-        if contact >= 0 and start < edge:
+        if found is not None and found[0] < edge:
+            start, contact, side = found
             # Refine the event to all digits, and go on from there in the new regime.
             in_time(begun)
             gap = regime.gap(contact, int(np.sign(side or chi[contact])), switched_by_force(chi[contact], side))
@@ -378,15 +339,13 @@ def side_of(stops: Stops, u: float, velocity: float) -> int:
     return closed if closed else LET_GO * int(np.sign(stops.penetration(u))) if stops.dissipative else 0
 
 
-def _sample(
-    times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
-) -> tuple[Array, Array]:
-    """Positions and velocities (k, channels) at any times, ``rounded``."""
+def _sample(times: list[float], pieces: list[Piece], t: Array) -> tuple[Array, Array]:
+    """Positions and velocities (k, channels) at any times."""
     states = []
     for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
         with carried(pieces[k].bits):
             seen = pieces[k].regime.channels * pieces[k].ahead(when)
-            states.append([rounded(x) for x in seen.entries()])
+            states.append([float(x) for x in seen.entries()])
     u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
     return u, v
 
@@ -432,114 +391,3 @@ def _locate(
         tau = (tau + shift).mid()
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
     raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
-
-
-# ---------------------------------------------------------------- contacts that float64 does not see
-
-PER_PERIOD = 16  # looks at a gap in the shortest period
-AT_ONCE, MOST_LOOKS = 100_000, 30_000_000
-CLOSE = 1e-9  # of the motion: deeper ones float64 sees
-TOUCH = 1e-18
-MOVES = 64.0 * EPS  # of the largest speed: a gap that turns more slowly rests
-HALVINGS = 60
-APART = 64.0 * EPS  # of the time: events that are closer have one time in float64
-
-
-class Turn(NamedTuple):
-    """A gap sign (u - stop) that turns at t with gap'' = curve > 0 within ``CLOSE`` of zero; size: of the motion."""
-
-    t: float
-    contact: int
-    side: int
-    sign: int
-    curve: float
-    size: float
-
-
-def passed_over(system: System, solution: Motion, sample: Sampler, t_end: float, since: float) -> Switch | None:
-    """The first event after ``since`` that is missing in ``solution``; ``sample`` gives its channels in many digits.
-
-    None too for more than ``MOST_LOOKS``. Raises SolverFailure where it ends before float64 can tell its end from its
-    beginning.
-    """
-    if np.sum(looks(solution, t_end)[0]) > MOST_LOOKS:
-        return None
-    # Turns close to zero by float64, then the least gap of each in many digits.
-    turns = [turn for i in range(len(system.contacts)) for turn in _turns(system, solution, i, t_end)]
-    contacts = exact_problem(system, Drive.of(system)).contacts if turns else []
-    for turn in sorted(turn for turn in turns if turn.t > since):
-        t, stop, least = turn.t, contacts[turn.contact].stop(turn.side), arb(0)
-        for _ in range(3):  # to the double next to the turn
-            (u,), (v,) = (x[:, turn.contact] for x in sample(np.array([t]), lambda x: x))
-            # Least value of the parabola through gap, rate and curvature at t.
-            least = turn.sign * (u - stop - v * v / (2 * arb(turn.sign * turn.curve)))
-            t = min(max(0.0, t - turn.sign * float(v) / turn.curve), t_end)
-        depth = -float(least)
-        if depth <= TOUCH * turn.size:
-            continue
-        # The parabola crosses zero that long before its turn.
-        early = math.sqrt(2.0 * depth / turn.curve)
-        if early <= APART * t:
-            remedy = f"end before t = {t:.6g}"
-            raise SolverFailure("multiprecision", t, "a contact begins and ends at one time of float64", remedy)
-        return Switch(t - early, turn.contact, turn.side)
-    return None
-
-
-def looks(solution: Motion, t_end: float) -> tuple[NDArray[np.int64], Array]:
-    """Number of gap evaluations in every segment, and their distance in time, (segments,) each."""
-    length = np.diff(np.append(solution.times, t_end))
-    count = np.ceil(np.maximum(1.0, PER_PERIOD * length / min(solution.shortest_period, t_end)))
-    return count.astype(np.int64), length / count
-
-
-def grazes_of(solution: Motion, t_end: float) -> str:
-    """Sentence that names the grazes that are decided."""
-    count = float(np.sum(looks(solution, t_end)[0]))
-    if count > MOST_LOOKS:
-        return f"by float64, to 1e-12 of the motion: {count:.1g} looks are more than {MOST_LOOKS:.0e}"
-    return f"by many digits, to {TOUCH:g} of the motion"
-
-
-def _turns(system: System, solution: Motion, contact: int, t_end: float) -> Iterator[Turn]:
-    """Turns of the gaps of a contact close to zero, in float64."""
-    stops, sides = system.contacts[contact].stops, solution.sides[:, contact]
-    count, apart = looks(solution, t_end)
-    before = np.concatenate([[0], np.cumsum(count)])
-
-    def path(t: Array) -> tuple[Array, Array]:
-        return path_of(system, solution, t, contact)
-
-    # Looks in blocks, which bounds the size of the arrays.
-    for first in range(0, int(before[-1]), AT_ONCE):
-        look = np.arange(first, min(first + AT_ONCE, before[-1]))
-        piece = np.searchsorted(before, look, "right") - 1
-        h, side = apart[piece], sides[piece]
-        t = solution.times[piece] + (look - before[piece]) * h
-        t = np.append(t, min(t[-1] + h[-1], t_end))
-        u, v = path(t)
-        size = float(np.max(np.abs(u)))
-        moves = np.maximum(np.abs(v[:-1]), np.abs(v[1:])) > MOVES * np.max(np.abs(v))
-        for which, stop in stops.sides:
-            # A free contact is looked at for entries, one in an undamped stop or beyond one that has let go for exits.
-            looked_at = (side == LET_GO * which) | ((side == which) & (stops.damping == 0.0))
-            sign = np.where(side == 0, -which, np.where(looked_at, which, 0))
-            near = CLOSE * (size + abs(stop))
-            gap, rate, gap_after, rate_after = (sign * x for x in (u[:-1] - stop, v[:-1], u[1:] - stop, v[1:]))
-            # Tangents from both ends over twice the distance: a generous estimate of the least gap between two looks.
-            lowest = np.minimum(gap + 2.0 * h * rate, gap_after - 2.0 * h * rate_after)
-            (k,) = np.nonzero((rate < 0.0) & (rate_after >= 0.0) & (lowest <= near) & moves)
-            if not len(k):
-                continue
-            # Bisect for the turn, where the rate changes its sign.
-            low, high = t[k], t[k + 1]
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                falls = sign[k] * path(middle)[1] < 0.0
-                low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-            # Curvature by a difference of rates around the turn.
-            left, right = np.maximum(high - 0.01 * h[k], 0.0), np.minimum(high + 0.01 * h[k], t_end)
-            curve = sign[k] * (path(right)[1] - path(left)[1]) / (right - left)
-            close = (np.abs(path(high)[0] - stop) <= near) & (curve > 0.0)
-            for j in np.flatnonzero(close):
-                yield Turn(float(high[j]), contact, which, int(sign[k[j]]), float(curve[j]), size + abs(stop))

@@ -23,12 +23,12 @@ from ...model.time_functions import Harmonic, breakpoints_of, covered, in_closed
 from ..registry import Steps
 
 PERIODS_PER_STEP = 0.25  # of a Harmonic
-PER_STEP = 0.25  # of a piece with a cubic: it turns twice, and a stop that does is in and out again in one step
+PER_STEP = 0.25  # of an interval with a cubic: it turns twice, and a stop that does is in and out again in one step
 STEPS_OF_FUNCTIONS = 200  # in the span, at least, where a load or an offset is a Python function
 SECOND_LOOK = 0.381966  # of the step bounds, for the steps of a second solution to lie at other times
 
 
-class Piece(NamedTuple):
+class Interval(NamedTuple):
     """Interval [start, end] with smooth functions of time. They may be evaluated in [first, last] only: a jump at an
     end belongs to the neighbour. max_step: inf without a bound."""
 
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
     max_step: float
 
 
-def smooth_pieces(system: System, t_end: float, steps: Steps) -> list[Piece]:
+def smooth_intervals(system: System, t_end: float, steps: Steps) -> list[Interval]:
     """Cut [0, t_end] for the loads and contact offsets of ``system``."""
     covered(system.time_functions, t_end)
     # Parts of all functions of time, each once: harmonics, records, and Python functions.
@@ -63,11 +63,11 @@ def smooth_pieces(system: System, t_end: float, steps: Steps) -> list[Piece]:
         # Cuts that are a few roundings apart would leave an interval of rounding length between them.
         if cuts[-1] + _least(t_end) < t < t_end - _least(t_end):
             cuts.append(t)
-    # The functions may jump at a cut: a piece ends one double before it, and the next one evaluates them after it.
+    # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
     ends = [*(math.nextafter(t, -math.inf) for t in cuts[1:]), t_end]
     firsts = [0.0, *(math.nextafter(t, math.inf) for t in cuts[1:])]
     return [
-        Piece(start, end, first, end, min(longest, PER_STEP * (end - start) if cubic else math.inf))
+        Interval(start, end, first, end, min(longest, PER_STEP * (end - start) if cubic else math.inf))
         for start, end, first in zip([0.0, *ends[:-1]], ends, firsts, strict=True)
     ]
 
