@@ -179,15 +179,24 @@ class Solver:
         eta, rate = self.made.start(*start)
         return self._followed(Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh), t_end, NO_TIMES)
 
+    def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
+        """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
+        decides that is not."""
+        follower = Follower(self.made.free, self.made.pressed, *self.made.start(*start), t)
+        follower.follow(np.nextafter(t, np.inf), np.zeros(0), self.radians)
+        return follower.whole["side"]
+
     def first_event(
-        self, t: float, sides: IntArray, fresh: IntArray, start: Sequence[Array], t_end: float
+        self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
     ) -> tuple[float, int, int] | None:
-        """Time, contact and its new side of the first event of ``trace``, None for none."""
+        """Time, contact and its new side of the first event of ``trace``, None for none. sides None: those ``sides_at``
+        finds."""
         if not self.system.contacts:
             return None
         require_short(self.made.free, t_end - t)
         eta, rate = self.made.start(*start)
-        return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh).first_event(t_end, self.radians)
+        known = (None, None) if sides is None else (sides, fresh)
+        return Follower(self.made.free, self.made.pressed, eta, rate, t, *known).first_event(t_end, self.radians)
 
     def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
         begun = float(follower.state.t)

@@ -24,13 +24,11 @@ from ...basics.arrays import Array
 from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError, positive
 from ...kernels.exact import Marks
-from ...model.contact import Stops
 from ...model.system import System
 from ...model.time_functions import Drive
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.motion import (
-    LET_GO,
     NO_BLOWS,
     NO_EVENTS,
     REMEDY,
@@ -274,15 +272,14 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
     room, drive, solver = ctx.prec, Drive.of(system), Solver(system)
     # The flow in many digits; the events are found by float64.
     flow, regimes = LinearFlow(system), dict[tuple[int, ...], PreciseRegime]()
-    t, z = arb(0), flow.start()
-    chi = [
-        side_of(contact.stops, *(float((form * z)[0, 0]) for form in forms))
-        for contact, *forms in zip(system.contacts, flow.forms, flow.rates, strict=False)
-    ]
+    t, z, chi, resting = arb(0), flow.start(), list[int](), True  # resting: a gap may be zero, and opens or closes
     sides, states, first = list[list[int]](), list[Array](), list[int]()  # of marks, and the marks of events
-    fresh, pieces = np.zeros(len(chi), np.int64), list[Piece]()
+    fresh, pieces = np.zeros(len(system.contacts), np.int64), list[Piece]()
     fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
     while True:
+        state, begun = np.array([float(x) for x in z.entries()[: 2 * flow.n]]), float(t)
+        if resting:
+            chi = solver.sides_at(begun, np.split(state, 2)).tolist()
         # The regime of these contacts, refined where it is first met.
         key = tuple(pressed(chi).tolist())
         if key not in regimes:
@@ -291,17 +288,18 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
             fastest = max(fastest, float(np.max(np.abs(regimes[key].rates))))
             turning = max(turning, float(np.max(np.abs(regimes[key].rates.imag))))
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
-        regime, begun = regimes[key], float(t)
+        regime = regimes[key]
         ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
         if not sides or chi != sides[-1]:
             first.append(len(sides))
         sides.append(list(chi))
-        states.append(np.array([float(x) for x in z.entries()[: 2 * flow.n]]))
+        states.append(state)
         pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
         afford("t_end", t_end, "shorten t_end", floats=len(sides) * (full / 32.0 + 20.0) * system.size)
         # Next event before the next sample, by float64.
         edge = drive.next_edge(begun, t_end)
-        found = solver.first_event(begun, np.array(chi, np.int64), fresh, np.split(states[-1], 2), edge)
+        known_sides = None if resting else np.array(chi, np.int64)
+        found, resting = solver.first_event(begun, known_sides, fresh, np.split(state, 2), edge), False
         if found is not None and found[0] < edge:
             start, contact, side = found
             # Refine the event to all digits, and go on from there in the new regime.
@@ -313,8 +311,9 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
             # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
             if not drive.records or t <= when < edge:
                 after = [side if i == contact else x for i, x in enumerate(chi)]
+                if when != t:  # at once, a state at rest stays as it is: its rounding would bring it back
+                    z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 t, fresh, chi = when, fresh_after(system, chi, after), after
-                z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 continue
             if when < t:
                 raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
@@ -331,12 +330,6 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
         system, solver.made, solver.radians, times[places], at[places], places, marks, len(sides), NO_EVENTS, NO_BLOWS,
     )  # fmt: skip
     return Motion(*motion), partial(_sample, times.tolist(), pieces), Unrounded(*motion, precise=pieces)
-
-
-def side_of(stops: Stops, u: float, velocity: float) -> int:
-    """The side of a contact at u."""
-    closed = int(stops.state(u, velocity))
-    return closed if closed else LET_GO * int(np.sign(stops.penetration(u))) if stops.dissipative else 0
 
 
 def _sample(times: list[float], pieces: list[Piece], t: Array) -> tuple[Array, Array]:
