@@ -11,8 +11,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks, carry
+from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
+from stiffbeam.references.exact.variation import Variation
 
 eye = np.eye
 
@@ -140,13 +141,16 @@ def test_peaks_and_impulses_are_those_of_many_samples(damping):
         assert peak * (1.0 - 1e-5) < np.max(force) < peak * (1.0 + 1e-12)
 
 
-def test_the_homogeneous_flow_of_pressed_modes_is_that_of_series():
-    system, motion = pressed_often(0.0)
-    free, pressed = motion.made.free, motion.made.pressed
-    z, side = np.random.default_rng(1).normal(size=(2, 3, system.size)), np.array([1])
-    a, b = carry(free, pressed, side, 0.05, *z), carry(free, NONE_PRESSED, side, 0.05, *z)
-    for x, y in zip(a, b, strict=True):
-        assert np.max(np.abs(x - y)) < 1e-11 * np.max(np.abs(y))
+@pytest.mark.parametrize("damping", [0.0, 20.0])
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_flow_of_derivatives_over_a_step_is_the_sum_of_their_series(damping, side):
+    variation = Variation(pressed_often(damping)[0])
+    regime, n = variation.regime([side]), variation.n
+    z, t = np.random.default_rng(1).normal(size=(1, 3, 2 * n)), np.zeros(1)
+    step = np.array([2.0 / regime.fastest])
+    at_rest = np.zeros((1, 1, 2 * n))
+    found = regime.later(t, t, np.concatenate([at_rest, z], axis=1), np.zeros(1, np.int64), step)[0, 1:]
+    np.testing.assert_allclose(found, regime.flow(step[0], z[0]), rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
 
 
 def test_states_exactly_on_their_stops():

@@ -171,6 +171,11 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     assert np.isinf(change.exists_until)
 
 
+def test_a_tip_that_no_wave_has_reached_does_not_end_the_horizon():
+    system = sb.semidiscretise(sb.paper_case(10).problem, 25)
+    assert sb.reference(system, 0.02).derivative(["base.amplitude"]).horizon == 0.02
+
+
 def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
     """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a), impulse (1 + e) m e^(n-1) sqrt(2 a h)."""
     h, a, e = 1.0, 9.81, 0.6

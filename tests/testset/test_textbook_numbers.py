@@ -23,7 +23,8 @@ import scipy.optimize
 import stiffbeam as sb
 from stiffbeam.model.contact import dissipation_for
 from stiffbeam.references.exact.motion import Solver
-from stiffbeam.references.horizon import TangentVectors
+from stiffbeam.references.exact.tangent import Tangent, path_of_solution
+from stiffbeam.references.exact.variation import Variation
 
 INF = float("inf")
 
@@ -130,12 +131,11 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
     drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
     one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
     motion = Solver(one).solve(1.01 * T)
-    flow = TangentVectors(one, motion, 1.01 * T)
+    flow = Tangent(Variation(one), path_of_solution(one, motion, 1.01 * T))
     after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
-    dq, dv = np.eye(2)[:1], np.eye(2)[1:]
+    monodromy = np.eye(2)
     for k in range(after):
-        dq, dv = flow.across(k + 1, *flow.flow(k, float(np.diff(motion.times)[k]), dq, dv))
-    monodromy = np.vstack([dq, dv])
+        monodromy = flow.across(k + 1, flow.regimes[k].flow(float(flow.lengths[k]), monodromy))
     assert np.trace(monodromy) == pytest.approx(sum(multipliers), rel=1e-12)
     assert np.linalg.det(monodromy) == pytest.approx(e * e, rel=1e-12)
     if w == 2.8:

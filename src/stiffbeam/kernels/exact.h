@@ -104,10 +104,6 @@ API Int exact_work(const Free *f, const Free *up, const Free *low, const double 
                    const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
                    const double *edges, double *work);
 
-/* Homogeneous flow over tau with contacts on sides (m,): eta, rate (count, n) in place. */
-API Int exact_carry(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Int *sides,
-                    double tau, Int count, double *eta, double *rate);
-
 /* Squares of the pressed frequencies of one spring, w2[near[k]] + shift[k], and V (n, n): its rows are their modes in
  * the free ones. w2, row, shift, near, r (n,); r is scratch. */
 API void exact_pressed_modes(Int n, const double *w2, const double *row, double kappa, double *shift, Int *near, double *V,

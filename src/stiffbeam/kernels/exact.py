@@ -56,8 +56,7 @@ def _functions() -> ctypes.CDLL:
     lib.exact_read.argtypes = [*flown, Real, *marks, Int, *[Address] * 5]
     lib.exact_press.argtypes = [*flown, Real, *marks, Int, Int, *[Address] * 4]
     lib.exact_work.argtypes = [*flown, Real, *marks, Int, Address, Address]
-    lib.exact_carry.argtypes = [*flown, Real, Address, Real, Int, Address, Address]
-    for function in (lib.exact_follow, lib.exact_read, lib.exact_press, lib.exact_work, lib.exact_carry):
+    for function in (lib.exact_follow, lib.exact_read, lib.exact_press, lib.exact_work):
         function.restype = Int
     lib.exact_pressed_modes.argtypes = [Int, Address, Address, Real, *[Address] * 4]
     lib.exact_pressed_modes.restype = None
@@ -332,19 +331,6 @@ def work(free: Free, pressed: Pressed, marks: Marks, edges: Array, radians: floa
         *pressed.arguments(free), radians, *marks.arguments(free), len(at), at.ctypes.data, found.ctypes.data
     ))  # fmt: skip
     return found
-
-
-def carry(
-    free: Free, pressed: Pressed, sides: IntArray, tau: float, eta: Array, rate: Array, radians: float = RADIANS
-) -> tuple[Array, Array]:
-    """The homogeneous flow over tau, contacts on sides (m,), of eta, eta' (k, n)."""
-    eta, rate, n = np.array(eta, float, order="C"), np.array(rate, float, order="C"), len(free.w2)
-    k = len(eta)
-    _done(_functions().exact_carry(
-        *pressed.arguments(free), radians, address(sides, (len(free.rows),), INTEGER), tau, k,
-        address(eta, (k, n)), address(rate, (k, n)),
-    ))  # fmt: skip
-    return eta, rate
 
 
 def pressed_modes(w2: Array, row: Array, kappa: float) -> tuple[Array, NDArray[np.int64], Array]:

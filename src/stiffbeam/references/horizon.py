@@ -3,8 +3,7 @@ tip and at every contact; and the rate at which neighbouring motions diverge, by
 
     z(t) = Phi(t) z(0),  Phi(t) = flow of the last segment ... flow of the first,  |Phi(t) z| ~ exp(lambda t)
 
-If the force is continuous, tangent vectors do not jump at an event (the saltation matrix is the identity), and Phi is
-the product of the homogeneous flows of the segments. Where the force or the velocity jumps, see ``exact/tangent.py``.
+Between them stand the saltation matrices of the events, see exact/tangent.py.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from ..basics.validation import InputError, integer, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
+from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
-from .exact.derivative import path_of_solution
-from .exact.generator import Generators
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
-from .exact.tangent import Tangent
+from .exact.tangent import Tangent, path_of_solution
+from .exact.variation import Variation
 from .registry import OUTPUTS, Steps
 
 COPIES = 8  # of the problem, each perturbed in its own way
@@ -375,112 +374,87 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
         solution = Solver(system).solve(t_end)
         if not system.rigid:
             audit(system, solution, t_end)
-        along = TangentVectors(system, solution, t_end)
+        tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
         # Vectors that held contacts leave nothing of drop out.
-        dq, dv = _unit(system, *along.on_stops(0, *along.start(seed)))
-        if not dq.shape[1]:
+        dz = _unit(tangent, _on_stops(tangent, 0, tangent.into(np.vstack(_vectors(system, seed)))))
+        if not len(dz):
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
+        times = tangent.path.times
         # Every event is an edge, so that each flow is that of one segment.
-        edges = np.union1d(along.times, np.linspace(0.0, t_end, SAMPLES + 1))
-        segment = np.maximum(np.searchsorted(along.times, edges[:-1], side="right") - 1, 0)
-        logs, last = np.zeros((len(edges), dq.shape[1])), 0
+        edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
+        segment = tangent.segment_at(edges[:-1])
+        logs, last = np.zeros((len(edges), len(dz))), 0
         for i, (k, tau) in enumerate(zip(segment.tolist(), np.diff(edges).tolist(), strict=True)):
             # Several events may come between two edges, at one time.
             for new in range(last + 1, k + 1):
-                dq, dv = along.across(new, dq, dv)
+                dz = _on_stops(tangent, new, tangent.across(new, dz))
             last = k
-            dq, dv, logs[i + 1] = _carried(system, along, k, tau, dq, dv, logs[i], float(edges[i]))
+            dz, logs[i + 1] = _carried(tangent, k, tau, dz, logs[i], float(edges[i]))
         return PerturbationGrowth(edges, logs)
 
 
-class TangentVectors:
-    """Tangent vectors (n, k) along an exact motion, whose segments begin at ``times``.
-
-    A contact that is held on a rigid stop leaves of them what is M-orthogonal to M^-1 row^T: impulses along the row do
-    not touch it.
-    """
-
-    def __init__(self, system: System, solution: Motion, t_end: float) -> None:
-        path = path_of_solution(system, solution, t_end)
-        self.system, self.n, self.times, self.tangent = (
-            system,
-            system.size,
-            path.times,
-            Tangent(Generators(system), path),
-        )
-        self.held = [tuple(np.flatnonzero(sides).tolist()) if path.rigid else () for sides in path.sides]
-
-    def start(self, seed: int) -> tuple[Array, Array]:
-        """Unit vectors: random with the energy spread over all modes, and (q', q'')."""
-        basis = undamped_modes(self.system)
-        noise = np.random.default_rng(seed).standard_normal((2, self.n, RANDOM))
-        slowest = np.min(basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0)
-        # Displacements over frequencies: elastic and kinetic energy are of one size. The floor is for rigid modes.
-        scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
-        rate = (self.tangent.regimes[0].A @ self.tangent.Z[0])[: 2 * self.n]
-        dq = np.column_stack([basis.shapes @ (noise[0] / scale), rate[: self.n]])
-        dv = np.column_stack([basis.shapes @ noise[1], rate[self.n :]])
-        return _unit(self.system, dq, dv)
-
-    def flow(self, segment: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors at tau after dq, dv in a segment."""
-        return self._split(self.tangent.regimes[segment].ahead(self._joined(dq, dv), tau))
-
-    def across(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Vectors after the event at which a segment begins."""
-        dq, dv = self._split(self.tangent.across(segment, self._joined(dq, dv)))
-        # Contacts held before stay so under the flow: only new ones change the vectors.
-        newly_held = set(self.held[segment]) - set(self.held[segment - 1])
-        return self.on_stops(segment, dq, dv) if newly_held else (dq, dv)
-
-    def _joined(self, dq: Array, dv: Array) -> Array:
-        return np.vstack([dq, dv, np.zeros((self.tangent.generators.basis.size, dq.shape[1]))])
-
-    def _split(self, dZ: Array) -> tuple[Array, Array]:
-        return dZ[: self.n], dZ[self.n : 2 * self.n]
-
-    def on_stops(self, segment: int, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """Projection of vectors while the contacts of a segment are held; zero where all that is left is rounding."""
-        data, held = self.tangent.generators.data, list(self.held[segment])
-        if not held:
-            return dq, dv
-        rows = data.rows[held]
-        back = np.linalg.solve(data.mass, rows.T)
-        # M-orthogonal projection onto displacements and velocities that leave the held contacts in place.
-        kept = [x - back @ np.linalg.solve(rows @ back, rows @ x) for x in (dq, dv)]
-        size = [np.linalg.norm(x, axis=0) for x in (*kept, dq, dv)]
-        return np.where(size[0] > ROUNDING * size[2], kept[0], 0.0), np.where(
-            size[1] > ROUNDING * size[3], kept[1], 0.0
-        )
+def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
+    """Vectors (D, 2n) with what newly held contacts of a segment leave of them, M-orthogonal to M^-1 row^T: impulses
+    along the row do not touch it. Zero where all that is left is rounding."""
+    regime, n = tangent.regimes[segment], tangent.variation.n
+    if not regime.held or (segment and set(regime.held) <= set(tangent.regimes[segment - 1].held)):
+        return dz
+    parts = []
+    for x in (dz[:, :n], dz[:, n:]):
+        kept = x - x @ regime.H.T @ regime.inverse @ regime.H
+        left, whole = (np.linalg.norm(y, axis=1, keepdims=True) for y in (kept, x))
+        parts.append(np.where(left > ROUNDING * whole, kept, 0.0))
+    return np.hstack(parts)
 
 
-def _carried(
-    system: System, along: TangentVectors, segment: int, tau: float, dq: Array, dv: Array, log: Array, t: float
-) -> tuple[Array, Array, Array]:
+def _carried(tangent: Tangent, segment: int, tau: float, dz: Array, log: Array, t: float) -> tuple[Array, Array]:
     """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
     nothing of them that float64 can hold."""
     # Unit vectors again after every part: the logarithms add up where the vectors would underflow.
     for parts in (1, 10, 100, 1000):
-        q, v, total = dq, dv, log
+        z, total = dz, log
         for _ in range(parts):
-            q, v = along.flow(segment, tau / parts, q, v)
-            size = _norm(system, q, v)
+            z = tangent.regimes[segment].flow(tau / parts, z)
+            size = _norm(tangent, z)
             if not np.all((size > LEAST) & np.isfinite(size)):
                 break
-            q, v, total = q / size, v / size, total + np.log(size)
+            z, total = z / size[:, None], total + np.log(size)
         else:
-            return q, v, total
+            return z, total
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
-def _unit(system: System, dq: Array, dv: Array) -> tuple[Array, Array]:
-    """Vectors of size 1, without those of none."""
-    size = _norm(system, dq, dv)
-    moving = size > 0.0
-    return dq[:, moving] / size[moving], dv[:, moving] / size[moving]
+def _vectors(system: System, seed: int) -> tuple[Array, Array]:
+    """Tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
+    basis = undamped_modes(system)
+    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
+    slowest = np.min(
+        basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
+    )  # also for a rigid motion
+    # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
+    scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
+    # The direction of the motion needs q'' at t = 0, with the forces of the stops.
+    force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
+    compliant = [contact for contact in system.contacts if not contact.stops.rigid]
+    for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):
+        speed = (
+            float(contact.row @ system.v0) + offset_rate(contact.offset, np.zeros(1))[0]
+            if contact.stops.dissipative
+            else 0.0
+        )
+        force = force + contact.row * contact.stops.force(u, speed)
+    dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
+    dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
+    return dq, dv
 
 
-def _norm(system: System, dq: Array, dv: Array) -> Array:
-    """sqrt(dq'^T M dq' + dq^T K dq) of every column."""
-    elastic = np.sum(dq * (system.stiffness @ dq), axis=0)  # of a rigid motion rounding, of either sign
-    return np.sqrt(np.sum(dv * (system.mass @ dv), axis=0) + np.maximum(elastic, 0.0))
+def _unit(tangent: Tangent, dz: Array) -> Array:
+    """Vectors (D, 2n) of size 1, without those of none."""
+    size = _norm(tangent, dz)
+    return dz[size > 0.0] / size[size > 0.0, None]
+
+
+def _norm(tangent: Tangent, dz: Array) -> Array:
+    """sqrt(dq'^T M dq' + dq^T K dq) of every vector."""
+    n = tangent.variation.n
+    return np.sqrt(np.sum(dz[:, n:] ** 2, axis=1) + dz[:, :n] ** 2 @ tangent.variation.free.w2)

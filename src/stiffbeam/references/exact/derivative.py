@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...basics.validation import InputError
-from ...model.modes import undamped_modes
 from ...model.system import System
 from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
-from .contacts import NODES, WEIGHTS, panels
-from .generator import Generators
 from .motion import Motion, Solver
-from .tangent import Forms, Path, Tangent
+from .tangent import GRAZE, Tangent, path_of_solution
+from .variation import Series, Variation
 
-PER_PERIOD = 12  # samples in the shortest period, among which a peak is looked for
-STEPS = 24  # of Newton's method for a peak: two samples bracket it to a twelfth of a period
+LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
+HALVINGS = 45  # of the part in which a peak is
 RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 # As large as the perturbations of the copies of a horizon.
@@ -64,17 +63,31 @@ class Derivative:
         return values
 
     @cached_property
+    def _at_outputs(self) -> tuple[IntArray, Array]:
+        """Segments (k,) of the times t, and the motion and its derivatives there, (k, 1 + p, 2n)."""
+        segments = self.tangent.segment_at(self.t)
+        return segments, self.tangent.at(self.t, segments)
+
+    def _read(self, f: Callable[[Series], Array]) -> Array:
+        """f (k, ...) of the series at the times t."""
+        (segments, z), values = self._at_outputs, {}
+        for part, series in self.tangent.expanded(segments, self.t, z[:, 0], z[:, 1:], 2):
+            values |= dict(zip(part.tolist(), f(series), strict=True))
+        return self._masked(self.t, np.array([values[k] for k in range(len(self.t))]))
+
+    @cached_property
     def _tip(self) -> tuple[Array, Array]:
-        generators = self.tangent.generators
+        variation = self.tangent.variation
+        observe, slopes = variation.data.observe, variation.slopes["observe"]
+        seen = self._system.observe is not None
 
-        def forms(segment: int) -> tuple[Array, list[Array]]:
-            of_interval, derived = generators.forms(self.tangent.intervals[segment])
-            tip, tips = of_interval.positions[-1], [x.positions[-1] for x in derived]
-            rate, rates = generators.rate(tip, tips)
-            return np.array([tip, rate]), [np.array(x) for x in zip(tips, rates, strict=True)]
+        def tip(series: Series) -> Array:
+            if not seen:
+                return np.moveaxis(series.u[:2, :, 1:, 0], 0, 1)
+            eta = series.eta[:2]
+            return np.moveaxis(eta[:, :, 1:] @ observe + eta[:, :, 0] @ slopes.T, 0, 1)
 
-        _, derived = self.tangent.read(forms, self.t)
-        derived = self._masked(self.t, derived)
+        derived = self._read(tip)
         return derived[:, 0], derived[:, 1]
 
     @property
@@ -90,37 +103,32 @@ class Derivative:
     @cached_property
     def state(self) -> Array:
         """Derivative of (q, q'), (k, 2n, p)."""
-        generators, size = self.tangent.generators, 2 * self.tangent.generators.n
-        afford(
-            "wrt", len(self.wrt), "ask for fewer parameters or times", floats=4.0 * len(self.t) * size * len(self.wrt)
-        )
-        eye, none = np.eye(size, generators.N), np.zeros((size, generators.N))
-        _, derived = self.tangent.read(lambda _: (eye, [none] * generators.count), self.t)
-        return self._masked(self.t, derived)
+        X, t, p = self.tangent.variation.X, self.t, len(self.wrt)
+        afford("wrt", p, "ask for fewer parameters or times", floats=8.0 * len(t) * len(X) * p)
+        read = lambda series: np.concatenate([series.eta[0] @ X.T, series.eta[1] @ X.T], axis=2)[:, 1:]  # noqa: E731
+        return np.moveaxis(self._read(read), 1, 2)
 
     @cached_property
     def energy(self) -> Array:
         """Derivative of the energy, kinetic, elastic and of the stops, (k, p)."""
-        generators, t, system = self.tangent.generators, self.t, self._system
-        n = generators.n
-        q, v = self.tangent.states(t)[:, :n], self.tangent.states(t)[:, n : 2 * n]
-        dq, dv = np.split(self.state, 2, axis=1)
-        # dE = q'.M dq' + q.K dq, and the parts of parameters that change M and K.
-        total = np.einsum("ti,tip->tp", v @ system.mass, dv) + np.einsum("ti,tip->tp", q @ system.stiffness, dq)
-        for p, column in enumerate(generators.columns):
-            kinetic, elastic = np.sum(v * (v @ column.mass), axis=1), np.sum(q * (q @ column.stiffness), axis=1)
-            total[:, p] += 0.5 * (kinetic + elastic)
-        # Compliant stops: E = kappa d^2/2 at the depth d beyond the stop.
-        for i, contact in enumerate(system.contacts):
-            if contact.stops.rigid:
-                continue
-            for side, _ in contact.stops.sides:
-                depth, slope = self.tangent.read(gap_forms(self.tangent, i, side), t)
-                depth = np.maximum(depth[:, 0], 0.0)
-                total += float(contact.stops.stiffness) * depth[:, None] * slope[:, 0]
-                for p, column in enumerate(generators.columns):
-                    total[:, p] += 0.5 * column.kappa[i] * depth**2
-        return self._masked(t, total)
+        tangent, variation, system = self.tangent, self.tangent.variation, self._system
+        squares, slopes = variation.free.w2, variation.slopes
+
+        def energy(series: Series) -> Array:
+            (q, dq), (v, dv) = ((x[:, 0], x[:, 1:]) for x in series.eta[:2])
+            # v.dv + q.W dq, and the parts of parameters that change M and K.
+            total = np.einsum("si,spi->sp", v, dv) + np.einsum("si,spi->sp", q * squares, dq)
+            for x, name in ((v, "mass"), (q, "stiffness")):
+                total += 0.5 * np.einsum("si,pij,sj->sp", x, slopes[name], x)
+            # Compliant stops: E = kappa d^2/2 at the depth d beyond the stop.
+            for i, contact in enumerate(system.contacts):
+                for side, _ in contact.stops.sides if not contact.stops.rigid else ():
+                    gap = side * tangent.gap(series, i, side)[0]
+                    depth = np.maximum(gap[:, :1], 0.0)
+                    total += variation.data.kappa[i] * depth * gap[:, 1:] + 0.5 * slopes["kappa"][:, i] * depth**2
+            return total
+
+        return self._read(energy)
 
     @property
     def _system(self) -> System:
@@ -173,7 +181,7 @@ class Derivative:
     @cached_property
     def _impacts(self) -> tuple[tuple[Array, Array, Array], ...]:
         """Derivatives of times, peaks and impulses of every contact."""
-        read = self._struck if self.tangent.path.rigid else self._pressed
+        read = self._struck if self.tangent.rigid else self._pressed
         return tuple(read(i) for i in range(len(self._system.contacts)))
 
     def _struck(self, i: int) -> tuple[Array, Array, Array]:
@@ -232,45 +240,44 @@ class Derivative:
         A peak inside has its derivative at a fixed time, one at the entry into a damped stop moves with the entry.
         """
         tangent, (entering, leaving) = self.tangent, events
-        generators, sides = tangent.generators, tangent.path.sides[:, i]
-
-        def forms(segment: int) -> tuple[Array, list[Array]]:
-            side = int(sides[segment])
-            force, derived = generators.pressure(i, side, tangent.intervals[segment])
-            return side * force[None], [side * x[None] for x in derived]
-
-        # Impulse: Gauss quadrature of the derivative of the force, by panels.
-        motion = self.reference.solution
-        starts = tangent.path.times[segments]
-        ends = starts + tangent.lengths[segments]
-        index, left, width = panels(motion.shortest_period, starts, ends, motion.fastest_decay)
-        t = (left[:, None] + width[:, None] * (NODES + 1.0) / 2.0).ravel()
-        slope = tangent.read(forms, t, segments[index].repeat(len(NODES)))[1][:, 0].reshape(len(left), len(NODES), -1)
+        path, sides = tangent.path, tangent.path.sides[:, i]
         impacts = np.unique(owner)
+        first = segments[np.searchsorted(owner, impacts)]
+        last = segments[np.searchsorted(owner, impacts, side="right") - 1]
+        # Steps of all these segments, each with the series of the force and of its derivatives.
+        of_steps, at, lengths, z = tangent.steps
+        steps = np.flatnonzero(np.isin(of_steps, segments))
+        impact = owner[np.searchsorted(segments, of_steps[steps])]
         impulses[impacts] = 0.0
-        np.add.at(impulses, owner[index], np.einsum("kjp,j,k->kp", slope, WEIGHTS / 2.0, width))
-        first = np.searchsorted(owner, impacts)
-        last = np.searchsorted(owner, impacts, side="right") - 1
-        if generators.data.c[i] > 0.0:  # the force jumps at the entry
-            # Leibniz's rule: the ends of the integral move with the events.
-            at_entry = tangent.values(forms, starts[first], segments[first])
-            at_exit = tangent.values(forms, ends[last], segments[last])
-            impulses[impacts] += np.nan_to_num(at_exit * leaving[impacts]) - at_entry * entering[impacts]
-        # Peak: the largest of the inner maxima and of the values at the ends of segments.
-        top, place = tops(tangent, forms, segments, motion.shortest_period)
-        times = np.concatenate([top, starts, ends])
-        place = np.concatenate([place, *[np.arange(len(segments))] * 2])
-        value, slope = (x[:, 0] for x in tangent.read(forms, times, segments[place]))
-        rate = tangent.values(forms, times, segments[place], 1)
-        for impact, begin, end in zip(impacts.tolist(), starts[first].tolist(), ends[last].tolist(), strict=True):
-            mine = np.flatnonzero(owner[place] == impact)
-            # Rounding decides between two equal peaks: no derivative.
-            best = mine[np.argmax(value[mine])]
-            rivals = (value[mine] > value[best] * (1.0 - RIVALS)) & (
-                np.abs(times[mine] - times[best]) > 1e-6 * (end - begin)
+        tops: dict[int, list[tuple[float, float, Any]]] = {k: [] for k in impacts.tolist()}  # time, force, derivative
+        for part, series in tangent.expanded(of_steps[steps], at[steps], z[steps], tangent.dz[steps]):
+            side = int(sides[of_steps[steps[part[0]]]])
+            force, h = side * tangent.pressure(series, i, side), lengths[steps[part]]
+            k = np.arange(1.0, 1 + len(force))[:, None]
+            np.add.at(impulses, impact[part], np.einsum("ksp,ks->sp", force[:, :, 1:], h**k / k))
+            for step, s in zip(*maxima(force[:, :, 0], h), strict=True):
+                top = np.polynomial.polynomial.polyval(s, force[:, step])
+                tops[impact[part[step]]].append((at[steps[part[step]]] + s, top[0], top[1:]))
+        # Where events of other contacts divide an impact the force may have a kink, whose peak has no derivative here.
+        for k, segment in zip(owner.tolist(), segments.tolist(), strict=True):
+            side = int(sides[segment])
+            begin, (force, rate, *_) = (
+                path.times[segment],
+                side * tangent.pressure(tangent.at_start(segment), i, side)[:, 0],
             )
-            moves = rate[best] * entering[impact] if times[best] == begin else 0.0
-            peaks[impact] = np.nan if np.any(rivals) else slope[best] + moves
+            slope = force[1:] + rate[0] * entering[k] if segment in first else np.nan
+            tops[k].append((begin, force[0], slope))
+            if tangent.variation.data.c[i] > 0.0:  # Leibniz's rule: where the force jumps, the integral's ends move
+                if segment in first:
+                    impulses[k] -= force[0] * entering[k]
+                if segment in last:
+                    left = side * tangent.pressure(tangent.at_end(segment), i, side)[0, 0, 0]
+                    impulses[k] += np.nan_to_num(left * leaving[k])
+        for k, begin, end in zip(impacts.tolist(), path.times[first].tolist(), path.ends[last].tolist(), strict=True):
+            time, top, slope = max(tops[k], key=lambda top: top[1])
+            # Rounding decides between two equal peaks: no derivative.
+            rivals = [t for t, x, _ in tops[k] if x > top * (1.0 - RIVALS) and abs(t - time) > 1e-6 * (end - begin)]
+            peaks[k] = np.nan if rivals else slope
 
     @cached_property
     def horizon(self) -> float:
@@ -278,70 +285,35 @@ class Derivative:
         # A copy as for the horizon of the motion: rounded otherwise, or with other segments.
         t, system, t_end = self.t, self._system, float(self.reference.provenance["t_end"])
         copy = Solver(system).perturbed(COPY, 1).solve(t_end)
-        tangent = Tangent(self.tangent.generators, path_of_solution(system, copy, t_end))
+        tangent = Tangent(self.tangent.variation, path_of_solution(system, copy, t_end))
         other = Derivative(self.reference, self.wrt, t, self.bounds, self.exists_until, self.reason, tangent)
-        largest = np.maximum.accumulate(np.nan_to_num(np.abs(self.tip)), axis=0)
-        apart = np.abs(other.tip - self.tip) > AGREEMENT * largest + 1e-300
+        # Until a wave arrives the terms of the tip cancel to rounding.
+        variation, modes = self.tangent.variation, self._at_outputs[1][:, 1:, : self.tangent.variation.n]
+        row = variation.free.rows[0] if system.observe is None else variation.data.observe
+        terms = np.abs(modes) @ np.abs(row) + np.abs(self.tip - modes @ row)
+        scale = AGREEMENT * np.nan_to_num(np.abs(self.tip)) + GRAZE * np.nan_to_num(terms)
+        apart = np.abs(other.tip - self.tip) > np.maximum.accumulate(scale, axis=0)
         wrong = np.flatnonzero(np.any(apart, axis=1) | (t >= self.exists_until))
         known = float(t[max(0, wrong[0] - 1)]) if len(wrong) else float(t[-1])
         return min(known, self.reference.horizon) if np.isfinite(self.reference.horizon) else known
 
 
-def gap_forms(tangent: Tangent, contact: int, side: int) -> Forms:
-    """The depth of a contact beyond its stop, < 0 before it, as a form for every segment."""
+def maxima(p: Array, h: Array) -> tuple[IntArray, Array]:
+    """The inner maxima of polynomials p (K, S) on [0, h], h (S,): the number of each and its place."""
+    rate = np.arange(1.0, len(p))[:, None] * p[1:]
 
-    def forms(segment: int) -> tuple[Array, list[Array]]:
-        gap, derived = tangent.generators.gap(contact, side, tangent.intervals[segment])
-        return side * gap[None], [side * x[None] for x in derived]
+    def rising(s: Array, which: Any) -> NDArray[np.bool_]:
+        return np.polynomial.polynomial.polyval(s, rate[:, which], tensor=False) > 0.0
 
-    return forms
-
-
-def tops(tangent: Tangent, forms: Forms, segments: IntArray, shortest: float) -> tuple[Array, IntArray]:
-    """Times of the inner maxima of a form in segments (k,), and the index of the segment of each.
-
-    Every sample before which the form rises and after which it does not brackets one; shortest: period.
-    """
-    starts, lengths = tangent.path.times[segments], tangent.lengths[segments]
-    count = 2 + np.ceil(lengths / shortest * PER_PERIOD).astype(int)
-    afford(
-        "t_end", float(tangent.path.t_end), "shorten t_end", floats=4.0 * tangent.generators.N * float(np.sum(count))
-    )
-    which = np.repeat(np.arange(len(segments)), count)
-    step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    t = starts[which] + lengths[which] * step / (count[which] - 1)
-    rising = tangent.values(forms, t, segments[which], 1)[:, 0] > 0.0
-    at = np.flatnonzero(rising[:-1] & ~rising[1:] & (which[:-1] == which[1:]))
-    low, high, place = t[at], t[at + 1], which[at]
-    top = 0.5 * (low + high)
-    for _ in range(STEPS):  # Newton's method in a bracket
-        rate, curve = (tangent.values(forms, top, segments[place], order)[:, 0] for order in (1, 2))
-        low, high = np.where(rate > 0.0, top, low), np.where(rate > 0.0, high, top)
-        # Where Newton's method leaves the bracket, or the curvature is not negative: bisect.
-        after = top - rate / np.where(curve < 0.0, curve, -np.inf)
-        inside = (curve < 0.0) & (after >= low) & (after <= high)
-        top = np.where(inside, after, 0.5 * (low + high))
-    return top, place
-
-
-def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
-    """Segments of an exact solution, compliant or rigid, which also begin at the samples of records."""
-    count = max(1, int(np.searchsorted(solution.times, t_end, side="left")))
-    times, segments = solution.times[:count], np.arange(count)
-    edges = np.setdiff1d(solution.drive.edges, times)
-    edges = edges[(edges > 0.0) & (edges < t_end)]
-    place = np.searchsorted(times, edges, "right")
-    times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
-    q, v = solution.states_in(times, segments)
-    if not system.rigid:
-        return Path(times, solution.sides[segments], q, v, t_end)
-    hits: dict[int, list[int]] = {}
-    # A contact may take two blows at one time, for example where it is then held: it is hit once.
-    first = {int(mark): k for k, mark in reversed(list(enumerate(solution.first_mark[segments].tolist())))}
-    for mark, contact in dict.fromkeys(zip(solution.blows.mark.tolist(), solution.blows.contact.tolist(), strict=True)):
-        if mark in first:
-            hits.setdefault(first[mark], []).append(contact)
-    return Path(times, np.abs(solution.sides[segments]), q, v, t_end, True, hits)
+    edges = np.multiply.outer(np.linspace(0.0, 1.0, 1 + LOOKS), h)
+    up = np.array([rising(s, slice(None)) for s in edges])
+    part, which = np.nonzero(up[:-1] & ~up[1:])
+    low, high = edges[part, which], edges[part + 1, which]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        before = rising(middle, which)
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return which, high
 
 
 def chatter_ends(solution: Motion) -> list[float]:
@@ -375,7 +347,7 @@ def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative
     path = path_of_solution(system, solution, t_end)
     size = (2.0 * system.size + 8.0) * len(names)
     afford("wrt", len(names), "ask for fewer parameters", floats=3.0 * size * len(path.times))
-    tangent = Tangent(Generators(system, columns), path)
+    tangent = Tangent(Variation(system, columns), path)
     exists, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
     return Derivative(reference, tuple(names), t, bounds, exists, reason, tangent)
 
@@ -395,51 +367,47 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
     for contact, stops in enumerate(x.stops for x in system.contacts):
         if stops.rigid or stops.damping > 0.0:
             for side, _ in stops.sides:
-                ends += [(t, "a contact grazes its stop") for t in near_misses(system, tangent, contact, side)]
+                ends += [(t, "a contact grazes its stop") for t in near_misses(tangent, contact, side)]
                 if starts_on_stop(tangent, contact, side):
                     ends.append((0.0, "a contact starts on its stop, which the parameter moves away or into it"))
     return ends
 
 
-def near_misses(system: System, tangent: Tangent, contact: int, side: int) -> list[float]:
+def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
     """Times at which an open contact reaches its stop to rounding and turns back."""
-    path, forms = tangent.path, gap_forms(tangent, contact, side)
-    segments = np.flatnonzero((path.sides[:, contact] == 0) & (tangent.lengths > 0.0))
-    if not len(segments):
-        return []
-    # Samples must resolve the free modes, the drive and every regime on the way.
-    waves = tangent.generators.basis.frequencies
-    fastest = max(float(undamped_modes(system).omega[-1]), float(np.max(waves, initial=0.0)))
-    fastest = max(fastest, *(tangent.regimes[group[0]].fastest for group in tangent.groups.values()))
-    shortest = 2.0 * np.pi / max(fastest, 1e-300)
-    top, place = tops(tangent, forms, segments, shortest)
-    if not len(top):
-        return []
+
+    def near(owner: IntArray, t: Array) -> NDArray[np.bool_]:
+        found = np.zeros(len(t), bool)
+        for part, series in tangent.expanded(owner, t, tangent.states(t, owner), K=2):
+            depth, size = side * tangent.gap(series, contact, side)[0, :, 0], tangent.size(series, contact, side)
+            found[part] = depth > -tangent.graze * size
+        return found
+
+    segments = np.flatnonzero((tangent.path.sides[:, contact] == 0) & (tangent.lengths > 0.0))
+    owner, at, h, z = tangent.cut(segments)
+    tops, segment = [np.zeros(0)], [np.zeros(0, np.int64)]
+    for part, series in tangent.expanded(owner, at, z):
+        which, s = maxima(side * tangent.gap(series, contact, side)[:, :, 0], h[part])
+        tops.append(at[part[which]] + s)
+        segment.append(owner[part[which]])
+    top, own = np.concatenate(tops), np.concatenate(segment)
     # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
-    half = 0.5 * (path.times[segments[place]] + top)
-    near = np.ones(len(top), bool)
-    for times, closer in ((top, True), (half, False)):
-        for k, (segment, z) in enumerate(zip(segments[place], tangent.states(times, segments[place]), strict=True)):
-            gap = forms(int(segment))[0][0]
-            near[k] &= (gap @ z > -tangent.graze * (np.abs(gap) @ np.abs(z))) == closer
-    return top[near].tolist()
+    return top[near(own, top) & ~near(own, 0.5 * (tangent.path.times[own] + top))].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
     """Return True if a contact starts on its stop to rounding, and its gap there depends on a parameter."""
-    path, generators = tangent.path, tangent.generators
-    gap, gaps = generators.gap(contact, side, tangent.intervals[0])
-    Z, dZ = tangent.Z[0], tangent.dZ[0]
-    if abs(float(gap @ Z)) > tangent.graze * float(np.abs(gap) @ np.abs(Z)):
+    variation, n, series = tangent.variation, tangent.variation.n, tangent.at_start(0)
+    row, z, dz = variation.free.rows[contact], tangent.z[0], tangent.dz[0]
+    gap, size = tangent.gap(series, contact, side)[:2, 0], float(tangent.size(series, contact, side)[0])
+    if abs(float(gap[0, 0])) > tangent.graze * size:
         return False
-    forms, speed = [(gap, gaps)], generators.rate(gap, gaps)
-    if path.rigid and abs(float(speed[0] @ Z)) <= tangent.graze * float(np.abs(speed[0]) @ np.abs(Z)):
-        forms.append(speed)  # at rest there, it is hit or leaves as the speed is turned
-    for form, derived in forms:
+    speeds = np.abs(row) @ np.abs(z[n:]) + abs(float(gap[1, 0] - row @ z[n:]))
+    # At rest there, a rigid contact is hit or leaves as the speed is turned.
+    both = tangent.rigid and abs(float(gap[1, 0])) <= tangent.graze * speeds
+    for k, part in enumerate([slice(0, n), slice(n, 2 * n)][: 1 + both]):
         # Sums far below their terms are cancellation: the gap does not depend on the parameter.
-        terms = np.abs(form) @ np.abs(dZ)
-        for p, each in enumerate(derived):
-            terms[p] += np.abs(each) @ np.abs(Z)
-        if np.any(np.abs(tangent.slope_of(form, derived, Z, dZ)) > 1e-12 * terms):
+        terms = np.abs(dz[:, part]) @ np.abs(row) + np.abs(gap[k, 1:] - dz[:, part] @ row)
+        if np.any(np.abs(gap[k, 1:]) > 1e-12 * terms):
             return True
     return False

@@ -31,7 +31,6 @@ from ...kernels.exact import (
     Follower,
     Free,
     Marks,
-    carry,
     press,
     read,
     work,
@@ -49,7 +48,6 @@ LET_GO = 2  # times the stop: the side of a contact beyond a damped stop that do
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
 # With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
 MOST_IMPACTS = 200_000
-LONG = 1e4  # radians of the fastest decay, from which on a matrix exponential is shorter than series
 MOST_RADIANS = 1e8  # of the fastest decay of modes without a closed form, each half a step
 
 
@@ -339,18 +337,6 @@ class Motion:
         row = row @ self.made.X
         return eta @ row, rate @ row
 
-    def flow(self, piece: int, tau: float, dq: Array, dv: Array) -> tuple[Array, Array]:
-        """The homogeneous flow of a segment's regime over tau: (n, k) -> (n, k)."""
-        into, X, free = self.made.into, self.made.X, self.made.free
-        sides = np.ascontiguousarray(self.sides[piece])
-        eta, rate = dq.T @ into, dv.T @ into
-        decay = float(np.linalg.norm(free.damping, 2)) if free.coupling else 0.0
-        if tau * decay > LONG and not self.system.rigid:
-            eta, rate = _by_exponential(free, sides, tau, eta, rate)
-        else:
-            eta, rate = carry(free, self.made.pressed, sides, tau, eta, rate, self.radians)
-        return X @ eta.T, X @ rate.T
-
     def press(
         self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
     ) -> tuple[Array, Array]:
@@ -407,19 +393,6 @@ class Motion:
             raise SolverFailure("exact", 0.0, reason, "shorten t_end")
         found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
         return found[:, 0], found[:, 1], found[:, 2]
-
-
-def _by_exponential(free: Free, sides: IntArray, tau: float, eta: Array, rate: Array) -> tuple[Array, Array]:
-    """The homogeneous flow of eta, eta' (k, n) by one matrix exponential: strong damping makes series short."""
-    from scipy.linalg import expm
-
-    n, pressed = len(free.w2), np.abs(sides) == 1
-    rows, (kappa, c) = free.rows[pressed], free.laws[pressed, :2].T
-    K, C = np.diag(free.w2) + (rows.T * kappa) @ rows, free.damping + (rows.T * c) @ rows
-    unit = float(np.sqrt(np.max(np.diag(K)))) or 1.0  # positions and rates of one size
-    A = np.block([[np.zeros((n, n)), unit * np.eye(n)], [-K / unit, -C]])
-    z = expm(A * tau) @ np.hstack([unit * eta, rate]).T
-    return z[:n].T / unit, z[n:].T
 
 
 def joined(parts: Sequence[Motion]) -> Motion:

@@ -1,11 +1,7 @@
-"""Periodic orbits of exact motions, stable or not: shooting, then the event times as unknowns; Floquet multipliers.
+"""Periodic orbits of exact motions, stable or not, by shooting, with their Floquet multipliers.
 
-    shooting        P(z) = z, z <- z - (D - I)^-1 (P(z) - z), D the derivative of the exact flow over a period
-    event times     (I - E_k ... E_1) z = c for given times t_1 .. t_k,   h_i(z(t_i), t_i) = 0
+    P(z) = z,   z <- z - (D - I)^-1 (P(z) - z),   D the derivative of the exact flow over a period
 
-E_i: the flow of segment i. The second has no long flow to undo what rounding does to the first, and is regular where
-a contact grazes its stop. Its Jacobian has the rate of h_i on the diagonal, and off it what the force jumps by: nothing
-on stops without damping.
 Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), ch. 7.
 """
 
@@ -27,18 +23,17 @@ from ...model.time_functions import Harmonic, parts_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import beyond_stops, require_rigid
 from .contacts import within_float64
-from .derivative import chatter_ends, ends_of, path_of_solution
-from .generator import Generators
-from .motion import Motion, Solver, switched_by_force
+from .derivative import chatter_ends, ends_of
+from .motion import Motion, Solver
 from .solution import refuse, solve_exact
-from .tangent import GRAZE, Path, Tangent, monodromy
+from .tangent import GRAZE, Path, Tangent, path_of_solution
+from .variation import Variation
 
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
 APART = 1e13  # growth of a distance in a period, of which shooting can make nothing
 HALVINGS = 8  # of a step that makes the defect larger
-POLISH = 12  # iterations of the event times
-CLOSED = 1e-9  # relative defect of shooting from which the event times go on
+CLOSED = 1e-9  # largest relative defect of an orbit
 ROUNDING = 1e-13  # relative: below it shooting is not improved
 REPEATS = 1e-9  # of a turn, by which a load may miss the period
 NEAR_GRAZE = 1e3  # times the closure: a graze of a rigid or damped stop that is closer is one
@@ -57,9 +52,6 @@ class Orbit:
     period : float
     q, v : array (n,)
         State at t = 0.
-    residual : float
-        Largest |h| at an event over its terms' largest values; for rigid stops, and where shooting comes closer, the
-        closure.
     closure : float
         Largest relative difference of the state after a period of the exact flow.
     multipliers : array (2n,)
@@ -80,7 +72,6 @@ class Orbit:
     period: float
     q: Array
     v: Array
-    residual: float
     closure: float
     multipliers: NDArray[np.complex128]
     monodromy: Array
@@ -94,7 +85,7 @@ class Orbit:
         first, events = self.multipliers[0], several(len(self.event_times), "event")
         kind = "marginal" if abs(abs(first) - 1.0) <= ALONE else "stable" if self.stable else "unstable"
         return (f"<Orbit, {kind}: period {self.period:.6g}, {events}, largest multiplier {first:.6g}, "
-                f"residual {self.residual:.1e}>")  # fmt: skip
+                f"closed to {self.closure:.1e}>")  # fmt: skip
 
     @property
     def stable(self) -> bool:
@@ -123,9 +114,8 @@ class PeriodMap:
 
     def __init__(self, system: System, period: float) -> None:
         self.system, self.period = system, period
-        self.rigid = system.rigid
-        self.generators = Generators(system)
-        self.solver = None if self.rigid else Solver(system)
+        self.variation = Variation(system)
+        self.solver = None if system.rigid else Solver(system)
 
     def path(self, z: Array) -> Path:
         """Segments of a period from the state z (2n,)."""
@@ -161,11 +151,9 @@ class PeriodMap:
         if 0 in path.hits:
             reason = "the period starts with an impact"
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase of the loads")
-        tangent = Tangent(self.generators, path, np.eye(len(z)))
-        last = len(path.times) - 1
-        # By the flow that also gives the derivative, so that both are of one path.
-        end = tangent.regimes[last].ahead(tangent.Z[last][:, None], float(tangent.lengths[last]))[: len(z), 0]
-        return end, monodromy(tangent), tangent
+        tangent = Tangent(self.variation, path, np.eye(len(z)))
+        q, v = path.solution.states(np.array([self.period]))
+        return np.concatenate([q[0], v[0]]), tangent.monodromy, tangent
 
     def sizes(self, tangent: Tangent) -> Array:
         """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
@@ -190,7 +178,7 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     Returns
     -------
     Orbit
-        ``.residual .multipliers .stable .events .q .v .monodromy``
+        ``.closure .multipliers .stable .events .q .v .monodromy``
 
     Raises
     ------
@@ -214,21 +202,9 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     with within_float64("periodic_orbit", period):
         mapping = PeriodMap(system, period)
         z = _guessed(mapping, guess)
-        # Shooting closes the orbit; the event times, without its long flow, improve it to rounding.
         z, tangent, closure = shoot(mapping, z)
-        residual = closure
-        # Impacts on rigid stops change no side, and ``polished`` has no equation for them.
-        if not mapping.rigid and len(tangent.path.times) > 1:
-            start, defect = polished(mapping, z, tangent)
-            end, D, other = mapping.flow(start)
-            scale = mapping.sizes(other)
-            missed = float(np.max(np.abs(end - start) / scale))
-            # At a fold the equations of the event times are singular, and their solution may be no orbit.
-            rounded = ROUNDING * max(1.0, float(np.linalg.norm(D * scale / scale[:, None])))
-            if defect <= max(closure, ROUNDING) and missed <= max(closure, rounded):
-                z, tangent, closure, residual = start, other, missed, defect
-        _isolated(mapping, z, closure, residual)
-        return orbit_of(mapping, z, tangent, closure, residual)
+        _isolated(mapping, z, closure)
+        return orbit_of(mapping, z, tangent, closure)
 
 
 def require_periodic(system: System, period: float) -> None:
@@ -242,27 +218,27 @@ def require_periodic(system: System, period: float) -> None:
         refuse(system, period)
 
 
-def _isolated(mapping: PeriodMap, z: Array, closure: float, residual: float) -> None:
+def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
     """Raise SolverFailure for an orbit whose multipliers do not exist, or one of which is 1."""
     system, solution = mapping.system, mapping.solve(z)
     path = path_of_solution(system, solution, mapping.period)
     # The orbit is known to its closure only: so near to a graze it may be one.
-    tangent = Tangent(mapping.generators, path, np.eye(len(z)), max(GRAZE, NEAR_GRAZE * closure))
+    tangent = Tangent(mapping.variation, path, np.eye(len(z)), max(GRAZE, NEAR_GRAZE * closure))
     time, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
     if np.isfinite(time):
         raise SolverFailure(
             "periodic_orbit", time, f"the orbit has no multipliers: {reason}", "change a parameter or a phase"
         )
-    multipliers = np.linalg.eigvals(monodromy(tangent))
+    multipliers = np.linalg.eigvals(tangent.monodromy)
     # At a fold the defect is quadratic in the distance from the orbit, and the multiplier linear.
-    if np.min(np.abs(multipliers - 1.0)) < max(ALONE, residual**0.5):
+    if np.min(np.abs(multipliers - 1.0)) < max(ALONE, closure**0.5):
         reason = "a multiplier is 1 but for rounding: a fold, a free (rigid-body) motion, or a drive in resonance"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "hold what is free, damp or change the system")
 
 
-def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, residual: float) -> Orbit:
+def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float) -> Orbit:
     """An Orbit from its start z and the tangent along it."""
-    n, D, path = mapping.system.size, monodromy(tangent), tangent.path
+    n, D, path = mapping.system.size, tangent.monodromy, tangent.path
     multipliers = np.asarray(np.linalg.eigvals(D), complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
     times, contacts, sides = [], [], []
@@ -275,7 +251,7 @@ def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float, res
             sides.append(int(path.sides[i][c]))
     events = np.array(times, float), np.array(contacts, np.int64), np.array(sides, np.int64)
     return Orbit(
-        mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), residual, closure, multipliers, D, *events,
+        mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, *events,
         log_determinant(tangent), path,
     )  # fmt: skip
 
@@ -285,13 +261,13 @@ def log_determinant(tangent: Tangent) -> float:
 
     Of the matrix itself it is lost where a mode dies out below float64.
     """
-    n, total = tangent.generators.n, 0.0
+    total, restitution = 0.0, tangent.variation.data.restitution
     for i, (regime, tau) in enumerate(zip(tangent.regimes, tangent.lengths.tolist(), strict=True)):
         if regime.held:
             return -np.inf
-        total += float(np.trace(regime.A[: 2 * n, : 2 * n])) * tau
+        total -= float(np.trace(regime.damping)) * tau
         for c in tangent.path.hits.get(i, ()):
-            e = float(tangent.generators.data.restitution[c])
+            e = float(restitution[c])
             total += 2.0 * float(np.log(e)) if e > 0.0 else -np.inf
     return total
 
@@ -332,78 +308,6 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")
     return z, tangent, defect
-
-
-def polished(mapping: PeriodMap, z: Array, tangent: Tangent) -> tuple[Array, float]:
-    """The start of an orbit by Newton's method on its event times, and the largest relative |h| at an event.
-
-    Falls back on z where the events do not keep their order.
-    """
-    n, path, generators = mapping.system.size, tangent.path, mapping.generators
-    times, k = path.times[1:].copy(), len(path.times) - 1
-    forms = [_event_form(generators, path, i) for i in range(1, k + 1)]
-    best, start, size = np.inf, z, mapping.sizes(tangent)
-    for _ in range(POLISH):
-        # Newton's method on the event times, as long as they are in order.
-        edges = np.concatenate([[0.0], times, [mapping.period]])
-        if np.any(np.diff(edges) < 0.0):
-            break
-        flows = [regime.flow(tau) for regime, tau in zip(tangent.regimes, np.diff(edges).tolist(), strict=True)]
-        g = [generators.basis.values(t, 0) for t in edges[:-1].tolist()]
-        # The start of the periodic motion with these times: (I - E_k ... E_1) z = c.
-        total, shift = np.eye(2 * n), np.zeros(2 * n)
-        for E, each in zip(flows, g, strict=True):
-            total, shift = E[: 2 * n, : 2 * n] @ total, E[: 2 * n] @ np.concatenate([shift, each])
-        moved = np.linalg.solve((np.eye(2 * n) - total) * size, shift) * size
-        # The states at the events, and how far each event is from its zero.
-        states = [np.concatenate([moved, g[0]])]
-        for i in range(k):
-            states.append(np.concatenate([flows[i][: 2 * n] @ states[-1], g[i + 1]]))
-        h = np.array([form @ Z for form, Z in zip(forms, states[1:], strict=True)])
-        terms = np.array([np.abs(form) @ np.append(size, np.ones(generators.basis.size)) for form in forms])
-        error = float(np.max(np.abs(h) / terms))
-        # No improvement: the times are at rounding.
-        if error >= best:
-            break
-        best, start = error, moved
-        if error < 1e-16:
-            break
-        times = times - np.linalg.solve(_jacobian(tangent, flows, states, forms, total, n), h)
-    return start, best
-
-
-def _event_form(generators: Generators, path: Path, i: int) -> Array:
-    """The form that is zero where segment i begins."""
-    contact = int(np.flatnonzero(path.sides[i] != path.sides[i - 1])[0])
-    old, new = int(path.sides[i - 1][contact]), int(path.sides[i][contact])
-    force = switched_by_force(old, new)
-    return (generators.pressure if force else generators.gap)(contact, int(np.sign(new or old)), 0)[0]
-
-
-def _jacobian(
-    tangent: Tangent, flows: list[Array], states: list[Array], forms: list[Array], total: Array, n: int
-) -> Array:
-    """dh_i/dt_j, (k, k): an event that is later adds what the rate of the state jumps by there."""
-    k = len(forms)
-    jumps, rates = np.zeros((2 * n, k)), np.zeros(k)
-    for j, (form, Z) in enumerate(zip(forms, states[1:], strict=True)):
-        before = tangent.regimes[j].A @ Z
-        jumps[:, j] = (before - tangent.regimes[j + 1].A @ Z)[: 2 * n]
-        rates[j] = form @ before
-    moved = np.zeros((2 * n, k))
-    J = np.zeros((k, k))
-    # The first pass carries the jumps to the end of the period, the second begins with the periodic response.
-    for again in (False, True):
-        if again:
-            moved = np.linalg.solve(np.eye(2 * n) - total, moved)
-        for i in range(k):
-            moved = flows[i][: 2 * n, : 2 * n] @ moved
-            if again:
-                J[i] = forms[i][: 2 * n] @ moved
-            moved[:, i] += jumps[:, i]
-        moved = flows[k][: 2 * n, : 2 * n] @ moved
-    J[range(k), range(k)] += rates
-    return J
 
 
 def _repeats(system: System, period: float) -> None:

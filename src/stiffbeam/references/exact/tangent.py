@@ -1,10 +1,10 @@
-"""Derivatives along a motion: of its segments, its events, and all quantities of the motion.
+"""Derivatives along a motion, through its segments and events.
 
-    within a segment     dZ' = A dZ + dA Z                                                   (generator.py)
-    at an event h = 0    dt = -(h.dZ + dh.Z)/(h.Z'),  dZ+ = J (dZ- + Z'- dt) - Z'+ dt
+    within a segment     the equations of variation, by Taylor steps                              (variation.py)
+    at an event h = 0    dt = -dh/h',  dz+ = J (dz- + z'- dt) - z'+ dt
 
-J is the derivative of what happens there. On a compliant stop nothing does, and Z' is continuous: dZ+ = dZ-. At the
-entry into a damped one the force jumps by c d', see exact.c. On a rigid one with restitution the impulses P solve
+J is the derivative of what happens there. On a compliant stop nothing does, and z' is continuous: dz+ = dz-. At the
+entry into a damped one the force jumps by c u', see exact.c. On a rigid one with restitution the impulses P solve
 
     M (q'+ - q'-) = H^T P,   H q'+ + o' = -e (H q'- + o')
 
@@ -15,40 +15,46 @@ Source: di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), section 2
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...basics.arrays import Array
-from .generator import Generators, RegimeFlow, saddle, saddle_times
-from .motion import LET_GO, switched_by_force
+from ...basics.arrays import Array, IntArray
+from ...basics.resources import afford
+from ...model.system import System
+from .motion import Motion, switched_by_force
+from .variation import RADIANS, TERMS, Regime, Series, Variation
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
 TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
 LEAST = 0.01  # of the position or velocity that one turn in the time of a path gives: its least unit
-
-# Segment -> forms (f, N) and their own derivatives (f, N) in every parameter, equal for segments of one regime.
-Forms = Callable[[int], tuple[Array, Sequence[Array]]]
+CHUNK = 400_000  # numbers of a series at once
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
     """Segments of a motion: they start at times (k,) with q, v (k, n) and the contacts on ``sides`` (k, m).
 
-    rigid: contacts with a side are held there. hits: for segments that start with impacts the contacts that are hit.
+    piece: (k,) the segments of the solution, which records divide. hits: for segments that start with impacts on rigid
+    stops the contacts that are hit.
     """
 
+    solution: Motion
     times: Array
-    sides: NDArray[np.int64]
+    sides: IntArray
     q: Array
     v: Array
     t_end: float
-    rigid: bool = False
+    piece: IntArray
     hits: Mapping[int, Sequence[int]] = field(default_factory=dict)
+
+    @property
+    def ends(self) -> Array:
+        """Times (k,) at which the segments end."""
+        return np.append(self.times[1:], self.t_end)
 
     @property
     def units(self) -> Array:
@@ -60,141 +66,197 @@ class Path:
         return np.repeat([max(q, LEAST * turn * v, 1e-300), max(v, LEAST * q / turn, 1e-300)], self.q.shape[1])
 
 
+def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
+    """Segments of an exact solution, compliant or rigid, which also begin at the samples of records."""
+    count = max(1, int(np.searchsorted(solution.times, t_end, side="left")))
+    times, segments = solution.times[:count], np.arange(count)
+    edges = np.setdiff1d(solution.drive.edges, times)
+    edges = edges[(edges > 0.0) & (edges < t_end)]
+    place = np.searchsorted(times, edges, "right")
+    times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
+    sides, (q, v) = solution.sides[segments], solution.states_in(times, segments)
+    hits: dict[int, list[int]] = {}
+    # A contact may take two blows at one time, for example where it is then held: it is hit once.
+    first = {int(mark): k for k, mark in reversed(list(enumerate(solution.first_mark[segments].tolist())))}
+    for mark, contact in dict.fromkeys(zip(solution.blows.mark.tolist(), solution.blows.contact.tolist(), strict=True)):
+        if mark in first:
+            hits.setdefault(first[mark], []).append(contact)
+    return Path(solution, times, np.abs(sides) if system.rigid else sides, q, v, t_end, segments, hits)
+
+
 class Tangent:
-    """Derivatives along a path in the columns of ``generators``, and in ``directions`` (2n, D) of its start.
+    """Derivatives along a path in the parameters of ``variation``, or in ``directions`` (2n, D) of its start."""
 
-    All derivatives have the columns last, those of parameters before directions.
-    """
-
-    def __init__(
-        self, generators: Generators, path: Path, directions: Array | None = None, graze: float = GRAZE
-    ) -> None:
-        self.generators, self.path, self.graze = generators, path, graze
-        self.parameters = generators.count
-        directions = np.zeros((2 * generators.n, 0)) if directions is None else directions
-        self.count = self.parameters + directions.shape[1]
-        basis, k, N = generators.basis, len(path.times), generators.N
-        # Z at the start of every segment.
-        self.intervals = [basis.interval(t) for t in path.times.tolist()] if basis.records else [0] * k
-        self.Z = np.hstack([path.q, path.v, basis.all_values(path.times, self.intervals)])
-        self.lengths = np.diff(np.append(path.times, path.t_end))
-        sides = map(tuple, np.where(np.abs(path.sides) == LET_GO, 0, path.sides).tolist())
-        self.regimes = [generators.regime(x, path.rigid, i) for x, i in zip(sides, self.intervals, strict=True)]
-        # Segments of one regime share its eigenvectors: most work is done a regime at a time.
-        self.groups: dict[int, list[int]] = {}
-        for i, regime in enumerate(map(id, self.regimes)):
-            self.groups.setdefault(regime, []).append(i)
+    def __init__(self, variation: Variation, path: Path, directions: Array | None = None, graze: float = GRAZE) -> None:
+        self.variation, self.path, self.graze, n = variation, path, graze, variation.n
+        self.rigid, self.lengths = variation.system.rigid, path.ends - path.times
+        self.regimes = [variation.regime(sides) for sides in path.sides.tolist()]
+        # Samples between which the functions of time have one series.
+        edges = variation.edges
+        self.since = edges[np.maximum(np.searchsorted(edges, path.times, "right") - 1, 0)] if len(edges) else path.times
+        segments = np.arange(len(path.times))
+        self.z = self.states(path.times, segments)
+        self.z_end = self.states(path.ends, segments)
         self.impulses: dict[int, dict[int, tuple[float, Array]]] = {}  # rigid: by segment and contact, with derivative
         self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
         self.ties: list[float] = []  # rigid: times of impacts together that have none
-        # Derivatives of the start: of its data by the parameters, then the directions.
-        start = np.zeros((N, self.count))
-        for p, column in enumerate(generators.columns):
-            start[: generators.n, p], start[generators.n : 2 * generators.n, p] = column.q0, column.v0
-        start[: 2 * generators.n, self.parameters :] = directions
-        self.dZ, self.ends = self._follow(start)  # at the starts and ends of segments, (k, N, columns)
-        self.last = self.ends[-1]
+        start = np.zeros((variation.P, 2 * n))
+        for p, column in enumerate(variation.columns):
+            start[p, :n], start[p, n:] = column.q0, column.v0
+        if directions is not None:
+            start = self.into(directions)
+        self.count = len(start)
+        # Steps of the Taylor series; without parameters a segment is one step.
+        self.steps = self.cut(segments) if variation.P else (segments, path.times, self.lengths, self.z)
+        _, t, h, _ = self.steps
+        afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + self.count) * n)
+        driven = np.zeros((len(t), self.count, 2 * n))
+        if variation.P:
+            driven = self._later(driven, np.arange(len(t)), h)[:, 1:]
+        self.dz, self.ends = self._follow(start, driven)  # at the starts of steps, and at the ends of segments
 
-    def _follow(self, dZ: Array) -> tuple[Array, Array]:
-        """dZ at the starts and ends of all segments."""
-        (k, N), P = self.Z.shape, self.parameters
-        # Where nothing happens at events, the end of a segment is the start of the next.
-        smooth = not (self.path.rigid or self.generators.basis.records or self._jumps)
-        # With many columns the flow of every segment, [E, d; 0, 1] with the part d of dA: one product a segment.
-        wide = 2 * self.count > N
-        rows = N + P if wide else N
-        starts = np.zeros((k + 1, rows, self.count))
-        starts[0, :N], starts[:, range(N, rows), range(rows - N)] = dZ, 1.0
-        ends = starts[1:] if smooth else np.zeros((k, rows, self.count))
-        driven, flows = np.zeros((k, N, P)), np.zeros((k, rows, rows) if wide else 0)
-        for members in self.groups.values() if self.count else ():
-            regime, tau = self.regimes[members[0]], self.lengths[members]
-            if P:
-                driven[members] = regime.seen(None, self.Z[members], None, tau)[1]
-            if wide:
-                flows[members, :N, :N] = regime.flows(tau)
-        if wide:
-            flows[:, :N, N:], flows[:, range(N, rows), range(N, rows)] = driven, 1.0
-        for i, (start, end) in enumerate(zip(starts[:-1], ends, strict=True)):
-            if i and not smooth:
-                start[:N] = self.across(i, ends[i - 1, :N])
-            if wide:
-                np.dot(flows[i], start, out=end)
-            elif self.count:
-                end[:] = self.regimes[i].ahead(start, float(self.lengths[i]))
-                end[:, :P] += driven[i]
-        return starts[:-1, :N], ends[:, :N]
+    def into(self, directions: Array) -> Array:
+        """Derivatives (D, 2n) in modes of directions (2n, D) of q, q'."""
+        n, into = self.variation.n, self.variation.into
+        return np.hstack([directions[:n].T @ into, directions[n:].T @ into])
 
-    def slope_of(self, form: Array, derived: Sequence[Array], Z: Array, dZ: Array) -> Array:
-        """Derivative of a form of Z, which depends on the parameters itself, (columns,)."""
-        total = form @ dZ
-        for p, each in enumerate(derived):
-            total[p] += each @ Z
-        return total
+    def _follow(self, dz: Array, driven: Array) -> tuple[Array, Array]:
+        """Derivatives at the starts of all steps and at the ends of all segments."""
+        (owner, _, h, _), n = self.steps, self.variation.n
+        starts, ends = np.zeros((len(owner), *dz.shape)), np.zeros((len(self.regimes), *dz.shape))
+        first = np.searchsorted(owner, np.arange(len(self.regimes) + 1))
+        for i, regime in enumerate(self.regimes if len(dz) else ()):
+            if i:
+                dz = self.across(i, dz)
+            steps, tau = slice(first[i], first[i + 1]), float(h[first[i]])
+            if first[i + 1] == first[i] + 1:
+                starts[steps], dz = dz, regime.flow(tau, dz) + driven[first[i]]
+            else:
+                starts[steps], dz = accumulated(regime.flow(tau, np.eye(2 * n)), dz, driven[steps])
+            ends[i] = dz
+        return starts, ends
 
-    def across(self, i: int, dZ: Array) -> Array:
-        """dZ after the event at which segment i begins, from that before it."""
+    def states(self, t: Array, segment: IntArray) -> Array:
+        """Motion (k, 2n) in modes at times t (k,), as the given segments have it."""
+        q, v = self.path.solution.states_in(t, self.path.piece[segment])
+        return np.hstack([q @ self.variation.into, v @ self.variation.into])
+
+    def cut(self, segments: IntArray) -> tuple[IntArray, Array, Array, Array]:
+        """Steps of RADIANS at most in segments (k,): the segment, time, length and state of each."""
+        rates = np.array([self.regimes[i].fastest for i in segments.tolist()])
+        count = np.maximum(1, np.ceil(self.lengths[segments] * rates / RADIANS))
+        floats = 4.0 * float(np.sum(count)) * self.variation.n
+        afford("t_end", self.path.t_end, "shorten t_end", floats=floats)
+        count = count.astype(int)
+        h = np.repeat(self.lengths[segments] / count, count)
+        owner = np.repeat(segments, count)
+        t = self.path.times[owner] + h * (np.arange(len(h)) - np.repeat(np.cumsum(count) - count, count))
+        return owner, t, h, self.states(t, owner)
+
+    def expanded(
+        self, owner: IntArray, t: Array, z: Array, dz: Array | None = None, K: int = TERMS
+    ) -> Iterator[tuple[IntArray, Series]]:
+        """Parts of the times t (k,) in segments ``owner`` of one regime, with the series at these; dz: (k, D, 2n)."""
+        whole = z[:, None] if dz is None else np.concatenate([z[:, None], dz], axis=1)
+        for regime, part in self._parts(owner, (K + 1) * whole.shape[1] * self.variation.n):
+            yield part, regime.series(t[part], self.since[owner[part]], whole[part], K)
+
+    def at(self, t: Array, segment: IntArray) -> Array:
+        """Motion and derivatives (k, 1 + D, 2n) at increasing times t (k,) in the given segments."""
+        owner, at = self.steps[:2]
+        # The last step that begins before each time, in its segment.
+        first, last = np.searchsorted(owner, segment), np.searchsorted(owner, segment, "right") - 1
+        step = np.clip(np.searchsorted(at, t, "right") - 1, first, last)
+        return self._later(self.dz, step, t - at[step])
+
+    def _later(self, dz: Array, step: IntArray, late: Array) -> Array:
+        """Motion and derivatives (k, 1 + D, 2n) at ``late`` (k,) behind the starts of rising steps, from dz there."""
+        used = np.unique(step)
+        owner, t, _, z = (x[used] for x in self.steps)
+        whole = np.concatenate([z[:, None], dz[used]], axis=1)
+        found = np.empty((len(late), *whole.shape[1:]))
+        # The kernel keeps no coefficients: only those of the functions of time take memory.
+        for regime, part in self._parts(owner, (TERMS + 1) * whole.shape[1] * (len(self.variation.leaves) + 1)):
+            here = np.flatnonzero(np.isin(step, used[part]))
+            of = np.searchsorted(used[part], step[here])
+            found[here] = regime.later(t[part], self.since[owner[part]], whole[part], of, late[here])
+        return found
+
+    def _parts(self, owner: IntArray, size: int) -> Iterator[tuple[Regime, IntArray]]:
+        """Parts of the segments ``owner`` (k,) of one regime each, with ``size`` numbers for each, CHUNK at once."""
+        regimes = np.array([id(x) for x in self.regimes])[owner]
+        for one in dict.fromkeys(regimes.tolist()):
+            here = np.flatnonzero(regimes == one)
+            for part in np.array_split(here, min(len(here), 1 + size * len(here) // CHUNK)):
+                yield self.regimes[owner[part[0]]], part
+
+    def segment_at(self, t: Array) -> IntArray:
+        """The segment that each time lies in; an event belongs to the segment it begins."""
+        return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
+
+    def at_end(self, i: int, dz: Array | None = None) -> Series:
+        """Series at the end of segment i."""
+        if dz is None:
+            return self._at_ends[i]
+        return self._series(self.regimes[i], i, float(self.path.ends[i]), self.z_end[i], dz)
+
+    @cached_property
+    def _at_ends(self) -> dict[int, Series]:
+        """Series at the ends of all segments."""
+        found, path = {}, self.path
+        for part, series in self.expanded(np.arange(len(path.times)), path.ends, self.z_end, self.ends, 4):
+            found |= {i: Series(*(x[:, k : k + 1] for x in series)) for k, i in enumerate(part.tolist())}
+        return found
+
+    def at_start(self, i: int) -> Series:
+        """Series at the start of segment i, behind the event there."""
+        first = int(np.searchsorted(self.steps[0], i))
+        return self._series(self.regimes[i], i, float(self.path.times[i]), self.z[i], self.dz[first])
+
+    def _series(self, regime: Regime, i: int, t: float, z: Array, dz: Array) -> Series:
+        return regime.series(np.array([t]), self.since[i : i + 1], np.concatenate([z[None], dz])[None], 4)
+
+    def gap(self, series: Series, contact: int, side: int) -> Array:
+        """Coefficients (K + 1, S, 1 + D) of u - g of a contact."""
+        gap = series.u[..., contact].copy()
+        gap[0] = self.variation.gap(series.u[0][..., [contact]], [contact], [side])[..., 0]
+        return gap
+
+    def pressure(self, series: Series, contact: int, side: int) -> Array:
+        """Coefficients (K, S, 1 + D) of kappa (u - g) + c u'."""
+        gap = self.gap(series, contact, side)
+        rate = np.arange(1.0, len(gap))[:, None, None] * gap[1:]
+        return self.variation.pressure(gap[:-1, ..., None], rate[..., None], [contact])[..., 0]
+
+    def size(self, series: Series, contact: int, side: int) -> Array:
+        """Sizes (S,) of the terms of a gap."""
+        row, eta = self.variation.free.rows[contact], series.eta[0][:, 0]
+        stop = getattr(self.variation.data, "upper" if side > 0 else "lower")[contact]
+        return np.abs(eta) @ np.abs(row) + np.abs(series.u[0][:, 0, contact] - eta @ row) + abs(stop)
+
+    def across(self, i: int, dz: Array) -> Array:
+        """dz (D, 2n) after the event at which segment i begins, from that before it."""
+        variation, n = self.variation, self.variation.n
+        if self.rigid:
+            return self._struck(i, dz) if i in self.path.hits else dz
         before, after = self.path.sides[i - 1], self.path.sides[i]
-        if self.path.rigid:
-            return self._struck(i, dZ) if i in self.path.hits else self._renewed(i, dZ)
-        generators, n = self.generators, self.generators.n
-        # Without damped stops no force jumps, and dZ is continuous.
-        if not self._jumps:
-            return self._renewed(i, dZ)
-        for contact in np.flatnonzero((before == 0) & (after != 0)).tolist():
-            c = generators.data.c[contact]
-            if c > 0.0:
-                # The event ends segment i - 1: its gap is in the functions of that segment.
-                form, derived = generators.gap(contact, int(np.sign(after[contact])), self.intervals[i - 1])
-                Z = self._clock_before(i)
-                if grazes(form, self.regimes[i - 1], Z, self.graze):
-                    self.grazes.append(float(self.path.times[i]))
-                late = self.slope_of(form, derived, Z, dZ)
-                # A neighbour enters later by -late/d', without the force c d' until then.
-                dZ = dZ.copy()
-                dZ[n : 2 * n] -= c * np.outer(self._back[:, contact], late)
-        return self._renewed(i, dZ)
+        for contact in np.flatnonzero((before == 0) & (after != 0) & (variation.data.c > 0.0)).tolist():
+            # A neighbour enters later by -dh/h', without the force c h' until then.
+            side = int(np.sign(after[contact]))
+            series = self.at_end(i - 1, dz)
+            h = self.gap(series, contact, side)[:, 0]
+            if grazes(h[:, 0], float(self.size(series, contact, side)[0]), self.graze):
+                self.grazes.append(float(self.path.times[i]))
+            dz = dz.copy()
+            dz[:, n:] -= variation.data.c[contact] * np.outer(h[0, 1:], variation.free.rows[contact])
+        return dz
 
-    def _renewed(self, i: int, dZ: Array) -> Array:
-        """dZ where the time of samples starts anew: s and its powers depend on no parameter."""
-        if self.generators.basis.records:
-            dZ = dZ.copy()
-            dZ[-3:] = 0.0
-        return dZ
-
-    def _clock_before(self, i: int) -> Array:
-        """Z at the start of segment i with the time functions of the segment before."""
-        basis, Z = self.generators.basis, self.Z[i].copy()
-        if basis.records:
-            Z[2 * self.generators.n :] = basis.values(float(self.path.times[i]), self.intervals[i - 1])
-        return Z
-
-    @cached_property
-    def _jumps(self) -> bool:
-        """True where the force of a stop jumps at its entry."""
-        return bool(np.any(self.generators.data.c > 0.0))
-
-    @cached_property
-    def _back(self) -> Array:
-        """M^-1 rows^T, (n, m)."""
-        return np.linalg.solve(self.generators.data.mass, self.generators.data.rows.T)
-
-    def _before(self, i: int) -> Array:
-        """Z at the end of segment i - 1."""
-        Z = self.regimes[i - 1].ahead(self.Z[i - 1][:, None], float(self.lengths[i - 1]))[:, 0]
-        n = self.generators.n
-        # Positions are continuous, velocities are those before the blow.
-        Z[:n] = self.path.q[i]
-        Z[2 * n :] = self._clock_before(i)[2 * n :]
-        return Z
-
-    def _struck(self, i: int, dZ: Array) -> Array:
-        """dZ behind impacts on rigid stops: one after the other where they do not change each other."""
+    def _struck(self, i: int, dz: Array) -> Array:
+        """dz behind impacts on rigid stops: one after the other where they do not change each other."""
         before, after, hits = self.path.sides[i - 1].copy(), self.path.sides[i], list(self.path.hits[i])
         # Free contacts one after the other, the fastest first; if all were held, the fastest alone.
-        Z = self._before(i)
-        speeds = {c: abs(self._speed(c, i, Z)) for c in hits}
+        speeds = np.abs(self.at_end(i - 1, dz).u[1, 0, 0])
         free = sorted((c for c in hits if not before[c]), key=lambda c: -speeds[c]) or [
             max(hits, key=lambda c: speeds[c])
         ]
@@ -204,198 +266,132 @@ class Tangent:
         if len(free) > 1 and not self._apart(free, taking):
             self.ties.append(float(self.path.times[i]))
         # Between two blows at one time the contacts hit so far are in their state after it, for no time.
+        first, z = self.regimes[i - 1], self.z_end[i - 1]
         for k, c in enumerate(free):
-            first = (
-                self.regimes[i - 1] if k == 0 else self.generators.regime(tuple(before), True, self.intervals[i - 1])
-            )
             before[c] = after[c]
             last = k == len(free) - 1
-            then = self.regimes[i] if last else self.generators.regime(tuple(before), True, self.intervals[i - 1])
-            dZ, Z = self._blow(i, dZ, Z, [c, *taking], (first, then), self.Z[i] if last else None)
-        return self._renewed(i, dZ)
+            then = self.regimes[i] if last else self.variation.regime(before.tolist())
+            dz, z = self._blow(i, dz, z, [c, *taking], (first, then), self.z[i] if last else None)
+            first = then
+        return dz
 
     def _apart(self, free: Sequence[int], taking: Sequence[int]) -> bool:
         """Return True where blows on the ``free`` contacts change neither each other's speeds nor accelerations."""
-        data = self.generators.data
+        rows, H = self.variation.free.rows[list(free)], self.variation.free.rows[list(taking)]
         # Velocities that an impulse on each causes, while the others taking part stay held.
-        H = data.rows[list(taking)]
-        right = np.zeros((self.generators.n + len(H), len(free)))
-        right[: self.generators.n] = data.rows[list(free)].T
-        back = saddle(data.mass, H)(right)[: self.generators.n]
+        back = rows - rows @ H.T @ np.linalg.inv(H @ H.T) @ H
         # Speeds change by M^-1, accelerations by the damping force of the changed speeds.
-        for coupled in (data.rows[list(free)] @ back, back.T @ data.damping @ back):
+        for coupled in (rows @ back.T, back @ self.variation.damped(back).T):
             size = np.sqrt(np.abs(np.diag(coupled)))
             if np.any(np.abs(coupled - np.diag(np.diag(coupled))) > APART * np.outer(size, size)):
                 return False
         return True
 
-    def _speed(self, contact: int, i: int, Z: Array) -> float:
-        """Rate of a gap before segment i."""
-        return float(self.generators.rate(*self.generators.gap(contact, 1, self.intervals[i - 1]))[0] @ Z)
-
     def _blow(
-        self,
-        i: int,
-        dZ: Array,
-        Z: Array,
-        taking: Sequence[int],
-        flows: tuple[RegimeFlow, RegimeFlow],
-        end: Array | None,
+        self, i: int, dz: Array, z: Array, taking: Sequence[int], regimes: tuple[Regime, Regime], end: Array | None
     ) -> tuple[Array, Array]:
-        """dZ and Z behind the impact of taking[0], in which the other contacts ``taking`` have a part.
+        """dz and z behind the impact of taking[0], in which the other contacts ``taking`` have a part.
 
-        flows: before and after it. end: Z there where it is known.
+        regimes: before and after it. end: z there where it is known.
         """
-        generators, n, interval = self.generators, self.generators.n, self.intervals[i - 1]
-        data, after, hit = generators.data, self.path.sides[i], taking[0]
-        # Gap rates before the blow. A contact that stays on its stop has no rebound.
-        rates = [generators.rate(*generators.gap(c, 1, interval)) for c in taking]
-        arriving = np.array([form @ Z for form, _ in rates])
-        e = np.array([0.0 if after[c] else data.restitution[c] for c in taking])
-        form, derived = generators.gap(hit, int(np.sign(arriving[0])) or 1, interval)
-        if grazes(form, flows[0], Z, self.graze):
-            self.grazes.append(float(self.path.times[i]))
-        # The time of the impact, and dZ there.
-        gone = self.slope_of(form, derived, Z, dZ)
-        late = -gone / arriving[0] if arriving[0] else np.full(dZ.shape[1], np.nan)
-        moved = dZ + np.outer(flows[0].A @ Z, late)
-        # the blow and its derivative
-        H = data.rows[list(taking)]
-        solve = saddle(data.mass, H)
-        shift = np.array([rate[2 * n :] @ Z[2 * n :] for rate, _ in rates])
-        X = solve(np.concatenate([data.mass @ Z[n : 2 * n], -e * arriving - shift])[:, None])
-        # The same equation differentiated: its right side, and the change of its matrix by the parameters.
-        right = np.zeros((n + len(taking), dZ.shape[1]))
-        right[:n] = data.mass @ moved[n : 2 * n]
-        for k, (c, (rate, rate_slopes)) in enumerate(zip(taking, rates, strict=True)):
-            right[n + k] = -e[k] * self.slope_of(rate, rate_slopes, Z, moved) - rate[2 * n :] @ moved[2 * n :]
-            for p, each in enumerate(rate_slopes):
-                right[n + k, p] -= each[2 * n :] @ Z[2 * n :]
-                if not after[c]:
-                    right[n + k, p] -= generators.columns[p].restitution[c] * arriving[k]
-        for p, column in enumerate(generators.columns):
-            right[:n, p] += column.mass @ Z[n : 2 * n]
-            right[:, p] -= saddle_times(column.mass, column.rows[list(taking)], X)[:, 0]
-        dX = solve(right)
-        # Impulses with derivatives; velocities behind the blow, brought back to a fixed time.
+        variation, n, t, hit = self.variation, self.variation.n, float(self.path.times[i]), taking[0]
+        P, slopes, held = variation.P if len(dz) else 0, variation.slopes, self.path.sides[i][taking] != 0
+        now = self._series(regimes[0], i - 1, t, z, dz)
+        arriving, rates = now.u[1, 0, 0, taking], now.u[1, 0, 1:, taking].T
+        side = int(np.sign(arriving[0])) or 1
+        h = self.gap(now, hit, side)[:, 0]
+        if grazes(h[:, 0], float(self.size(now, hit, side)[0]), self.graze):
+            self.grazes.append(t)
+        # The time of the impact, and the derivatives of the motion there. Without speed it is the graze noted above.
+        late = -h[0, 1:] / arriving[0] if arriving[0] else np.zeros(len(dz))
+        moved = dz + np.outer(late, np.concatenate([z[n:], 2.0 * now.eta[2, 0, 0]]))
+        rates = rates + np.outer(late, 2.0 * now.u[2, 0, 0, taking])
+        # The impulses, by (1 + e) times the speeds, and the same equation differentiated.
+        H, e = variation.free.rows[taking], np.where(held, 0.0, variation.data.restitution[taking])
+        inverse = np.linalg.inv(H @ H.T)
+        impulse = -inverse @ ((1.0 + e) * arriving)
+        kick = impulse @ H
+        kicks = np.zeros((len(dz), n))
+        right = -(1.0 + e) * rates
+        if P:
+            rows = slopes["rows"][:, taking]
+            kicks[:P] = impulse @ rows - kick @ slopes["mass"]
+            right[:P] -= np.where(held, 0.0, slopes["restitution"][:, taking]) * arriving + rows @ kick
+        impulses = (right - kicks @ H.T) @ inverse
+        kicks += impulses @ H
         of_segment = self.impulses.setdefault(i, {})
-        of_segment |= {c: (float(X[n + k, 0]), dX[n + k]) for k, c in enumerate(taking)}
+        of_segment |= {c: (float(impulse[k]), impulses[:, k]) for k, c in enumerate(taking)}
         self.hit_slopes[i, hit] = late
-        out = moved.copy()
-        out[n : 2 * n] = dX[:n]
-        if end is None:
-            end = Z.copy()
-            end[n : 2 * n] = X[:n, 0]
-        return out - np.outer(flows[1].A @ end, late), end
+        # Derivatives behind the blow, brought back to a fixed time.
+        end = z + np.concatenate([np.zeros(n), kick]) if end is None else end
+        then = self._series(regimes[1], i - 1, t, end, np.zeros((0, 2 * n)))
+        out = moved - np.outer(late, np.concatenate([end[n:], 2.0 * then.eta[2, 0, 0]]))
+        out[:, n:] += kicks
+        return out, end
 
     def event_slope(self, i: int, contact: int) -> Array:
-        """Derivative (columns,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
-        if self.path.rigid:
-            return self._rigid_slope(i, contact)
-        generators, interval = self.generators, self.intervals[i - 1]
+        """Derivative (D,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
+        unknown = np.full(self.count, np.nan)
+        if (i, contact) in self.hit_slopes:
+            return self.hit_slopes[i, contact]
+        if self.rigid and (i in self.path.hits or contact not in self.regimes[i - 1].held):
+            return unknown
+        # h of the event: the reaction of a held contact, the force of a damped stop, or the gap.
         old, new = int(self.path.sides[i - 1][contact]), int(self.path.sides[i][contact])
-        # h of the event: the gap, or the force of a damped stop.
-        side, Z = int(np.sign(new or old)), self._clock_before(i)
-        force = switched_by_force(old, new)
-        form, derived = (generators.pressure if force else generators.gap)(contact, side, interval)
-        speed = float(form @ (self.regimes[i - 1].A @ Z))
-        if grazes(form, self.regimes[i - 1], Z) or (force and self._jumps_with(i)):
-            return np.full(self.count, np.nan)
-        # before the event: the derivative behind it differs where the force of a damped stop jumps
-        return -self.slope_of(form, derived, Z, self.ends[i - 1]) / speed
+        side, force, series = int(np.sign(new or old)), switched_by_force(old, new), self.at_end(i - 1)
+        size = float(self.size(series, contact, side)[0])
+        if self.rigid:
+            h, size = series.force[..., contact][:, 0], self._reaction_size(i - 1, contact)
+        elif force:
+            h = self.pressure(series, contact, side)[:, 0]
+            size *= float(self.variation.data.kappa[contact])
+        else:
+            h = self.gap(series, contact, side)[:, 0]
+        if grazes(h[:, 0], size) or (force and self._jumps_with(i)):
+            return unknown
+        return -h[0, 1:] / h[1, 0]
+
+    def _reaction_size(self, i: int, contact: int) -> float:
+        """Size of the terms of a reaction at the end of segment i."""
+        regime, n = self.regimes[i], self.variation.n
+        inertia = np.abs(self.variation.free.w2 * self.z_end[i][:n])
+        return float((np.abs(regime.inverse) @ np.abs(regime.H) @ inertia)[regime.held.index(contact)])
 
     def _jumps_with(self, i: int) -> bool:
         """Return True where a damped stop is entered at the time at which segment i begins: its force jumps."""
         times, sides = self.path.times, self.path.sides
         at = [k for k in np.flatnonzero(np.abs(times - times[i]) <= TOGETHER * times[i]).tolist() if k]
         entered = np.any([(sides[k - 1] == 0) & (sides[k] != 0) for k in at], axis=0)
-        return bool(np.any(entered & (self.generators.data.c > 0.0)))
+        return bool(np.any(entered & (self.variation.data.c > 0.0)))
 
-    def _rigid_slope(self, i: int, contact: int) -> Array:
-        """``event_slope`` of an impact on a rigid stop, or of the release of a contact, where its reaction vanishes."""
-        unknown = np.full(self.count, np.nan)
-        if (i, contact) in self.hit_slopes:
-            return self.hit_slopes[i, contact]
-        regime = self.regimes[i - 1]
-        if i in self.path.hits or contact not in regime.held:
-            return unknown
-        # A release: h is the reaction of the contact.
-        k, Z = regime.held.index(contact), self._before(i)
-        form = regime.reactions[k]
-        if grazes(form, regime, Z):
-            return unknown
-        derived = [slopes[k] for slopes in regime.reaction_slopes]
-        return -self.slope_of(form, derived, Z, self.ends[i - 1]) / float(form @ (regime.A @ Z))
-
-    def segment_at(self, t: Array) -> NDArray[np.int64]:
-        """The segment that each time lies in; an event belongs to the segment it begins."""
-        return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
-
-    def read(self, forms: Forms, t: Array, segment: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
-        """Values (k, f) and derivatives (k, f, columns) of forms (f, N) at fixed times t (k,).
-
-        segment: (k,), where times at events belong to another than the one they begin.
-        """
-        segment = self.segment_at(t) if segment is None else segment
-        width = len(forms(int(segment[0]) if len(t) else 0)[0])
-        values, slopes = np.zeros((len(t), width)), np.zeros((len(t), width, self.count))
-        for members in self.groups.values():
-            here = np.flatnonzero(np.isin(segment, members))
-            # Parts of some 1e6 numbers, so that they fit into memory.
-            for part in np.array_split(here, 1 + len(here) * self.generators.N * (2 + self.count) // 1_000_000):
-                if len(part):
-                    own = segment[part]
-                    form, derived = forms(int(own[0]))
-                    tau = t[part] - self.path.times[own]
-                    values[part], slopes[part] = self._states(self.regimes[members[0]], own, tau, form, derived)
-        return values, slopes
-
-    def states(self, t: Array, segment: NDArray[np.int64] | None = None) -> Array:
-        """Z (k, N) at times t (k,), as the given segments have it."""
-        eye = np.eye(self.generators.N)
-        return self.values(lambda _: (eye, []), t, self.segment_at(t) if segment is None else segment)
-
-    def values(self, forms: Forms, t: Array, segment: NDArray[np.int64], order: int = 0) -> Array:
-        """Values (k, f) of forms, or of their ``order``-th derivatives by time, at times in the given segments."""
-        values = np.zeros((len(t), len(forms(int(segment[0]) if len(t) else 0)[0])))
-        for members in self.groups.values():
-            here = np.flatnonzero(np.isin(segment, members))
-            if len(here):
-                regime, own = self.regimes[members[0]], segment[here]
-                form = forms(int(own[0]))[0] @ np.linalg.matrix_power(regime.A, order)
-                values[here] = self._values(regime, own, t[here] - self.path.times[own], form)
-        return values
-
-    def _values(self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array) -> Array:
-        if regime.eigen is None:
-            ahead = (regime.ahead(self.Z[i][:, None], x)[:, 0] for i, x in zip(own.tolist(), tau.tolist(), strict=True))
-            return np.array([form @ Z for Z in ahead])
-        rates, V, W = regime.eigen
-        return ((np.exp(np.multiply.outer(tau, rates)) * (self.Z[own] @ W.T)) @ (form @ V).T).real
-
-    def _states(
-        self, regime: RegimeFlow, own: NDArray[np.int64], tau: Array, form: Array, derived: Sequence[Array]
-    ) -> tuple[Array, Array]:
-        """Values (k, f) and derivatives (k, f, columns) of forms in one regime."""
-        # Forms and their derivatives in one product; dZ in eigenvectors once a segment.
-        unique, start = np.unique(own, return_inverse=True)
-        values, slopes = regime.seen(form, self.Z[unique], self.dZ[unique], tau, start)
-        # The forms' derivatives in the parameters.
-        active = [p for p, x in enumerate(derived) if np.any(x)]
-        if active:
-            seen = self._values(regime, own, tau, np.concatenate([derived[p] for p in active]))
-            slopes[:, :, active] += np.moveaxis(seen.reshape(len(tau), len(active), -1), 1, 2)
-        return values, slopes
+    @property
+    def monodromy(self) -> Array:
+        """Derivative of q, q' at the end of the path in the directions of its start, (2n, D)."""
+        X, n = self.variation.X, self.variation.n
+        return np.vstack([X @ self.ends[-1][:, :n].T, X @ self.ends[-1][:, n:].T])
 
 
-def grazes(form: Array, regime: RegimeFlow, Z: Array, depth: float = GRAZE) -> bool:
-    """Return True if a zero of the form h is a graze to rounding: h'^2 <= 2 |h''| depth sum |terms of h|."""
-    # The parabola with h' and h'' turns within ``depth`` of the terms of h.
-    rate = regime.A @ Z
-    size = float(np.abs(form) @ np.abs(Z))
-    return float(form @ rate) ** 2 <= 2.0 * abs(float(form @ (regime.A @ rate))) * depth * size
+def accumulated(E: Array, dz: Array, driven: Array) -> tuple[Array, Array]:
+    """dz (D, 2n) before each of the steps dz <- dz E + driven, (N, D, 2n), and after the last; by pairs of steps."""
+    N, width = len(driven), len(E)
+    if N == 1:
+        return dz[None], dz @ E + driven[0]
+
+    def moved(x: Array) -> Array:
+        return (x.reshape(-1, width) @ E).reshape(x.shape)  # one product of matrices
+
+    starts, whole = np.empty_like(driven), N - N % 2
+    first, second = driven[0:whole:2], driven[1:whole:2]
+    starts[0:whole:2], dz = accumulated(E @ E, dz, moved(first) + second)
+    starts[1:whole:2] = moved(starts[0:whole:2]) + first
+    if N % 2:
+        starts[-1], dz = dz, dz @ E + driven[-1]
+    return starts, dz
 
 
-def monodromy(tangent: Tangent) -> Array:
-    """Derivative of the state at the end of a path in the directions of its start, (2n, D)."""
-    return tangent.last[: 2 * tangent.generators.n, tangent.parameters :]
+def grazes(h: Array, size: float, depth: float = GRAZE) -> bool:
+    """Return True if a zero of h, of coefficients (k,), is a graze to rounding: h'^2 <= 2 |h''| depth size.
+
+    The parabola with h' and h'' turns within ``depth`` of the terms of h, of this size.
+    """
+    return float(h[1]) ** 2 <= 4.0 * abs(float(h[2])) * depth * size
