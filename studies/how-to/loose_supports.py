@@ -57,7 +57,7 @@ SOURCES = {"scheme": "#0072b2", "mesh": "#d55e00", "data": "#009e73"}
 def made(file: Path) -> Path:
     """A reproducible record of 2 kHz: two tones and noise of 5 to 200 rad/s, in N."""
     t = np.arange(0.0, 0.25 + 1e-9, 5e-4)
-    rough = noise(0.25, rms=3.0, band=(5.0, 200.0), seed=19)
+    rough = noise(0.25, rms=3.0, band=(5.0, 200.0), rng=19)
     force = 12.0 * np.sin(2 * np.pi * 22.0 * t) + 6.0 * np.sin(2 * np.pi * 61.0 * t + 1.0) + rough.value(t)
     lines = [f"{a:.4f},{b:.4f}" for a, b in zip(t, force, strict=True)]
     file.write_text("time (s),force (N)\n" + "\n".join(lines) + "\n", encoding="utf-8")

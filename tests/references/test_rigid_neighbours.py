@@ -36,7 +36,7 @@ def system_of(seed: int) -> sb.System:
 @pytest.mark.fast(2)
 def test_tangent_vectors_grow_as_neighbouring_motions_part(seed):
     system, step, end = system_of(seed), 1e-8, np.array([1.5])
-    growth = sb.lyapunov(system, 1.5, seed=3)
+    growth = sb.lyapunov(system, 1.5, rng=3)
     dq, dv = tangent._vectors(system, 3)
     base = Solver(system).solve(1.5)
     assert len(base.blows.t)

@@ -51,7 +51,7 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
         "viscous": lambda: (viscous(table10), 0.3),
         "two contacts": lambda: (two_contacts(), 6.0),
     }[which]()
-    growth = sb.lyapunov(system, t_end, seed=3)
+    growth = sb.lyapunov(system, t_end, rng=3)
     dq, dv = tangent._vectors(system, 3)
     step = 1e-8
     base = Solver(system).solve(t_end)

@@ -41,7 +41,7 @@ def judged(family, number) -> tuple[bool, str]:
     if advice.members:  # past the horizon: means over other members than those it has seen
         good = set(advice.unattainable) >= {"tip"}
         if advice.recommendation is not None:
-            members = sb.perturbed_members(system, 96, 1e-3, seed=99)
+            members = sb.perturbed_members(system, 96, 1e-3, rng=99)
             exact = sb.reference_ensemble(system, case.t_end, members)
             own = advice.recommendation
             many = sb.integrate_ensemble(system, own.scheme, own.dt, case.t_end, members, own.contact)

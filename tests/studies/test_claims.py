@@ -102,7 +102,7 @@ def test_ensembles_are_drawn_twice_over_ten_periods(short):
     assert 0.0 < between.mean < np.sqrt(2.0) * 1.2
     # The tip is one of the members' own, so that its impacts to T are those of its solo run.
     system = short.systems["displacement"]
-    solo = sb.integrate(sb.perturbed_members(system, 3, seed=1)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
+    solo = sb.integrate(sb.perturbed_members(system, 3, rng=1)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
     assert ensemble["1"]["impacts"][1] == solo.impacts.count
 
 

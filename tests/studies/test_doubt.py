@@ -207,7 +207,7 @@ def elements(beam: Beam, cells: int) -> Case:
 def oscillator(seed: int) -> sb.System:
     """A damped mass that noise throws at a spring."""
     stops = sb.Stops(upper=0.3, stiffness=400.0)
-    return one_mass(4.0, stops, damping=0.2, load=noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), seed=seed))
+    return one_mass(4.0, stops, damping=0.2, load=noise(t_end=80.0, rms=2.0, band=(0.5, 6.0), rng=seed))
 
 
 @pytest.mark.slow
@@ -307,7 +307,7 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
 def test_members_are_drawn_from_ranges_and_distributions_of_scipy():
     """A Latin hypercube sample has one value in each of 40 intervals of equal probability."""
     paths = {"stops.stiffness": norm(1e4, 1e3), "stops.upper": (0.05, 0.15)}
-    members = drawn_members(ball(), paths, 40, seed=3)
+    members = drawn_members(ball(), paths, 40, rng=3)
     values = np.array([[each.contacts[0].stops.stiffness, each.contacts[0].stops.upper] for each in members])
     shares = norm.cdf(values[:, 0], 1e4, 1e3), (values[:, 1] - 0.05) / 0.1
     assert all(sorted((40 * x).astype(int)) == list(range(40)) for x in shares)

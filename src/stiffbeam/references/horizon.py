@@ -17,7 +17,7 @@ import numpy as np
 
 from ..basics.arrays import Array, IntArray
 from ..basics.progress import Show, silent
-from ..basics.validation import InputError, integer, positive
+from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
@@ -362,7 +362,7 @@ class PerturbationGrowth:
         return float(self.largest[-1] / np.log(10.0))
 
 
-def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
+def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     """Return the growth of tangent vectors along the exact float64 motion on [0, t_end].
 
     Beyond the horizon that motion is another one of the same system, and the growth along it is as good an estimate.
@@ -372,8 +372,8 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     system : System
         As for the exact solution; stops may be rigid.
     t_end : float
-    seed : int
-        Seed of the random directions.
+    rng : None, int, Generator, BitGenerator or SeedSequence
+        Of the random directions, for ``numpy.random.default_rng``.
 
     Returns
     -------
@@ -396,18 +396,17 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     """
     require_system(system)
     t_end = positive("t_end", t_end)
-    integer("seed", seed, 0)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
         if not system.rigid:
             audit(system, solution, t_end)
-        return growth(system, solution, t_end, seed)
+        return growth(system, solution, t_end, rng)
 
 
-def growth(system: System, solution: Motion, t_end: float, seed: int = 0, enough: float = np.inf) -> PerturbationGrowth:
+def growth(system: System, solution: Motion, t_end: float, rng: Rng = 0, enough: float = np.inf) -> PerturbationGrowth:
     """``lyapunov`` along an existing solution; it ends where a growth, ln, reaches ``enough``."""
-    dq, dv = _vectors(system, seed)
+    dq, dv = _vectors(system, rng)
     along = Struck(system, solution, t_end) if system.rigid else Pressed(system, solution)
     # Vectors that held contacts leave nothing of drop out.
     dq, dv = _unit(system, *along.start(dq, dv))
@@ -531,10 +530,10 @@ def entry(system: System, before: IntArray, after: IntArray, dq: Array, dv: Arra
     return dv
 
 
-def _vectors(system: System, seed: int) -> tuple[Array, Array]:
+def _vectors(system: System, rng: Rng) -> tuple[Array, Array]:
     """Unit tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
     basis = undamped_modes(system)
-    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
+    noise = generator(rng).standard_normal((2, system.size, RANDOM))
     slowest = np.min(
         basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
     )  # also for a rigid motion
