@@ -19,11 +19,13 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
 import numpy as np
+import pandas as pd
 from vibro_impact import Case as Motion
 from vibro_impact import Contact
 from vibro_march import solve
@@ -31,8 +33,8 @@ from vibro_march import solve
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
 from stiffbeam.model.members import value_at
-from stiffbeam.studies.advice import Probe
-from stiffbeam.studies.budget import Budget
+from stiffbeam.studies.advise import advised_row
+from stiffbeam.studies.common import scheme_of
 
 DRAWS, MORE = 32, 128  # if not all verdicts are confirmed, MORE draws decide
 MEMBERS = 96  # of the budget
@@ -94,7 +96,7 @@ class Beam:
         return {"tip": one.tip(t), "peak_force": np.array([c.kappa * d for c, d in zip(contacts, depths, strict=True)])}
 
 
-def brute(beam: Beam, run: Probe, draws: int = DRAWS) -> dict[str, dict[str, float]]:
+def brute(beam: Beam, run: Any, draws: int = DRAWS) -> dict[str, dict[str, float]]:
     """Sizes of scheme, mesh and data for every quantity, from as many draws as it takes to rank them."""
     steps = round(T_END / run.dt)
     every = max(1, steps // 400)
@@ -103,7 +105,7 @@ def brute(beam: Beam, run: Probe, draws: int = DRAWS) -> dict[str, dict[str, flo
     for number, x in enumerate(beam.factors[:draws], 1):
         rows["exact"].append(beam.exact(x, t, beam.cells))
         rows["fine"].append(beam.exact(x, t, *TRUE))
-        one = sb.integrate(beam.build(x, beam.cells), run.scheme, run.dt, T_END, run.contact)
+        one = sb.integrate(beam.build(x, beam.cells), scheme_of(run.scheme), run.dt, T_END, run.contact)
         rows["run"].append({"tip": one.tip[::every], "peak_force": np.array([c.peak_force for c in one.contacts])})
         if number in (8, 16) and draws == DRAWS and all(ranked(each) for each in sizes_of(rows).values()):
             break
@@ -138,44 +140,43 @@ def sizes_of(rows: dict[str, list[dict[str, np.ndarray]]]) -> dict[str, dict[str
     return sizes
 
 
-def verdict(budget: Budget, sizes: dict[str, float]) -> tuple[str, str]:
+def verdict(rows: pd.DataFrame, sizes: dict[str, float]) -> tuple[str, str]:
     """Right, alike or wrong, and the largest by brute force, or the sources that are named together.
 
     Sources are named together only if the largest is one of them and the second is within a factor ALIKE of it.
     """
     first, second, _ = sorted(sizes, key=lambda x: -sizes[x])
-    if budget.dominant:
-        return "right" if budget.dominant == first else "wrong", first
-    near = first in budget.largest and sizes[first] < ALIKE * sizes[second]
-    return "alike" if near else "wrong", " and ".join(sorted(budget.largest))
+    largest = list(rows[rows.largest].source)
+    if len(largest) == 1:
+        return "right" if largest[0] == first else "wrong", first
+    near = first in largest and sizes[first] < ALIKE * sizes[second]
+    return "alike" if near else "wrong", " and ".join(sorted(largest))
 
 
 def judged(seed: int, index: int) -> Counter[str]:
     """Outcomes of one beam: right, wrong or open, by source."""
     beam, outcomes = Beam(seed, index), Counter[str]()
-    schemes = [sb.HHT(alpha=-0.1), sb.BDF2()]
-    advice = sb.advise(beam.case(), beam.want, schemes=schemes, most_steps=2**16)
-    if advice.recommendation is None or advice.horizon < T_END:
-        print(f"{index}: {advice.remark or 'no run, or chaos'}: {'; '.join(advice.unattainable.values())}", flush=True)
+    options = {"schemes": ["HHT(alpha=-0.1)", "BDF2"], "most_steps": 2**16}
+    advice = sb.study("advise", beam.case(), want=beam.want, **options)
+    run = advised_row(advice.table)
+    if run is None or run.horizon < T_END:
+        print(f"{index}: {advice.answer.verdict} {advice.answer.notes}", flush=True)
         return Counter(["without a run"])
-    run = advice.recommendation
     sizes = brute(beam, run)
-    doubt = sb.doubt(beam.case(), run.scheme, run.dt, MEMBERS, contact=run.contact)
-    budgets = [x for x in doubt.budgets if x.quantity in sizes]
-    uncertain = [x for x in budgets if x.uncertain]
-    if any(verdict(x, sizes[x.quantity])[0] == "wrong" for x in uncertain):
+    doubt = sb.study("doubt", beam.case(), dt=run.dt, scheme=run.scheme, members=MEMBERS, contact=run.contact)
+    budgets = {name: rows for name, rows in doubt.table.groupby("quantity", sort=False) if name in sizes}
+    if any(verdict(rows, sizes[name])[0] == "wrong" for name, rows in budgets.items() if (rows.high > 0.0).any()):
         sizes = brute(beam, run, MORE)
-    for budget in budgets:
-        if not budget.uncertain:  # a stop that no beam touches
-            assert not any(x > 0.0 for x in sizes[budget.quantity].values())
+    for name, rows in budgets.items():
+        if not (rows.high > 0.0).any():  # a stop that no beam touches
+            assert not any(x > 0.0 for x in sizes[name].values())
             continue
-        outcome, first = verdict(budget, sizes[budget.quantity])
+        outcome, first = verdict(rows, sizes[name])
         outcomes[f"{outcome}, {first}"] += 1
-        words = ", ".join(f"{name} {x:.2g}" for name, x in sizes[budget.quantity].items())
-        named = " and ".join(budget.largest)
-        print(f"{index} {budget.quantity}: {named}, {outcome}; {words}", flush=True)
+        words = ", ".join(f"{source} {x:.2g}" for source, x in sizes[name].items())
+        print(f"{index} {name}: {' and '.join(rows[rows.largest].source)}, {outcome}; {words}", flush=True)
         if outcome == "wrong":
-            print(f"    {budget.shares}")
+            print(rows.to_string())
     return outcomes
 
 
