@@ -59,6 +59,7 @@ def test_an_argument_of_another_type_is_named(argument, wrong):
     first = {
         "beside": ("beside", "runs"),
         "problems": ("problems", "problem"),
+        "schemes": ("schemes", "integrator"),
         "observe": ("observe", "loads, contacts and observe"),
     }
     assert error.value.field.partition(".")[0] in first.get(argument, (argument.partition(" ")[0],))

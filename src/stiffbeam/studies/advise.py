@@ -31,7 +31,7 @@ from cyclopts import Parameter
 from ..basics.arrays import Array
 from ..basics.progress import current
 from ..basics.resources import clock
-from ..basics.validation import InputError, instance, one_of, positive
+from ..basics.validation import InputError, instance, one_of, positive, sequence
 from ..figures.chart import log_scale, look, panel_legend
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -109,9 +109,10 @@ class Advise(Study):
         return [{}]
 
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
-        for name in self.contacts or ():
+        contacts = sequence("contacts", self.contacts, "be names")
+        for name in contacts:
             one_of("contacts", name, TREATMENTS)
-        contacts = (self.contacts or ())[: None if system.contacts else 1]
+        contacts = contacts[: None if system.contacts else 1]
         schemes = common.chosen_schemes(case, self.schemes).values()
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 

@@ -42,7 +42,7 @@ from ..basics.arrays import Array
 from ..basics.progress import current
 from ..basics.resources import over_slices
 from ..basics.units import with_unit
-from ..basics.validation import InputError, Rng, number, positive
+from ..basics.validation import InputError, Rng, generator, number, positive
 from ..figures.chart import style_of
 from ..files.cases import Case
 from ..measures.rates import stationary_mean, windows
@@ -222,7 +222,7 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
         remedy = 'pass uncertain={"stops.stiffness": (4.5e6, 5.5e6)}, or write [case.uncertain] in a case file'
         raise InputError("case", uncertain, "have uncertain parameters", remedy)
     columns = {}
-    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=rng).random(members)
+    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=generator(rng)).random(members)
     for (path, one), shares in zip(uncertain.items(), sample.T, strict=True):
         if not hasattr(one, "ppf"):
             low, high = (number(f"uncertain {path}", x) for x in one) if np.shape(one) == (2,) else (0.0, 0.0)
