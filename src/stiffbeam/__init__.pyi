@@ -61,10 +61,6 @@ from .schemes.scheme import RigidScheme as RigidScheme
 from .schemes.scheme import Scheme as Scheme
 from .schemes.sdirk import SDIRK as SDIRK
 from .studies import study as study
-from .studies.advice import Advice as Advice
-from .studies.advice import advise as advise
-from .studies.doubt import Doubt as Doubt
-from .studies.doubt import doubt as doubt
 from .testset.problem import Problem as Problem
 from .testset.problem import problem as problem
 from .testset.problem import problems as problems

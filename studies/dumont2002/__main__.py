@@ -12,26 +12,23 @@ Finished tables are read from the output folder by the next run.
 from __future__ import annotations
 
 import argparse
+import base64
 import json
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
-
+from stiffbeam.basics.storage import write_whole
 from stiffbeam.basics.validation import InputError, integer
-from stiffbeam.files.cases import paper_case
-from stiffbeam.measures.report import percent, short
 
-from .numbers import exact_name
-from .reading import reading
+from .page import measures
 from .reproduce import reproduce
+from .table import Reading
 
 OUT = Path(__file__).parents[2] / "stiffbeam-output" / "reproduction"
+SHOWN = ("motion", "impacts", "paper's", "contact, %", "horizon")  # of the columns of a table, in a terminal
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -39,24 +36,29 @@ def main(words: Sequence[str] | None = None) -> int:
     given = _parser().parse_args(words)
     try:
         integer("--jobs", given.jobs, 1)
-        chosen = reading(given.contact, given.printed, given.references)
+        reading = Reading.of(given.contact, given.printed, given.references)
         tables = _tables(given.what, given.number)
         typed = shlex.join(["python", "-m", "dumont2002", *(sys.argv[1:] if words is None else words)])
-        page, results = reproduce(tables, chosen, given.out, given.jobs, command=typed)
+        page, made = reproduce(tables, reading, given.out, given.jobs, command=typed)
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
     written = [page]
     if given.what == "figure":
-        drawn = given.out / chosen.name / f"table{given.number}" / f"figure{given.number}.png"
-        written.insert(0, Path(shutil.copy2(drawn, given.out)))
-    records = {f"table{n}": finished.numbers for n, finished in results.items()}
+        drawn = base64.b64decode(made[given.number]["pictures"]["figure"])
+        written.append(write_whole(given.out / f"figure{given.number}.png", drawn))
+    numbers = {number: part["numbers"] for number, part in made.items()}
     if given.json is not None:
-        given.json.write_text(json.dumps({"tables": records}, indent=1) + "\n", encoding="utf-8")
-    print(pd.DataFrame(_lines(records)).fillna("").to_string(index=False))
+        records = {f"table{number}": found for number, found in numbers.items()}
+        written.append(write_whole(given.json, json.dumps({"tables": records}, indent=1) + "\n"))
+    for number, found in numbers.items():
+        print(f"Table {number}")
+        print(measures(number, found).filter(SHOWN).to_string(index=False))
+        for equation, why in found["failures"].items():
+            print(f"{equation} failed: {why}")
     print("One run each; impacts of the exact motion are counted by events.")
     print("Written: " + ", ".join(str(file) for file in written))
-    return int(any(record["failures"] for record in records.values()))
+    return int(any(found["failures"] for found in numbers.values()))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -84,27 +86,6 @@ def _tables(what: str, number: int | None) -> list[int] | None:
             "selection", words, "be all, table N or figure N", "for example: python -m dumont2002 table 10"
         )
     return [number]
-
-
-def _lines(records: dict[str, Any]) -> list[dict[str, str]]:
-    """Return one line for each run and each exact motion."""
-    lines: list[dict[str, str]] = []
-    for name, record in records.items():
-        counts = paper_case(int(name.removeprefix("table"))).published.get("impacts", {})
-        counts = {label.partition("@")[0]: f"{count:g}" for label, count in counts.items()}
-        motions = {f"{equation} {short(row['scheme'])}": row for equation, row in record["runs"].items()}
-        motions |= {exact_name(form, row): row for form, row in record["exact"].items()}
-        for motion, row in motions.items():
-            line = {
-                "table": name,
-                "motion": motion,
-                "impacts": str(row["impacts"]),
-                "contact": percent(row["fraction"]),
-            }
-            line |= {"paper's impacts": counts[row["scheme"]]} if row.get("scheme") in counts else {}
-            lines.append(line | ({"horizon": f"{row['horizon']:.3g}"} if "horizon" in row else {}))
-        lines += [{"table": name, "motion": f"{eq} failed: {why}"} for eq, why in record["failures"].items()]
-    return lines
 
 
 if __name__ == "__main__":

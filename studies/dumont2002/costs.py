@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import median
 from typing import Any
 
 from stiffbeam.files.cases import Case, paper_cases
@@ -15,8 +14,7 @@ from stiffbeam.schemes import Scheme
 from stiffbeam.studies.common import first_impacts
 from stiffbeam.trajectory.trajectory import Diverged
 
-from .reading import Reading
-from .table import equation_of
+from .table import Reading, equation_of
 
 REPEATS = 15
 # The scheme of a table that the others are counted in: HHT, else the Nystroem form.
@@ -80,11 +78,6 @@ def ratios(rows: Sequence[dict[str, Any]], tables: tuple[int, ...], equation: st
     """The paper's and our ratios of an equation to the reference scheme of its table."""
     found = [r for r in rows if r["table"] in tables and r["equation"] == equation and r["ratio"] is not None]
     return [r["paper_ratio"] for r in found], [r["ratio"] for r in found]
-
-
-def written_ratios(values: list[float]) -> str:
-    """The median and the range: one table's ratio can be wrong on a busy machine."""
-    return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})" if values else "none"
 
 
 ERRORS = (1e-2, 1e-3, 1e-4)  # rms over the largest displacement

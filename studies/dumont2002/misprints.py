@@ -59,7 +59,7 @@ def _sigma() -> str:
     g = scheme.gamma
     return (
         f"order {forced_order(scheme.printed('sigma'))} instead of {forced_order(scheme)}; the second node is "
-        f"{g - scheme.sigma:.4f}, not (1 + gamma)/2 = {(1 + g) / 2:.4f}"
+        f"{g - scheme.sigma:.4f}, not (1 + γ)/2 = {(1 + g) / 2:.4f}"
     )
 
 

@@ -19,8 +19,7 @@ from stiffbeam.references import reference
 from stiffbeam.schemes.labels import parse_run
 
 from .figures import EXACT, STYLE
-from .reading import Reading
-from .table import equation_of
+from .table import Reading, equation_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,28 +84,20 @@ def error_curves(reading: Reading, dt: float = DT, t_end: float = T_END, cells: 
     return found
 
 
-def whole(curves: Sequence[ErrorCurve]) -> Figure:
-    """|u - exact| at the tip against time."""
-    return _draw(curves, "error")
-
-
-def in_time(curves: Sequence[ErrorCurve]) -> Figure:
-    """|u - the same discretisation solved exactly in time| against time."""
-    return _draw([curve for curve in curves if curve.name not in GRIDS], "in_time")
-
-
-def _draw(curves: Sequence[ErrorCurve], what: str) -> Figure:
-    figure = new_figure(3.9, width=5.0)
-    axis = figure.subplots()
+def picture(curves: Sequence[ErrorCurve]) -> Figure:
+    """|u - exact| at the tip against time; below, |u - the same discretisation solved exactly in time|."""
+    figure = new_figure(7.0)
+    axes = figure.subplots(2, 1, sharex=True)
     for curve in curves:
-        t, size = _envelope(curve, getattr(curve, what))
-        if curve.name in GRIDS:
-            axis.plot(t, size, color=EXACT[curve.form][0], lw=3.0, alpha=0.3, label=curve.name)
-        else:
-            colour, dashes = STYLE[curve.name]
-            axis.plot(t, size, color=colour, dashes=dashes or (None, None), lw=1.2, label=curve.name)
-    axis.set(yscale="log", xlabel="time $t$", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, curves[0].t[-1]))
-    figure.legend(loc="outside lower center", frameon=False, fontsize=8, ncols=4)
+        colour, dashes = EXACT[curve.form] if curve.name in GRIDS else STYLE[curve.name]
+        look = {"color": colour, "dashes": dashes or (None, None), "label": curve.name}
+        look |= {"lw": 3.0, "alpha": 0.3} if curve.name in GRIDS else {"lw": 1.2}
+        axes[0].plot(*_envelope(curve, curve.error), **look)
+        if curve.name not in GRIDS:
+            axes[1].plot(*_envelope(curve, curve.in_time), **look)
+    axes[0].set(yscale="log", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, curves[0].t[-1]))
+    axes[1].set(yscale="log", ylabel="part of the scheme", xlabel="time $t$")
+    axes[0].legend(frameon=False, fontsize=8, ncols=4)
     return figure
 
 

@@ -1,116 +1,170 @@
-"""The page: one HTML file with everything in it, page.html filled in, written whole or not at all."""
+"""The page: one HTML file with everything in it, page.html filled in."""
 
 from __future__ import annotations
 
-import base64
-import csv
-import io
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
+from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from stiffbeam.basics.storage import write_whole
-from stiffbeam.files.cases import paper_cases
+from stiffbeam.files.cases import paper_case
+from stiffbeam.measures.report import DASH
+from stiffbeam.model.problem import PointLoad
+from stiffbeam.model.time_functions import Harmonic
+from stiffbeam.schemes import HHT, SDIRK
 
-from . import no_contact, rows
-from .ensembles import PERIODS, PERTURBATION
-from .figures import name_of
-from .make import Finished
-from .reading import Reading
-from .sample import of_members
-from .table import drive_of
-from .typeset import anchor, percent, typeset, written
-from .verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, PARTLY, PLURAL, SCHEME_ONLY, UNTESTABLE
+from . import no_contact
+from .costs import CPU_TABLES
+from .numbers import PERIODS, SPREAD, Numbers, Sample, exact_name
+from .table import Reading, drive_of, equation_of
 
 DOI = "10.1016/S0378-4754(02)00003-4"  # by the number printed at the foot of its first page
-HERE = Path(__file__).parent
-COLOURS = {HOLDS: "holds", PARTLY: "partly", FAILS: "fails", SCHEME_ONLY: "fails"} | dict.fromkeys(
-    (OPEN, UNTESTABLE, NOT_MEASURED), "open"
-)
-KINDS = {".svg": "image/svg+xml", ".png": "image/png", ".gif": "image/gif"}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def write_page(
-    file: Path, tables: Mapping[int, Finished], reading: Reading, command: str, across: Mapping[str, Any] | None = None
+    file: Path, parts: Mapping[int, Mapping[str, Any]], reading: Reading, command: str, across: Mapping[str, Any]
 ) -> Path:
-    """Tables, what is measured of them, and where it comes from; ``across`` all of them where they are all made.
-
-    across: the rows of claims, misprints, costs and errors without contact, and the pictures of curves, close_up
-    and contact_shares.
-    """
-    numbers = {number: finished.numbers for number, finished in tables.items()}
-    exact = [row for found in numbers.values() for row in found["exact"].values()]
+    """Write the tables, what is measured of them, and where it comes from; ``across`` is {} unless all are made."""
+    numbers = {number: part["numbers"] for number, part in parts.items()}
     packages = ", ".join(f"{name} {version(name)}" for name in ("stiffbeam", "numpy", "scipy", "matplotlib"))
     context: dict[str, Any] = {
-        "tables": tables, "numbers": numbers, "reading": reading, "command": command, "whole": across is not None,
-        "known": any(row["digits"] for row in exact), "today": date.today().isoformat(),
+        "parts": parts, "numbers": numbers, "reading": reading, "command": command, "across": across,
+        "case": paper_case, "parameters": parameters, "measures": measures, "impacts": impacts(numbers),
+        "spread": spread, "without_contact": no_contact, "DOI": DOI, "PERIODS": PERIODS, "SPREAD": SPREAD,
+        "today": date.today().isoformat(),
         "versions": f"{packages}; Python {platform.python_version()}, {platform.machine()}",
-        "style": Markup((HERE / "style.css").read_text(encoding="utf-8")),
     }  # fmt: skip
-    if across is not None:
-        found = [row["verdict"] for row in across["claims"]]
-        shares = [100 * of_members(row, "fraction").mean for row in exact]
-        columns = ("section", "claim", "measured", "verdict")
+    if across:
         context |= {
-            **across,
-            "counts": {x: found.count(x) for x in sorted(set(found), key=lambda x: (-found.count(x), x))},
-            "claims_csv": [["section", "the paper says", "measured", "verdict"],
-                           *([row[x] for x in columns] for row in across["claims"])],
-            "extremes": tuple(f"{which(shares):.2g}" for which in (min, max)),
+            "claims": pd.DataFrame(across["claims"]), "misprints": pd.DataFrame(across["misprints"]),
+            "errors": pd.DataFrame(across["without_contact"]["rows"]).map(cell), "cpu": cpu(across["costs"]),
         }  # fmt: skip
-    return write_whole(file, environment().get_template("page.html").render(context).lstrip())
-
-
-def environment() -> Environment:
-    """Templates of this folder with the page's functions and filters."""
-    made = Environment(
-        loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
-        keep_trailing_newline=True,
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=StrictUndefined,
     )  # fmt: skip
-    functions: dict[str, Any] = {
-        "rows": rows, "spread": rows.spread, "parameters": rows.parameters, "legend": rows.legend, "percent": percent,
-        "written": written, "title": title, "drive": lambda number: drive_of(paper_cases()[f"table{number}"]),
-        "name_of": name_of, "without_contact": no_contact, "PERIODS": PERIODS, "PERTURBATION": PERTURBATION,
-        "PLURAL": PLURAL, "COLOURS": COLOURS, "DOI": DOI,
+    filters: Any = environment.filters
+    filters.update({"typeset": typeset, "frame": frame})
+    return write_whole(file, environment.get_template("page.html").render(context))
+
+
+def frame(table: pd.DataFrame, caption: str, words: bool = False) -> Markup:
+    """An HTML table; ``words`` aligns its columns to the left."""
+    text = table.map(typeset).to_html(index=False, border=0, classes="words" if words else None)
+    return Markup(text.replace("<thead>", f"<caption>{escape(typeset(caption))}</caption>\n  <thead>", 1))
+
+
+def typeset(text: str) -> str:
+    """Powers of ten and minus signs as on paper."""
+    text = re.sub(r"(\d)e([+-]\d+)", lambda m: f"{m[1]} × 10{str(int(m[2])).translate(RAISED)}", text)
+    return re.sub(r"(?<![\w)=])-(?=\d)", "−", text)
+
+
+def cell(value: Any, digits: int = 3) -> str:
+    """A number in few digits, a count in all of them, a dash for none, and a text as it is."""
+    if value is None:
+        return DASH
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def spread(row: Numbers, measure: str, scale: float = 1.0) -> str:
+    """Mean and standard deviation over the members."""
+    return Sample.of(row, measure).written(scale)
+
+
+# ---------------------------------------------------------------- tables
+
+
+def parameters(number: int) -> Iterator[tuple[str, str]]:
+    """The paper's table in its symbols, with T beside it."""
+    case = paper_case(number)
+    problem, stops = case.problem, case.problem.single_stops("case")
+    yield "k²", cell(problem.stiffness, 6)
+    yield "a" if problem.base is not None and number != 17 else "w", cell(drive_of(case))
+    drive = problem.base if problem.base is not None else problem.loads[0].time
+    assert isinstance(drive, Harmonic)
+    yield "E", cell(drive.amplitude, 6)
+    for load in problem.loads:
+        assert isinstance(load, PointLoad)
+        yield "x_d", cell(load.position)
+    yield "h", cell(1.0 / case.cells)
+    yield "dt", cell(case.dt)
+    for name, place in (("g₁", stops.lower), ("g₂", stops.upper)):
+        yield name, "none" if place is None else cell(place)
+    yield "κ", cell(stops.stiffness)
+    yield from {("α", cell(scheme.alpha)): None for scheme, _ in case.runs if isinstance(scheme, HHT)}
+    yield from {("γ", cell(scheme.gamma, 4)): None for scheme, _ in case.runs if isinstance(scheme, SDIRK)}
+    yield "T (inferred)", cell(case.t_end)
+
+
+def measures(number: int, numbers: Numbers) -> pd.DataFrame:
+    """Measures of every run and of the exact motion of a table, beside the paper's impacts."""
+    counts = published_impacts(number)
+    named = [(f"{name} {row['scheme']}", counts.get(name), row) for name, row in numbers["runs"].items()]
+    named += [(exact_name(form, row), None, row) for form, row in numbers["exact"].items()]
+    columns = {
+        "contact, %": ("fraction", 100.0), "peak |σ|": ("peak_force", 1.0), "energy lost, %": ("energy_lost", 100.0),
+        "tip error, %": ("tip_error", 100.0), "impacts match until": ("matched_until", 1.0),
+        "fast velocity": ("fast", 1.0), "horizon": ("horizon", 1.0),
     }  # fmt: skip
-    filters: dict[str, Any] = {
-        "anchor": anchor, "typeset": typeset, "whole": whole, "parts": rows.parts, "line": line, "data_uri": data_uri,
-        "csv_uri": csv_uri,
-    }  # fmt: skip
-    made.globals.update(functions)
-    made.filters.update(filters)
-    return made
+    rows = []
+    for name, count, row in named:
+        values = {head: None if row.get(key) is None else scale * row[key] for head, (key, scale) in columns.items()}
+        rows.append({"motion": name, "impacts": row["impacts"], "paper's": count} | values)
+    table = pd.DataFrame(rows, dtype=object)
+    return table.map(cell) if counts else table.drop(columns="paper's").map(cell)
 
 
-def title(number: int) -> str:
-    """Heading of a table and of its figure."""
-    return f"Table {number}, Fig. {number}: {paper_cases()[f'table{number}'].title}"
+def published_impacts(number: int) -> dict[str, int]:
+    """The paper's counts of a table by equation; it gives them for Tables 10 to 13 only."""
+    case = paper_case(number)
+    counts = case.published.get("impacts", {})
+    labels = {equation_of(*run): "{}@{}".format(*run) for run in case.runs}
+    return {equation: int(counts[label]) for equation, label in labels.items() if label in counts}
 
 
-def line(text: str) -> str:
-    """Text in one line."""
-    return type(text)(re.sub(r"[ \n]+", " ", text).strip())
+def impacts(numbers: Mapping[int, Numbers]) -> pd.DataFrame:
+    """The paper's counts, those of the ensembles, and the true ones where they are known."""
+    rows = []
+    for table, found in numbers.items():
+        counts = published_impacts(table)
+        for equation, row in found["runs"].items():
+            exact = found["exact"][row["form"]]
+            rows.append(
+                {
+                    "table": str(table), "scheme": equation, "paper": cell(counts.get(equation)),
+                    "ensemble": spread(row, "impacts"), "exact ensemble": spread(exact, "impacts"),
+                    "true": cell(exact["impacts"] if exact["digits"] else None),
+                    "contact, %": spread(row, "fraction", 100.0),
+                    "exact contact, %": spread(exact, "fraction", 100.0),
+                }
+            )  # fmt: skip
+    return pd.DataFrame(rows)
 
 
-def whole(name: str) -> str:
-    """A name whose ``3 (4.13)`` or ``|σ|`` no line end divides."""
-    return re.sub(r"^(\d+) (?=\()", "\\1\u00a0", name).replace("|σ|", "|\u2060σ\u2060|")
-
-
-def data_uri(file: Path) -> str:
-    """A picture as an address that holds it."""
-    return f"data:{KINDS[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode()}"
-
-
-def csv_uri(lines: Sequence[Sequence[str]]) -> str:
-    """Rows as an address that holds them as CSV."""
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(lines)
-    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(stream.getvalue().encode()).decode()}"
+def cpu(costs: Iterable[Mapping[str, Any]]) -> list[tuple[str, pd.DataFrame]]:
+    """(caption, the paper's seconds beside times per step here) of the groups of tables."""
+    found = []
+    for tables in CPU_TABLES:
+        group = [row for row in costs if row["table"] in tables]
+        unit = group[0]["unit"]
+        rows = [
+            {
+                "table": row["table"], "scheme": row["equation"], "paper, s": cell(row["paper_seconds"], 6),
+                f"paper over {unit}": row["paper_ratio"], "here, ns per step": row["ns_per_step"],
+                f"here over {unit}": row["ratio"],
+            }
+            for row in group
+        ]  # fmt: skip
+        found.append((f"CPU time, Tables {tables[0]} to {tables[-1]}", pd.DataFrame(rows, dtype=object).map(cell)))
+    return found

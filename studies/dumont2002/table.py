@@ -5,26 +5,67 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from stiffbeam.basics.validation import InputError, one_of
 from stiffbeam.files.cases import Case
 from stiffbeam.march.integrate import integrate
+from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.contact import Stops
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
 from stiffbeam.schemes import SDIRK, Scheme
-from stiffbeam.studies.references import frozen
+from stiffbeam.schemes.misprints import forms_of
+from stiffbeam.studies.references import MANIFEST, frozen, shipped
 from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
-
-from .reading import Reading
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
 
 
 @dataclass(frozen=True)
+class Reading:
+    """Reading of the paper where it is silent or in error.
+
+    Parameters
+    ----------
+    contact : str
+        "implicit", or "extrapolated" as the paper describes it.
+    printed : bool
+        HHT and SDIRK with the misprint that runs at any step: (4.13) unweighted, the sign of sigma. BDF2 has none.
+    references : str, optional
+        Folder of frozen multiprecision solutions; None for the exact solution in float64.
+    """
+
+    contact: str = "implicit"
+    printed: bool = False
+    references: str | None = None
+
+    def __post_init__(self) -> None:
+        one_of("contact", self.contact, TREATMENTS)
+
+    @classmethod
+    def of(cls, contact: str, printed: bool, references: Path | None) -> Reading:
+        """Reading with the given folder of references, or the one that is there."""
+        if references is not None and not (references / MANIFEST).is_file():
+            raise InputError("--references", str(references), f"hold a {MANIFEST}", "make it with stiffbeam reference")
+        folder = references if references is not None else shipped()
+        return cls(contact, printed, None if folder is None else str(folder.resolve()))
+
+    def scheme(self, scheme: Scheme) -> Scheme:
+        """``scheme`` as this reading has it."""
+        return scheme.printed() if self.printed and forms_of(scheme) else scheme
+
+    @property
+    def name(self) -> str:
+        """Name of a folder: "implicit-corrected", "extrapolated-printed"."""
+        return f"{self.contact}-{'printed' if self.printed else 'corrected'}"
+
+
+@dataclass(frozen=True)
 class Made:
-    """runs: by the paper's equation number, in its order. references: by form. horizons: by form, the time
-    to which a float64 computation can follow the exact solution. failures: by equation number.
+    """Runs of a table, by the paper's equation number, beside references and horizons of float64 by form.
+
+    failures: by equation number.
     """
 
     case: Case
@@ -86,10 +127,9 @@ def make_table(case: Case, reading: Reading) -> Made:
     for form, system in made.systems.items():
         made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
     for equation, (scheme, form) in made.equations.items():
+        chosen = reading.scheme(scheme)
         try:
-            made.runs[equation] = integrate(
-                made.systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact
-            )
+            made.runs[equation] = integrate(made.systems[form], chosen, case.dt, case.t_end, reading.contact)
         except Diverged as error:
             made.failures[equation] = str(error)
     return made
@@ -98,8 +138,8 @@ def make_table(case: Case, reading: Reading) -> Made:
 def exact_solution(case: Case, form: str, system: System, reading: Reading) -> tuple[Reference, float]:
     """(reference over the case's span, horizon of float64).
 
-    The frozen multiprecision solution where the reading's folder has it; else the exact solution in
-    float64, which past its horizon is one realisation of the motion.
+    The frozen multiprecision solution where the reading's folder has it; else the exact solution in float64, which past
+    its horizon is one realisation of the motion.
     """
     if reading.references is not None:
         found = frozen(Path(reading.references), case, form, case.t_end)

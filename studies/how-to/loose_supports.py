@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from noise import noise
 
 import stiffbeam as sb
@@ -57,21 +58,20 @@ SOURCES = {"scheme": "#0072b2", "mesh": "#d55e00", "data": "#009e73"}
 def made(file: Path) -> Path:
     """A reproducible record of 2 kHz: two tones and noise of 5 to 200 rad/s, in N."""
     t = np.arange(0.0, 0.25 + 1e-9, 5e-4)
-    rough = noise(0.25, rms=3.0, band=(5.0, 200.0), seed=19)
+    rough = noise(0.25, rms=3.0, band=(5.0, 200.0), rng=19)
     force = 12.0 * np.sin(2 * np.pi * 22.0 * t) + 6.0 * np.sin(2 * np.pi * 61.0 * t + 1.0) + rough.value(t)
     lines = [f"{a:.4f},{b:.4f}" for a, b in zip(t, force, strict=True)]
     file.write_text("time (s),force (N)\n" + "\n".join(lines) + "\n", encoding="utf-8")
     return file
 
 
-def picture(doubts: dict[int, sb.Doubt], exact: sb.Reference) -> Figure:
+def picture(doubts: dict[int, pd.DataFrame], exact: sb.Reference) -> Figure:
     """Record and forces at the supports; how often an impact exceeds a force; uncertainties by source and mesh."""
     assert exact.system is not None
     last = list(doubts)[-1]
-    budget = doubts[last]["impacts at contact 1"]
-    source = max(budget.shares, key=lambda name: budget.shares[name].value)
-    title = f"{last} cells: impacts at the end support are uncertain by {budget.shares[source].value:.0%}"
-    figure = new_figure(7.6, f"{title}, most of it from the {source}", 9.6)
+    shares = doubts[last].loc["impacts at contact 1"]
+    title = f"{last} cells: impacts at the end support are uncertain by {shares.max():.0%}"
+    figure = new_figure(7.6, f"{title}, most of it from the {shares.idxmax()}", 9.6)
     record, force, often, bars = figure.subplots(2, 2).ravel()
     (_, load), *_ = exact.system.loads
     assert isinstance(load, sb.Sampled)
@@ -84,14 +84,11 @@ def picture(doubts: dict[int, sb.Doubt], exact: sb.Reference) -> Figure:
     force.set(xlabel="time, s", ylabel="contact force, N")
     force.legend(frameon=False, fontsize=8.5)
     often.set(xlabel="largest force of an impact, N", ylabel="impacts a second above it", yscale="log")
-    names = [budget.quantity for budget in doubts[last].budgets]
+    names = list(doubts[last].index)
     for i, (cells, doubt) in enumerate(doubts.items()):
         for part, colour in SOURCES.items():
-            shares = [100.0 * doubt[name].shares[part].value for name in names]
-            marker, label = "os"[i], f"{part}, {cells} cells"
-            bars.plot(
-                shares, np.arange(len(names)), marker, color=colour, mfc="white" if i == 0 else colour, label=label
-            )
+            look = {"color": colour, "mfc": "white" if i == 0 else colour, "label": f"{part}, {cells} cells"}
+            bars.plot(100.0 * doubt[part], np.arange(len(names)), "os"[i], **look)
     bars.set_xscale("symlog", linthresh=0.1)
     bars.set_yticks(range(len(names)), [name.replace("at contact", "at support") for name in names], fontsize=8)
     bars.invert_yaxis()
@@ -125,8 +122,9 @@ def main() -> None:
     doubts = {}
     for cells in given.cells:
         case = replace(case, cells=cells)
-        doubts[cells] = sb.doubt(case, members=given.members)
-        print(f"{cells} cells\n{doubts[cells]}\n")
+        records = sb.study("doubt", case, members=given.members)
+        doubts[cells] = records.table.pivot(index="quantity", columns="source", values="value")
+        print(f"{cells} cells\n{records}\n")
     exact = sb.reference(case.system(), case.t_end)
     print(f"The exact motion of the nominal tube is known to {exact.horizon:g} s.")
     rates = sb.contact_rates(exact, tangents=[sliding(case.cells, x) for x in (0.6, 1.2)])

@@ -17,14 +17,14 @@ import stiffbeam as sb
 PER_PERIOD = 16  # samples in the shortest period: the spline between them is off by 1e-4 of it
 
 
-def noise(t_end: float, rms: float, band: tuple[float, float], seed: int) -> sb.Sampled:
+def noise(t_end: float, rms: float, band: tuple[float, float], rng: int) -> sb.Sampled:
     """Return a cubic record on [0, t_end]; band: lowest and highest angular frequency."""
     base = 2.0 * np.pi / t_end
     last = int(band[1] / base * (1 + 1e-12))
     k = np.arange(max(1, int(np.ceil(band[0] / base))), last + 1)  # from 1: the mean is zero
     count = PER_PERIOD * last
     lines = np.zeros(count // 2 + 1, complex)
-    lines[k] = 0.5 * count * np.exp(1j * np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(k)))
+    lines[k] = 0.5 * count * np.exp(1j * np.random.default_rng(rng).uniform(0.0, 2.0 * np.pi, len(k)))
     values = rms * np.sqrt(2.0 / len(k)) * np.fft.irfft(lines, count)
     return sb.Sampled(np.linspace(0.0, t_end, count + 1), np.append(values, values[0]), "cubic")
 

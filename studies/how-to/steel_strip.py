@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffbeam as sb
+from stiffbeam.studies.advise import advised
 
 LENGTH, WIDTH, THICKNESS = 400.0, 20.0, 1.0  # mm
 YOUNG, DENSITY = 210e3, 7.85e-9  # N/mm^2, t/mm^3
@@ -58,10 +59,11 @@ def main() -> None:
     print(f"largest contact force {force:.4f} N in millimetres, {same:.4f} N in metres")
     print(f"{exact.impacts.count} impacts, known to t = {exact.horizon:.3g} s")
     span = min(exact.horizon, T_END)
-    advice = sb.advise(system, {"tip": 0.02, "impacts": 0.1, "peak_force": 0.1}, round(0.5 * span, 3))
-    print(advice)
-    run = advice.run()
-    comparison = sb.compare(run, sb.reference(system, advice.t_end))
+    want = {"tip": 0.02, "impacts": 0.1, "peak_force": 0.1}
+    records = sb.study("advise", system, t_end=round(0.5 * span, 3), want=want)
+    print(records)
+    run = advised(records)
+    comparison = sb.compare(run, sb.reference(system, float(run.t[-1])))
     print(comparison)
     comparison.figure().savefig(out / "steel_strip.png", dpi=100)
 

@@ -55,7 +55,7 @@ REFUSED = {
     "complex initial data": lambda: sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_velocity=[1j]),
     "complex output times": lambda: sb.reference(mass(), 0.5, "cvode", t_eval=[0.0, 0.5 + 0j]),
     "a complex load": lambda: mass(load=lambda t: 1j * t) and sb.reference(mass(load=lambda t: 1j * t), 0.5, "cvode"),
-    "a seed below zero": lambda: sb.perturbed_members(beam(), 3, seed=-1),
+    "a seed below zero": lambda: sb.perturbed_members(beam(), 3, rng=-1),
     "1e18 members": lambda: sb.perturbed_members(beam(), 10**18),
     "a contact that is not there": lambda: exact().at([0.01], contact=5),
     "a contact from behind": lambda: exact().impacts_sampled(1e-3, contact=-1),

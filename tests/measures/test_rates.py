@@ -64,7 +64,7 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
     known = {"impact": v / u / (2 * np.pi) * np.exp(-0.5 * (gap / u) ** 2), "contact": norm.sf(gap / u)}
     inside = dict.fromkeys(known, 0)
     for seed in range(CASES):
-        load = noise(4 * span, rms=1.0, band=band, seed=seed)
+        load = noise(4 * span, rms=1.0, band=band, rng=seed)
         system = one_mass(1.0, sb.Stops(upper=gap, stiffness=1e-9), damping=2 * zeta, load=load)
         rates = sb.contact_rates(sb.integrate(system, sb.Trapezoidal(), 0.16, span), since=60.0).rates[0]
         for name, value in known.items():

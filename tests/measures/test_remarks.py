@@ -60,9 +60,9 @@ def test_compare_and_advise_say_that_nothing_moves_or_touches(problem: sb.BeamPr
     found = sb.compare(sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-3, t_end=0.2), reference)
     assert found.remark == found.to_dict()["remark"] == said
     assert " ".join(str(found).split()).startswith(said or "To the horizon")
-    advice = sb.advise(system, want={"tip": 0.5}, t_end=0.2, schemes=[sb.BDF2()])
-    assert advice.remark == advice.to_dict()["remark"] == said
-    assert str(advice).startswith(said or "BDF2")
+    records = sb.study("advise", system, t_end=0.2, want={"tip": 0.5}, schemes=[sb.BDF2()])
+    assert said in records.answer.notes
+    assert records.answer.verdict.startswith("BDF2")
 
 
 def test_a_study_of_the_motion_refuses_a_system_at_rest_and_others_take_it() -> None:

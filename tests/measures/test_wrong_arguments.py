@@ -24,10 +24,10 @@ def motion() -> sb.Reference:
 EYE = np.eye(3)
 STIFF = np.diag([1.0, 2.0, 3.0])
 CALLS = {
-    "want": lambda x: sb.advise(chain(), x, 1.0),
-    "schemes": lambda x: sb.advise(chain(), {"tip": 1e-2}, 1.0, schemes=x),
-    "contacts": lambda x: sb.advise(chain(), {"tip": 1e-2}, 1.0, contacts=x),
-    "case": lambda x: sb.doubt(x, dt=1e-2, t_end=1.0, uncertain={"stiffness": (2.9, 3.1)}),
+    "want": lambda x: sb.study("advise", chain(), t_end=1.0, want=x),
+    "schemes": lambda x: sb.study("advise", chain(), t_end=1.0, want={"tip": 1e-2}, schemes=x),
+    "contacts": lambda x: sb.study("advise", chain(), t_end=1.0, want={"tip": 1e-2}, contacts=x),
+    "case": lambda x: sb.study("doubt", x, dt=1e-2, t_end=1.0, uncertain={"stiffness": (2.9, 3.1)}),
     "period": lambda x: sb.periodic_orbit(chain(), x),
     "mass": lambda x: sb.modal_damping(x, EYE, 0.02),
     "t_end": lambda x: sb.perturbed_members(chain(), 2, t_end=x),
@@ -59,6 +59,7 @@ def test_an_argument_of_another_type_is_named(argument, wrong):
     first = {
         "beside": ("beside", "runs"),
         "problems": ("problems", "problem"),
+        "schemes": ("schemes", "integrator"),
         "observe": ("observe", "loads, contacts and observe"),
     }
     assert error.value.field.partition(".")[0] in first.get(argument, (argument.partition(" ")[0],))

@@ -71,7 +71,7 @@ def motion(run: sb.Trajectory, name: str) -> dict[str, np.ndarray]:
 def of_ensemble(kind: str):
     def observed(name: str) -> dict[str, np.ndarray]:
         (length, time, force), own = SCALES[name], system(name, "displacement")
-        members = sb.perturbed_members(own, members=5, size=1e-3, seed=3)
+        members = sb.perturbed_members(own, members=5, size=1e-3, rng=3)
         if kind == "hht":
             many = sb.integrate_ensemble(own, sb.HHT(-0.1), DT / time, END / time, members)
         else:

@@ -218,7 +218,7 @@ def test_two_paths_to_one_number_are_refused():
 
 
 def test_noise_is_the_sum_of_cosines_that_its_docstring_states():
-    record, base = noise(6.0, 0.7, (2.0, 20.0), seed=3), 2.0 * np.pi / 6.0
+    record, base = noise(6.0, 0.7, (2.0, 20.0), rng=3), 2.0 * np.pi / 6.0
     k = np.arange(np.ceil(2.0 / base), np.floor(20.0 / base) + 1)
     phases = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(k))
     cosines = np.cos(np.outer(record.t, base * k) + phases)

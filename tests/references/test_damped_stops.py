@@ -146,7 +146,7 @@ def test_many_digits_agree_with_float64(seed):
 @pytest.mark.parametrize("seed", [0, 1, 3, 7])
 def test_tangent_vectors_turn_at_an_entry(seed):
     system, step = kelvin_voigt_system(seed), 1e-7
-    growth = sb.lyapunov(system, 3.0, seed=3)
+    growth = sb.lyapunov(system, 3.0, rng=3)
     base = Solver(system).solve(3.0)
     dq, dv = horizon._vectors(system, 3)
 

@@ -35,7 +35,7 @@ def system_of(seed: int) -> sb.System:
 @pytest.mark.fast(2)
 def test_tangent_vectors_grow_as_neighbouring_motions_part(seed):
     system, step, end = system_of(seed), 1e-8, np.array([1.5])
-    growth = sb.lyapunov(system, 1.5, seed=3)
+    growth = sb.lyapunov(system, 1.5, rng=3)
     dq, dv = horizon._vectors(system, 3)
 
     def size(q: np.ndarray, v: np.ndarray) -> np.ndarray:

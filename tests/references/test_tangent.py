@@ -50,7 +50,7 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which, table10):
         "viscous": lambda: (viscous(table10), 0.3),
         "two contacts": lambda: (two_contacts(), 6.0),
     }[which]()
-    growth = sb.lyapunov(system, t_end, seed=3)
+    growth = sb.lyapunov(system, t_end, rng=3)
     dq, dv = horizon._vectors(system, 3)
 
     def size(q: np.ndarray, v: np.ndarray) -> np.ndarray:

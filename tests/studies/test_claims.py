@@ -1,4 +1,4 @@
-"""What the page says of the paper's claims: decided by the spread, judged twice, and never the end of the page."""
+"""What the page says of the paper's claims: decided by the spread, and never the end of the page."""
 
 from __future__ import annotations
 
@@ -9,73 +9,86 @@ import pytest
 
 import stiffbeam as sb
 from dumont2002 import claims as judging
-from dumont2002.claims import Claim, judge, judged
-from dumont2002.ensembles import add_ensembles, lines
-from dumont2002.evidence import Evidence, NotMeasured
+from dumont2002.claims import (
+    CLAIMS,
+    FAILS,
+    HOLDS,
+    NOT_MEASURED,
+    OPEN,
+    PARTLY,
+    SCHEME_ONLY,
+    Evidence,
+    in_parts,
+    judged,
+    of_both,
+)  # fmt: skip
 from dumont2002.figures import panels
-from dumont2002.reading import Reading
-from dumont2002.sample import Sample, above, below
-from dumont2002.table import make_table
-from dumont2002.verdicts import FAILS, HOLDS, NOT_MEASURED, OPEN, Finding
+from dumont2002.numbers import Sample, numbers_of
+from dumont2002.table import Reading, make_table
+from stiffbeam.figures.runs import first_contact
+from stiffbeam.files.cases import paper_cases
 from stiffbeam.model.beam import natural_frequencies
 from stiffbeam.trajectory.trajectory import Diverged
 
-NOTHING = Evidence({n: {"runs": {}, "exact": {}, "failures": {"(4.13)": "overflow"}, "apart": {}, "span": {
-    "t_end": 1.0, "periods": 10, "members": 2, "exact_members": 2}} for n in range(1, 18)}, [], Reading())  # fmt: skip
+NOTHING = Evidence({n: {"runs": {}, "exact": {}, "failures": {"(4.13)": "overflow"}} for n in range(1, 18)}, [],
+                   Reading())  # fmt: skip
 
 
 def sample(*values: float) -> Sample:
     return Sample(np.array(values, float))
 
 
-# ---------------------------------------------------------------- what the spread decides
-
-
 def test_the_spread_decides_or_leaves_open():
     near, far = sample(1.0, 1.2, 0.8, 1.1), sample(5.0, 5.2, 4.9, 5.1)
-    assert above(far, near) is True
-    assert below(far, near) is False
-    assert above(near, sample(1.1, 0.9, 1.0, 1.2)) is None
-    assert above(near, 1.05) is None
-    assert above(sample(2.0, 2.0), 1.0) is True  # members that do not differ decide by themselves
-    assert above(sample(2.0), sample(1.0, 1.1)) is None or above(sample(2.0), sample(1.0, 1.1)) is True
-    assert above(sample(2.0, 2.5), sample(1.0)) is None  # one degree of freedom decides little
+    assert far.above(near) is True
+    assert near.above(far) is False
+    assert near.above(sample(1.1, 0.9, 1.0, 1.2)) is None
+    assert near.above(1.05) is None
+    assert sample(2.0, 2.0).above(1.0) is True  # members that do not differ decide by themselves
+    assert sample(2.0, 2.5).above(sample(1.0)) is None  # one degree of freedom decides little
 
 
-def test_a_line_is_its_complex_amplitude_on_the_clock():
-    t = np.arange(0.0, 4.0 * np.pi + 1e-9, 2.0 * np.pi / 1000)
-    u = 3.0 + 0.5 * np.cos(2.0 * t + 0.3) - 0.2 * np.sin(6.0 * t)
-    found = np.array(lines(t, u, 2.0))
-    c = found[:, 0] + 1j * found[:, 1]
-    assert c[0] == pytest.approx(0.5 * np.exp(0.3j))
-    assert c[2] == pytest.approx(0.2j)  # -sin = Re(i e^{i x})
-    assert np.max(np.abs(np.delete(c, [0, 2]))) < 1e-12
+def test_a_sample_is_written_to_the_digits_that_its_deviation_leaves():
+    assert sample(700.0, 745.0, 660.0).written() == "702 ± 43"
+    assert sample(0.0621, 0.0628, 0.0639).written(100.0, " %") == "6.29 ± 0.09 %"
+    assert (sample(3.0, 3.0).written(), sample().written()) == ("3", "–")
 
 
-# ---------------------------------------------------------------- judged twice, and never the end of the page
+def test_a_verdict_tells_the_scheme_from_the_beam():
+    found = [of_both([a], [b]) for a in (True, False) for b in (True, False)]
+    assert found == [HOLDS, SCHEME_ONLY, PARTLY, FAILS]
+    assert {of_both([None], [True]), of_both([False, True], [None])} == {OPEN}
+    assert [in_parts(x) for x in ([True, True], [True, False], [False], [True, None])] == [HOLDS, PARTLY, FAILS, OPEN]
 
 
-def test_a_verdict_that_reseeding_changes_is_open():
-    check = lambda e: Finding("Measured.", FAILS if e.seeds == (2,) else HOLDS)  # noqa: E731
-    found = judge(Claim("5", "words", "rule", check, tables=(10,)), NOTHING)
-    assert found.verdict == OPEN
-    assert "holds with seeds 1; does not hold with seeds 2; holds with both" in found.measured
-    same = judge(Claim("5", "words", "rule", lambda e: Finding("Measured.", FAILS), tables=(10,)), NOTHING)
-    assert same == Finding("Measured.", FAILS)
+def test_claims_are_in_the_papers_order_and_each_stands_once():
+    assert len(CLAIMS) > 20
+    assert len({(section, words) for section, words, _ in CLAIMS}) == len(CLAIMS)
+    assert all(judge.__doc__ for _, _, judge in CLAIMS)
+    sections = [section.split(",")[0] for section, _, _ in CLAIMS]
+    assert sections == sorted(sections, key=lambda s: [int(x) for x in s.split(".")])
 
 
-@pytest.mark.parametrize(
-    "error", [NotMeasured("gone"), Diverged("hht", 1.0, "a smaller step"), sb.InputError("x", 1, "be 2", "add 1")]
-)
+@pytest.mark.parametrize("error", [Diverged("hht", 1.0, "a smaller step"), sb.InputError("x", 1, "be 2", "add 1")])
 def test_what_cannot_be_measured_says_so(error, monkeypatch):
     def fail(e):
+        """Never."""
         raise error
 
-    good = Claim("6", "after", "rule", lambda e: Finding("Fine.", HOLDS), evidence="none")
-    monkeypatch.setattr(judging, "CLAIMS", [Claim("5", "before", "rule", fail, evidence="none"), good])
+    def fine(e):
+        """Always."""
+        return "Fine.", HOLDS
+
+    monkeypatch.setattr(judging, "CLAIMS", [("5", "before", fail), ("6", "after", fine)])
     first, second = judged(NOTHING)
     assert (first["verdict"], second["verdict"]) == (NOT_MEASURED, HOLDS)
     assert str(error) in first["measured"]
+    assert second["holds if"] == "Always."
+
+
+def test_a_run_that_overflowed_is_evidence_for_nothing():
+    with pytest.raises(ValueError, match=r"\(4.13\) overflowed on Table 3"):
+        NOTHING.motions(3)
 
 
 # ---------------------------------------------------------------- what is measured
@@ -88,22 +101,16 @@ def short():
 
 
 @pytest.mark.slow
-def test_ensembles_are_drawn_twice_over_ten_periods(short):
-    found: dict = {"runs": {"(4.13)": {}}, "exact": {"displacement": {}}, "failures": {}}
-    add_ensembles(found, short, 3, 2)
-    assert found["span"]["periods"] == 10
-    ensemble = found["runs"]["(4.13)"]["ensemble"]
-    assert not set(ensemble["1"]["fraction"]) & set(ensemble["2"]["fraction"])
-    e = Evidence({17: found | {"reading": None}}, [], Reading())
-    assert len(e.values(17, "(4.13)", "impacts")) == 6
-    assert len(e.of(2).values(17, "displacement", "impacts")) == 2
-    own, between = (e.apart(17, "(4.13)", name) for name in ("(4.13)", "displacement"))
-    assert 0.0 < own.mean < np.sqrt(2.0) * 1.2
-    assert 0.0 < between.mean < np.sqrt(2.0) * 1.2
-    # The tip is one of the members' own, so that its impacts to T are those of its solo run.
+def test_ensembles_span_ten_periods(short):
+    found = numbers_of(short, 3, 2)
+    assert found["periods"] == 10
+    members = found["runs"]["(4.13)"]["members"]
+    assert len(members["impacts"]) == len(set(members["fraction"])) == 3
+    assert len(found["exact"]["displacement"]["members"]["depth"]) == 2
+    # The impacts of a member to T are those of its solo run.
     system = short.systems["displacement"]
-    solo = sb.integrate(sb.perturbed_members(system, 3, seed=1)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
-    assert ensemble["1"]["impacts"][1] == solo.impacts.count
+    solo = sb.integrate(sb.perturbed_members(system, 3)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
+    assert members["impacts"][1] == solo.impacts.count
 
 
 def test_the_schemes_hardly_lengthen_the_first_mode():
@@ -130,7 +137,7 @@ def labels(made, letter: str) -> dict[str, tuple]:
     from matplotlib.figure import Figure
 
     axis = Figure().subplots()
-    next(panel for panel in panels(made) if panel.letter == letter).draw(axis)
+    next(draw for found, _, draw in panels(made) if found == letter)(axis)
     return {str(line.get_label()): line._unscaled_dash_pattern[1] for line in axis.get_lines()}
 
 
@@ -141,3 +148,17 @@ def test_past_its_horizon_float64_is_drawn_as_one_realisation(short):
         assert found["one realisation, displacement"] is not None  # dotted
         assert not any(label.startswith("true") for label in found)
     assert "exact to the horizon, displacement" not in labels(short, "d")  # a spectrum takes the whole span
+
+
+def test_the_close_up_ends_where_the_first_contacts_do():
+    """The tip of Table 13 leaves its lower stop after 0.003, a quarter of the span in which contacts are looked for."""
+    case = paper_cases()["table13"]
+    exact = sb.reference(case.system("displacement"), t_end=0.02)
+    start, end = first_contact(exact, exact.system, 0.02)
+    period = 2.0 * np.pi / sb.modes(exact.system).omega[0]
+    assert end - start < 0.6 * period / 8.0
+    u = exact.at(np.linspace(start, end, 1000))[0]
+    lower = case.problem.stops.lower
+    touching = np.flatnonzero(u < lower)
+    assert 0.1 < touching[0] / 1000 < touching[-1] / 1000 < 0.85  # it comes, and it goes
+    assert u[-1] > 0.7 * lower

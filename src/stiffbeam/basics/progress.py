@@ -131,7 +131,12 @@ class Watch:
 
 _WATCH = Watch()
 _LOCK = threading.Lock()
-_calls: list[Any] = []  # calls in progress; the first has the display and the limit on BLAS
+_calls: list[tuple[Any, Show]] = []  # calls in progress; the first has the display and the limit on BLAS
+
+
+def current() -> Show:
+    """The progress function of the call in progress, for parts of it that nothing passes it to."""
+    return _calls[0][1] if _calls else silent
 
 
 @contextmanager
@@ -145,11 +150,13 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
         raise InputError("progress", asked, "be True, False or a function", "leave it out")
     display = None
     with _LOCK:
-        _calls.append(limit := None if _calls else _blas().limit(limits=1, user_api="blas"))
+        limit = None if _calls else _blas().limit(limits=1, user_api="blas")
         if asked is True or (asked is None and limit is not None and current_process().name == "MainProcess"):
             display = Display(what, 0.0 if asked else WAIT, not asked)
+        show = display.show if display is not None else asked if callable(asked) else silent
+        _calls.append((limit, show))
     try:
-        yield display.show if display is not None else asked if callable(asked) else silent
+        yield show
     finally:
         if display is not None:
             display.close()

@@ -23,6 +23,7 @@ from .arrays import Array
 from .text import sentence, shown
 
 Known = TypeVar("Known")
+Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
 MOST = 2**53  # integers up to here are floats as well
 
 
@@ -140,6 +141,15 @@ def integer(field: str, value: Any, least: int) -> int:
     if not -MOST <= value <= MOST:
         raise InputError(field, value, f"be an integer below {MOST}", "give a smaller one")
     return int(value)
+
+
+def generator(rng: Rng) -> np.random.Generator:
+    """numpy.random.default_rng of an argument ``rng``."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        rule = "be None, an integer of at least 0, or a generator of numpy.random"
+        raise InputError("rng", rng, rule, "for example 1") from None
 
 
 def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one that there is") -> str:

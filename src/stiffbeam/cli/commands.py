@@ -1,4 +1,4 @@
-"""Commands beside ``compare``: studies, advise, doubt, reference, score, cases, doctor. Docstrings are their help."""
+"""Commands beside ``compare``: studies, reference, score, cases, doctor. Docstrings are their help."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.progress import TALK, progress
+from ..basics.progress import progress
 from ..basics.resources import cores
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
@@ -30,7 +30,6 @@ from .output import (
     console,
     default_folder,
     make_folder,
-    named_values,
     say,
     write_json,
 )
@@ -47,6 +46,8 @@ Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 int
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
     "converge": "Orders, work, time, impacts, energy lost and misprints of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
+    "advise": "Cheapest scheme, contact treatment and time step for given errors.",
+    "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.",
     "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
 }
 
@@ -58,7 +59,7 @@ def application(first: str = "") -> App:
         default_parameter=Parameter(negative_iterable=(), negative_none=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (compare, advise, doubt, reference, score, cases, doctor):
+    for command in (compare, reference, score, cases, doctor):
         app.command(command)
     for name, line in OWN.items():
         if first == name:
@@ -131,105 +132,6 @@ _SHARED = """
     smoke
         Small configuration: seconds instead of minutes.
     """
-
-
-def advise(
-    case: CaseName, *, want: str | None = None, schemes: str | None = None, form: Form = None,
-    t_end: EndTime = None, most_steps: int | None = None, members: int = 48, seconds: float = 60.0,
-    out: Path | None = None, json: Json = None,
-) -> int:  # fmt: skip
-    """Find the cheapest scheme, contact treatment and time step for given errors, and the errors that no step reaches.
-
-    After every refinement a line on stderr states the smallest errors so far. An interrupted search continues when the
-    command runs again.
-
-    Example: stiffbeam advise table10 --want tip=1e-3,impacts=0.05
-
-    Parameters
-    ----------
-    want
-        Admissible relative errors: tip (rms), impacts, peak_force, impulse; by default
-        tip=1e-3,impacts=0.05,peak_force=0.05.
-    schemes
-        Comma-separated; by default all.
-    most_steps
-        Largest number of steps of a run; the search ends there.
-    members
-        Perturbed runs per mean, past the horizon.
-    seconds
-        CPU seconds after which the search ends with what it knows by then.
-    out
-        Folder of finished runs; by default stiffbeam-output/CASE.
-    """
-    from ..files.cases import find_case
-    from ..schemes.labels import parse_run, split_runs
-    from ..studies.advice import advise as find
-    from ..studies.base import Store
-
-    chosen = find_case(case)
-    wanted = None if want is None else named_values("--want", want, float, "quantity=error", "tip=1e-3")
-    parsed = None if schemes is None else [parse_run(text)[0] for text in split_runs(schemes)]
-    check_json(json)
-    folder = make_folder(out if out is not None else default_folder(chosen.name))
-
-    def tell(line: str) -> None:
-        if not TALK.quiet:
-            print(line, file=sys.stderr, flush=True)
-
-    with progress() as show:
-        advice = find(
-            chosen.system(form), wanted, chosen.t_end if t_end is None else t_end, parsed, most_steps=most_steps,
-            members=members, seconds=seconds, progress=show, tell=tell, journal=Store(folder / "points", "advise"),
-        )  # fmt: skip
-    if not write_json("advise", {"case": chosen.name} | advice.to_dict(), json):
-        say(str(advice))
-    return 0 if advice.recommendation is not None else 1
-
-
-def doubt(
-    case: CaseName, *, uncertain: str | None = None, scheme: str | None = None, dt: Step = None,
-    t_end: EndTime = None, members: int = 48, seed: int = 1, tolerance: float = 0.05, json: Json = None,
-) -> None:  # fmt: skip
-    """Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.
-
-    The ranges of the data are those of the case file, in its table case.uncertain. For matrices the table
-    case.finer holds a finer model. The result names the largest source of each quantity.
-
-    Example: stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'
-
-    Parameters
-    ----------
-    uncertain
-        path=low:high,...; by default the ranges of the case file.
-    scheme
-        Scheme to examine; by default the case's first.
-    members
-        Number of systems with random parameters, at least 8.
-    seed
-        Seed of the random systems.
-    tolerance
-        Tolerance of the data horizon, relative to the largest |u|.
-    """
-    from ..files.cases import find_case
-    from ..schemes.labels import parse_run
-    from ..studies.doubt import doubt as find
-
-    chosen = find_case(case)
-    if uncertain is not None:
-        ranges = named_values("--uncertain", uncertain, _range, "path=low:high", "stiffness=270:330")
-        chosen = replace(chosen, uncertain=ranges)
-    check_json(json)
-    parsed = None if scheme is None else parse_run(scheme)[0]
-    with progress() as show:
-        result = find(chosen, parsed, dt, members, seed, tolerance, show, t_end=t_end)
-    if not write_json("doubt", {"case": chosen.name} | result.to_dict(), json):
-        say(str(result))
-
-
-def _range(text: str) -> tuple[float, float]:
-    """Two numbers of "low:high". Raises ValueError."""
-    low, high = map(float, text.split(":"))
-    return low, high
 
 
 def reference(

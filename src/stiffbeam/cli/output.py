@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -102,17 +102,3 @@ def write_json(command: str, records: Mapping[str, Any], file: Path | None) -> b
 
     write_whole(file, text + "\n")
     return False
-
-
-def named_values(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
-    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
-    read: dict[str, Any] = {}
-    for item in filter(None, text.split(",")):
-        name, _, value = (part.strip() for part in item.rpartition("="))
-        if name in read:
-            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
-        try:
-            read[name] = value_of(value)
-        except ValueError:
-            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
-    return read

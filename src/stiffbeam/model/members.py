@@ -17,6 +17,8 @@ from ..basics.arrays import Array, same
 from ..basics.resources import afford
 from ..basics.validation import (
     InputError,
+    Rng,
+    generator,
     instance,
     integer,
     near,
@@ -193,7 +195,7 @@ def same_rows(contacts: Sequence[Contact], others: Sequence[Contact]) -> bool:
 
 
 def perturbed_members(
-    system: System, members: int, size: float = SPREAD, seed: int = 1, t_end: float = np.inf
+    system: System, members: int, size: float = SPREAD, rng: Rng = 1, t_end: float = np.inf
 ) -> EnsembleMembers:
     """Return copies of a system whose initial data differ by a small random part of its motion.
 
@@ -209,8 +211,8 @@ def perturbed_members(
     members : int
     size : float
         Relative to the motion. With the default, members diverge before a scheme leaves the exact motion.
-    seed : int
-        Members k are the first k of any larger ensemble.
+    rng : None, int, Generator, BitGenerator or SeedSequence
+        For ``numpy.random.default_rng``. The members of a smaller ensemble are the first of a larger one.
     t_end : float
         Length of the runs. A motion that is slower counts as none. Needed where only callables drive the system.
 
@@ -233,7 +235,6 @@ def perturbed_members(
     """
     require_system(system)
     integer("members", members, 1)
-    integer("seed", seed, 0)
     non_negative("size", size)
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
     span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
@@ -241,8 +242,7 @@ def perturbed_members(
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
         raise InputError("the speed of the motion", motion.speed, rule, "give t_end, the length of the runs")
-    # A stream for each member, so that more members leave the first ones as they are.
-    noise = np.array([np.random.default_rng([seed, i]).uniform(-1.0, 1.0, (2, system.size)) for i in range(members)])
+    noise = generator(rng).uniform(-1.0, 1.0, (members, 2, system.size))
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     speed = size * motion.speed
     q0 = [system.q0 + speed * basis.to_nodal(x) for x in eta]

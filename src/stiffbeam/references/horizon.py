@@ -16,7 +16,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.progress import Show, silent
-from ..basics.validation import InputError, integer, positive
+from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
@@ -334,7 +334,7 @@ class PerturbationGrowth:
         return float(self.largest[-1] / np.log(10.0))
 
 
-def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
+def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     """Return the growth of tangent vectors along the exact float64 motion on [0, t_end].
 
     Beyond the horizon that motion is another one of the same system, and the growth along it is as good an estimate.
@@ -344,8 +344,8 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     system : System
         As for the exact solution; stops may be rigid.
     t_end : float
-    seed : int
-        Seed of the random directions.
+    rng : None, int, Generator, BitGenerator or SeedSequence
+        Of the random directions, for ``numpy.random.default_rng``.
 
     Returns
     -------
@@ -368,7 +368,6 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
     """
     require_system(system)
     t_end = positive("t_end", t_end)
-    integer("seed", seed, 0)
     refuse(system, t_end)
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
@@ -376,7 +375,7 @@ def lyapunov(system: System, t_end: float, seed: int = 0) -> PerturbationGrowth:
             audit(system, solution, t_end)
         tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
         # Vectors that held contacts leave nothing of drop out.
-        dz = _unit(tangent, _on_stops(tangent, 0, tangent.into(np.vstack(_vectors(system, seed)))))
+        dz = _unit(tangent, _on_stops(tangent, 0, tangent.into(np.vstack(_vectors(system, rng)))))
         if not len(dz):
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
         times = tangent.path.times
@@ -424,10 +423,10 @@ def _carried(tangent: Tangent, segment: int, tau: float, dz: Array, log: Array, 
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
-def _vectors(system: System, seed: int) -> tuple[Array, Array]:
+def _vectors(system: System, rng: Rng) -> tuple[Array, Array]:
     """Tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
     basis = undamped_modes(system)
-    noise = np.random.default_rng(seed).standard_normal((2, system.size, RANDOM))
+    noise = generator(rng).standard_normal((2, system.size, RANDOM))
     slowest = np.min(
         basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
     )  # also for a rigid motion

@@ -49,7 +49,7 @@ def study(
     name : str
         Such as "converge", "energy" or "sweep"; ``stiffbeam --help`` lists all.
     case : str, Case or System
-        The label of a case, a case, or a system (with dt= and t_end=).
+        The label of a case, a case, or a system (with dt= and t_end=; "advise" needs no dt).
     dt, t_end : float, optional
         In place of the case's.
     jobs : int, optional
@@ -82,7 +82,7 @@ def study(
     for given in options:
         one_of(f"option of {name}", given, [f.name for f in fields(kind)], "be one the study has")
     if isinstance(case, System):
-        case = case_of(case, dt, t_end)
+        case = case_of(case, t_end if dt is None and kind.any_step else dt, t_end)
     case = find_case(case) if isinstance(case, str) else case
     if not isinstance(case, Case):
         remedy = "for example 'table10'"

@@ -25,8 +25,9 @@ from ..basics.resources import cores
 from ..basics.storage import source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
-from ..basics.validation import InputError, integer
+from ..basics.validation import InputError, generator, integer
 from ..files.cases import Case
+from ..model.system import System
 from ..model.time_functions import covered, stays_at_rest
 from ..references import substitute
 from ..schemes import Scheme
@@ -61,6 +62,7 @@ class Study:
 
     Class variables: ``smoke``, options of a run of seconds; ``all_cores``, True where a point uses every core;
     ``needs_stops`` and ``needs_motion``;
+    ``any_step``, True where the study chooses the time steps itself;
     ``free``, True where the motion touches no stop; ``named_by``, options in the names of files;
     ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
     """
@@ -69,6 +71,7 @@ class Study:
     all_cores: ClassVar[bool] = False
     needs_stops: ClassVar[bool] = False
     needs_motion: ClassVar[bool] = False
+    any_step: ClassVar[bool] = False
     free: ClassVar[bool] = False
     named_by: ClassVar[tuple[str, ...]] = ()
     height: ClassVar[float] = 6.0
@@ -82,6 +85,9 @@ class Study:
             value, least = getattr(self, each.name), each.metadata.get("least")
             if isinstance(value, np.ndarray):
                 value = value.tolist()
+            if each.name == "rng" and (not isinstance(value, int) or value < 0):
+                # One seed for all points of a study.
+                object.__setattr__(self, "rng", int(generator(value).integers(2**32)))
             if isinstance(value, (list, tuple)):
                 object.__setattr__(self, each.name, value := tuple(value))
             if least is not None and value is not None:
@@ -370,8 +376,9 @@ def _key(study: Study, case: Case) -> list[Any]:
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
     options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
     uncertain = {path: repr(one) for path, one in case.uncertain.items()}
+    finer = _described(getattr(case, "finer", None))
     kind = f"{type(study).__module__}:{type(study).__qualname__}"
-    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]
+    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, finer, source_hash()]
 
 
 def _described(value: Any, source: bool = False) -> Any:
@@ -392,4 +399,6 @@ def _described(value: Any, source: bool = False) -> Any:
         return f"{label} {name} {user_source(name)}" if source else label
     if isinstance(value, str) and source and ":" in value:
         return f"{value} {user_source(value)}".strip()
-    return value
+    if isinstance(value, System):
+        return value.fingerprint
+    return value if value is None or isinstance(value, (str, int, float)) else repr(value)

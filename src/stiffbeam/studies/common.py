@@ -59,6 +59,20 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
+def named_values(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
+    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
+    read: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        name, _, value = (part.strip() for part in item.rpartition("="))
+        if name in read:
+            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
+        try:
+            read[name] = value_of(value)
+        except ValueError:
+            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
+    return read
+
+
 def _values(kind: Any, tokens: Sequence[Token]) -> list[float]:
     return [value for token in tokens for value in read_values(token.value)]
 

@@ -1,5 +1,6 @@
-"""doubt: contributions of rounding, of scheme and time step, of the mesh, and of the data to the uncertainty of
-results, and of a rate also that of its finite time span.
+"""Contributions of rounding, of scheme and time step, of the mesh, and of the data to the uncertainty of results.
+
+A rate has a contribution of its finite time span besides.
 
     rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
     scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
@@ -19,25 +20,31 @@ Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a
     twice the cells                            2/3 to 3/2    rigid stops, hermite form; p is the order of smooth motions
     a finer model of matrices                  2/3 to 2      1 to 4/3 of the distance, with a margin of 3/2
     span                                       1/2 to 2      87 of 100 records of an oscillator under noise
+
+A source is the largest if it is in 97.5 % of the resamples, in each of which all columns have the same members and are
+at the unfavourable ends of their brackets. If none is, those that may be the largest are named together. Rounding need
+not exceed data and span, which contain it.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
-from html import escape
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+import pandas as pd
+import scipy.stats
+from cyclopts import Parameter
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, working
+from ..basics.progress import current
 from ..basics.resources import over_slices
-from ..basics.text import plain, several
-from ..basics.units import Units, with_unit
-from ..basics.validation import InputError, integer, number, positive
-from ..files.cases import Case, case_of
+from ..basics.units import with_unit
+from ..basics.validation import InputError, Rng, generator, number, positive
+from ..figures.chart import style_of
+from ..files.cases import Case
 from ..measures.rates import stationary_mean, windows
 from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
@@ -45,316 +52,230 @@ from ..model.system import System
 from ..model.time_functions import Constant
 from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
-from ..schemes import Scheme
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
-from .budget import FINER, MEASURED, Budget, Column, budget_of, mean_of, of_span, scatter, shift
-from .common import run_members
+from . import common
+from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
-    import pandas
+    from matplotlib.figure import Figure
 
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 LEAST = 8  # elements of the finer mesh
 OUTPUTS = 400  # of the tip, at least where there are so many steps
+RATE = "impact rate"
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
               "time in contact": "fraction"}  # fmt: skip
-RATE = "impact rate"
 UNITS = {"tip": "length", RATE: "rate", "largest force": "force", "impulse": "impulse", "energy": "energy"}
 SOURCES = ("rounding", "scheme", "mesh", "data", "span")
-ENDS = {"": "value", "_low": "low", "_high": "high"}
+RESAMPLES = 2000
+SURE = 0.975  # of the resamples in which the source that is named is the largest
+ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
+TWICE_THE_CELLS = (2 / 3, 3 / 2)  # bracket of the extrapolated error of the mesh
+CUBIC_ELEMENTS = (0.9, 1.1)  # of the distance to them
+# Of the distance to a finer model, which is 1 of the error of one without error and 3/4 of one of half the width at
+# order 2: from 1 to 4/3 of it, with a margin of 3/2 to either side.
+FINER_MODEL = (2 / 3, 2.0)
+SPAN = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 
 
-@dataclass(frozen=True)
-class Doubt:
-    """Budgets of uncertainty of all quantities, and the times to which the motion is known.
+def _ranges(kind: Any, tokens: Sequence[Any]) -> dict[str, tuple[float, float]]:
+    def ends(text: str) -> tuple[float, float]:
+        low, high = map(float, text.split(":"))
+        return low, high
 
-    Parameters
-    ----------
-    scheme : str
-    dt, t_end : float
-    members : int
-    horizon : float
-        The time to which rounding leaves the nominal motion certain, at most t_end.
-    data_horizon : float
-        The time to which 95 % of the members agree to ``tolerance`` of the largest |u|, at most t_end.
-    tolerance : float
-    units : tuple
-    budgets : sequence of Budget
-        One per quantity.
-    remarks : sequence of str
-        Notes on the column of the mesh, if it is incomplete.
+    return common.named_values("--uncertain", tokens[0].value, ends, "path=low:high", "stiffness=270:330")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt(Study):
+    """How uncertain is each result of a run, and is it by rounding, scheme, mesh, data or time span?
+
+    Exact motions of ``members`` systems with random parameters on two meshes are compared with runs of the scheme. The
+    ranges of the parameters are those of the case file, in its table case.uncertain. For matrices the table case.finer
+    holds a finer model.
+
+    Example: stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'
     """
 
-    scheme: str
-    dt: float
-    t_end: float
-    members: int
-    horizon: float
-    data_horizon: float
-    tolerance: float
-    units: Units
-    budgets: tuple[Budget, ...]
-    remarks: tuple[str, ...] = ()
+    scheme: Any = option(None, "scheme to examine; default: the case's first")
+    uncertain: Annotated[
+        Mapping[str, Any] | None, Parameter(converter=_ranges, n_tokens=1, accepts_keys=False, negative=())
+    ] = option(
+        None, "path=low:high,...; default: the ranges of the case file; in Python also scipy.stats distributions"
+    )
+    members: int = option(48, "number of systems with random parameters", least=8)
+    rng: int = option(1, "seed of the random systems, in Python also a generator of NumPy")
+    tolerance: float = option(0.05, "of the data horizon, relative to the largest |u|")
+    form: str | None = common.form()
+    contact: str = common.treatment()
+    finer: Annotated[System | None, Parameter(parse=False)] = option(
+        None, "for matrices: the same structure on a finer mesh"
+    )
 
-    def _lines(self) -> list[str]:
-        """Run, times to which the motion is certain, and verdicts."""
-        head = f"{self.scheme}, dt = {self.dt:.4g}, {several(self.members, 'member')} to t = {self.t_end:.4g}"
-        known = (
-            f"Rounding leaves the motion certain to t = {self.horizon:.4g}, data to t = {self.data_horizon:.4g} "
-            f"(95 % of the members within {percent(self.tolerance)})."
+    smoke: ClassVar = {"members": 8}
+    all_cores: ClassVar = True
+
+    def require(self, case: Case) -> None:
+        """Raise InputError for a case without uncertain parameters, and for a finer model of a beam."""
+        positive("tolerance", number("tolerance", self.tolerance))
+        form = self.form or case.forms[0]
+        drawn_members(case.system(form), self.uncertain or case.uncertain, self.members, self.rng)
+        if self.finer is not None and case.beam is not None:
+            rule = "belong to a system of matrices"
+            raise InputError("finer", repr(self.finer), rule, "leave it out: a beam has its cells")
+
+    def points(self, case: Case) -> list[Row]:
+        """All ensembles together."""
+        return [{}]
+
+    def run(self, case: Case) -> list[Row]:
+        """A row for each quantity and source: the mean, the relative uncertainty and its interval."""
+        if self.finer is not None:
+            case = replace(case, finer=self.finer)
+        form, t_end, uncertain = self.form or case.forms[0], case.t_end, self.uncertain or case.uncertain
+        scheme = (
+            case.runs[0][0] if self.scheme is None else next(iter(common.chosen_schemes(case, [self.scheme]).values()))
         )
-        return [head, known, *(budget.verdict for budget in self.budgets), *self.remarks]
+        system, show = case.system(form), current()
+        drawn = drawn_members(system, uncertain, self.members, self.rng)
+        every = max(1, round(t_end / case.dt) // OUTPUTS)
+        show(f"doubt: {scheme}, {self.members} members", 0, 0)
+        many = {"scheme": common.run_members(scheme, drawn, case.dt, t_end, self.contact, every)}
+        t = many["scheme"].t
+        show("doubt: the exact members", 0, 0)
+        exact = reference_ensemble(system, t_end, drawn, t)
+        mesh, of_mesh = finer_mesh(case, form)
+        if mesh is not None:
+            show("doubt: the exact members on a finer mesh", 0, 0)
+            many["mesh"] = reference_ensemble(mesh, t_end, drawn_members(mesh, uncertain, self.members, self.rng), t)
+        show("doubt: rounding", 0, 0)
+        # Rounding matters past its horizon only: there starts that hardly differ scatter.
+        horizon = min(best_reference(system, t_end).horizon, t_end)
+        if horizon < t_end:
+            starts = perturbed_members(system, self.members, ROUNDING, self.rng, t_end=t_end)
+            many["rounding"] = reference_ensemble(system, t_end, starts, t)
+        shared = {"scheme": str(scheme), "horizon": horizon,
+                  "data_horizon": agreement_horizon(exact.t, exact.tip, self.tolerance)}  # fmt: skip
+        rows = list[Row]()
+        for quantity, (mean, columns) in columns_of(exact, many, of_mesh).items():
+            largest, shares = ranked(columns), {name: share(x, abs(mean)) for name, x in columns.items()}
+            rows += [
+                {"quantity": quantity, "source": source, "mean": mean, "value": shares[source][0],
+                 "low": shares[source][1], "high": shares[source][2], "largest": source in largest} | shared
+                for source in SOURCES if source in shares
+            ]  # fmt: skip
+        return rows
 
-    def _table(self) -> pandas.DataFrame:
-        """Means and columns with their intervals, as they are printed."""
-        import pandas
+    def answer(self, table: Table, case: Case) -> Answer:
+        """The largest source of every quantity, and all of them with their intervals."""
+        named: dict[str, list[str]] = {}
+        small = list[Row]()
+        for quantity, rows in table.groupby("quantity", sort=False):
+            largest = " or ".join(rows[rows.largest & (rows.high > 0.0)].sort_values("value", ascending=False).source)
+            named.setdefault(largest or "none", []).append(str(quantity))
+            row = {"95 % intervals": with_unit(case.units, str(quantity), UNITS.get(_kind(quantity), "")),
+                   "mean": f"{rows['mean'].iloc[0]:.4g}", "largest": largest or "none"}  # fmt: skip
+            small.append(row | {x.source: written(x.value, x.low, x.high) for x in rows.itertuples()})
+        columns = ["95 % intervals", "mean", "largest", *(x for x in SOURCES if x in set(table.source))]
+        first = table.iloc[0]
+        notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
+        notes += f"the motion certain to t = {first.horizon:.4g}, data to t = {first.data_horizon:.4g}: 95 % of the "
+        notes += f"members within {percent(self.tolerance)}."
+        if "mesh" not in columns:
+            notes += " The case has matrices and no finer model: for the error of the mesh write [case.finer] beside "
+            notes += "[case.system], or pass finer=."
+        sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
+        return Answer(f"Largest source of uncertainty: {sources}.", pd.DataFrame(small)[columns], notes)
 
-        rows = [
-            {"95 % intervals": with_unit(self.units, x.quantity, UNITS.get(x.name, "")), "mean": f"{x.mean:.4g}"}
-            | {name: str(x.shares.get(name, "no finer model")) for name in SOURCES if name in {"mesh", *x.shares}}
-            for x in self.budgets
-        ]
-        return pandas.DataFrame(rows).fillna("–")
-
-    def __str__(self) -> str:
-        """The verdicts, then the columns with their intervals."""
-        return "\n".join([*self._lines(), self._table().to_string(index=False)])
-
-    def _repr_html_(self) -> str:
-        return f"<p>{'</p><p>'.join(map(escape, self._lines()))}</p>{self._table().to_html(index=False)}"
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """One row for each quantity, the index: ``mean``, ``largest``, and ``data``, ``data_low``,
-        ``data_high`` for each source; NaN where a quantity lacks it."""
-        import pandas
-
-        rows = {
-            x.quantity: {"mean": x.mean, "largest": ", ".join(x.largest)}
-            | {f"{name}{end}": getattr(part, field) for name, part in x.shares.items() for end, field in ENDS.items()}
-            for x in self.budgets
-        }
-        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and texts."""
-        budgets = [asdict(x) | {"dominant": x.dominant, "verdict": x.verdict} for x in self.budgets]
-        return plain({"measured": [], **vars(self), "budgets": budgets})
-
-    def __getitem__(self, quantity: str) -> Budget:
-        """The budget of a quantity by its name."""
-        return {budget.quantity: budget for budget in self.budgets}[quantity]
-
-
-def agreement_horizon(t: Array, tips: Array, tolerance: float, share: float = 0.95) -> float:
-    """Time to which a ``share`` of the members, tips (M, k) at t (k,), agree to a tolerance of the largest |u|.
-
-    A member agrees until its distance from the median over the members first exceeds ``tolerance`` max |median|. The
-    horizon is the last output time before fewer than ``share`` of the members do.
-    """
-    middle = np.median(tips, axis=0)
-    apart = np.abs(tips - middle) > tolerance * np.max(np.abs(middle))
-    agree = np.mean(~np.logical_or.accumulate(apart, axis=1), axis=0) >= share
-    return float(t[-1] if np.all(agree) else t[max(0, int(np.argmin(agree)) - 1)])
-
-
-def doubt(
-    case: Case | System,
-    scheme: Scheme | None = None,
-    dt: float | None = None,
-    members: int = 48,
-    seed: int = 1,
-    tolerance: float = 0.05,
-    progress: bool | Show | None = None,
-    contact: str = "implicit",
-    t_end: float | None = None,
-    uncertain: Mapping[str, Any] | None = None,
-    finer: System | None = None,
-) -> Doubt:
-    """Budget of uncertainty of a run: rounding, scheme and step, mesh, data and time span, for every quantity at every
-    contact.
-
-    Parameters
-    ----------
-    case : Case or System
-        With uncertain parameters, ``[case.uncertain]`` in its file or ``uncertain=``.
-    scheme : Scheme, optional
-        By default the case's first.
-    dt : float, optional
-        By default the case's.
-    members : int
-        Drawn systems, of which each is solved exactly on two meshes and run by the scheme.
-    seed : int
-    tolerance : float
-        To which members agree within the data horizon, relative to the largest displacement of the tip.
-    progress : bool or callable
-        As in ``reference``.
-    contact : str
-        Treatment of contact as in ``integrate``.
-    t_end : float, optional
-        By default the case's; a System needs it, and ``dt``.
-    uncertain : mapping of path to (low, high) or distribution, optional
-        In the place of the case's: paths as in ``varied_members``, each with a range or a frozen distribution of
-        ``scipy.stats``, such as ``norm(mean, deviation)``.
-    finer : System, optional
-        For matrices, the same structure on a finer mesh: the same loads, contacts and paths. The column of the mesh is
-        the distance to it. In a file it is ``[case.finer]``. For a reduced model pass one with twice as many modes: the
-        column then has the truncation error only.
-
-    Returns
-    -------
-    Doubt
-        ``print`` it for the verdicts; ``result["impacts"].shares["data"]``. With several contacts the quantities are
-        "impacts at contact 1" and so on.
-
-    Raises
-    ------
-    InputError
-        For a case without uncertain parameters, and what the exact solution or the scheme does not take.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> import stiffbeam as sb
-    >>> case = replace(sb.paper_case(10), t_end=0.1, uncertain={"stiffness": (297.0, 303.0)})
-    >>> print(sb.doubt(case, sb.HHT(-0.1), members=8)["impacts"].quantity)
-    impacts
-    """
-    if not isinstance(case, Case):
-        case, finer = case_of(case, dt, t_end, finer=finer), None
-    changes: dict[str, Any] = {"t_end": t_end, "uncertain": uncertain, "finer": finer}
-    if finer is not None and case.beam is not None:
-        raise InputError("finer", repr(finer), "belong to a system of matrices", "leave it out: a beam has its cells")
-    case = replace(case, **{name: value for name, value in changes.items() if value is not None})
-    integer("members", members, 8)
-    positive("tolerance", number("tolerance", tolerance))
-    scheme = case.runs[0][0] if scheme is None else scheme
-    with working("doubt", progress) as show:
-        return _doubt(
-            case, scheme, case.dt if dt is None else positive("dt", dt), members, seed, tolerance, show, contact
-        )
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
+        """A line for each quantity, a marker with its interval for each source."""
+        axis, quantities = figure.subplots(), list(table.quantity.unique())
+        sources = [x for x in SOURCES if x in set(table.source)]
+        for k, source in enumerate(sources):
+            rows = table[(table.source == source) & (table.high > 0.0) & np.isfinite(table.high)]
+            y = [quantities.index(x) + 0.7 * ((k + 0.5) / len(sources) - 0.5) for x in rows.quantity]
+            off = [rows.value - rows.low, rows.high - rows.value]
+            style: Any = style_of(k) | {"linestyle": "", "ms": 5}
+            axis.errorbar(rows.value, y, xerr=np.maximum(off, 0.0), label=source, **style)
+        axis.set_yticks(range(len(quantities)), quantities)
+        axis.set(xscale="log", xlabel="relative uncertainty, 95 % intervals", ylim=(len(quantities) - 0.5, -0.5))
+        axis.grid(axis="x", alpha=0.3)
+        axis.legend(frameon=False, ncols=len(sources), loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
-def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, seed: int = 1) -> EnsembleMembers:
-    """Members whose parameters are a Latin hypercube sample, see ``doubt``; the same seed draws the same parameters."""
-    from scipy.stats import qmc, uniform
+def _kind(quantity: Any) -> str:
+    """The quantity without its contact."""
+    return str(quantity).partition(" at contact")[0]
 
+
+def written(value: float, low: float, high: float) -> str:
+    """A relative uncertainty with its interval."""
+    return f"{percent(value)} ({percent(low)} to {percent(high)})" if high else "0"
+
+
+# ---------------------------------------------------------------- members
+
+
+def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rng: Rng = 1) -> EnsembleMembers:
+    """Members whose parameters are a Latin hypercube sample; the same rng draws the same parameters."""
     if not uncertain:
         remedy = 'pass uncertain={"stops.stiffness": (4.5e6, 5.5e6)}, or write [case.uncertain] in a case file'
         raise InputError("case", uncertain, "have uncertain parameters", remedy)
     columns = {}
-    sample = qmc.LatinHypercube(len(uncertain), rng=seed).random(members)
+    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=generator(rng)).random(members)
     for (path, one), shares in zip(uncertain.items(), sample.T, strict=True):
         if not hasattr(one, "ppf"):
             low, high = (number(f"uncertain {path}", x) for x in one) if np.shape(one) == (2,) else (0.0, 0.0)
             if not low < high:
                 rule = "be a range (low, high), or a distribution of scipy.stats"
                 raise InputError(f"uncertain {path}", one, rule, "for example (4.5e6, 5.5e6)")
-            one = uniform(low, high - low)
+            one = scipy.stats.uniform(low, high - low)
         columns[path] = one.ppf(shares)
     return varied_members(system, columns)
 
 
-def _doubt(
-    case: Case, scheme: Scheme, dt: float, members: int, seed: int, tolerance: float, show: Show, contact: str
-) -> Doubt:
-    """The budget of a scheme, see ``doubt``."""
-    form, t_end = case.forms[0], case.t_end
-    system = case.system(form)
-    drawn = drawn_members(system, case.uncertain, members, seed)
-    show(f"doubt: {scheme}, {members} members", 0, 0)
-    many = run_members(scheme, drawn, dt, t_end, contact, max(1, round(t_end / dt) // OUTPUTS))
-    t = many.t
-    show("doubt: the exact members", 0, 0)
-    exact = reference_ensemble(system, t_end, drawn, t)
-    mesh, of_mesh, remarks = finer_mesh(case, form)
-    finer: Ensemble | None = None
-    if mesh is not None:
-        show("doubt: the exact members on a finer mesh", 0, 0)
-        finer = reference_ensemble(mesh, t_end, drawn_members(mesh, case.uncertain, members, seed), t)
-    show("doubt: rounding", 0, 0)
-    # Rounding matters past its horizon only: there starts that hardly differ scatter.
-    horizon = min(best_reference(system, t_end).horizon, t_end)
-    past: Ensemble | None = None
-    if horizon < t_end:
-        starts = perturbed_members(system, members, ROUNDING, seed, t_end=t_end)
-        past = reference_ensemble(system, t_end, starts, t)
-    known = agreement_horizon(exact.t, exact.tip, tolerance)
-    quantities = _quantities(exact, past)
-    errors = {} if finer is None else {x.name: of_mesh(x.error(finer)) for x in quantities}
-    budgets = tuple(x.budget(many, errors.get(x.name)) for x in quantities)
-    return Doubt(str(scheme), float(dt), float(t_end), members, horizon, known, tolerance, case.units, budgets, remarks)
+def agreement_horizon(t: Array, tips: Array, tolerance: float, least: float = 0.95) -> float:
+    """Time to which a share ``least`` of the members, tips (M, k) at t (k,), agree to a tolerance of the largest |u|.
 
-
-def finer_mesh(case: Case, form: str) -> tuple[System | None, Callable[[Column], Column], tuple[str, ...]]:
-    """The system on a finer mesh, the column of the mesh's error from that of the distance to it, and remarks.
-
-    None for matrices without a finer model.
+    A member agrees until its distance from the median over the members first exceeds ``tolerance`` max |median|. The
+    horizon is the last output time before fewer than ``least`` of the members do.
     """
+    middle = np.median(tips, axis=0)
+    apart = np.abs(tips - middle) > tolerance * np.max(np.abs(middle))
+    agree = np.mean(~np.logical_or.accumulate(apart, axis=1), axis=0) >= least
+    return float(t[-1] if np.all(agree) else t[max(0, int(np.argmin(agree)) - 1)])
+
+
+def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float, float]]:
+    """The system on a finer mesh, and what times the distance to it is the error of the mesh: the value and the ends of
+    its bracket. None for matrices without a finer model."""
     if case.beam is None:
-        mesh = case.refined(form)
-        remedy = "pass finer=, or write [case.finer] beside [case.system]"
-        remark = f"The case has matrices and no finer model: for the error of the mesh {remedy}."
-        return mesh, lambda distance: distance.between(FINER), () if mesh is not None else (remark,)
+        return case.refined(form), (1.0, *FINER_MODEL)
     if form == "hermite" or case.system(form).rigid:
-        return case.refined(form), lambda distance: distance.on_twice_the_cells(form), ()
-    elements = replace(case, cells=max(case.cells, LEAST)).system("hermite")
-    return elements, lambda distance: distance.between(MEASURED), ()
+        power = 2.0 ** ORDERS[form]
+        factor = power / (power - 1.0)
+        return case.refined(form), (factor, factor * TWICE_THE_CELLS[0], factor * TWICE_THE_CELLS[1])
+    return replace(case, cells=max(case.cells, LEAST)).system("hermite"), (1.0, *CUBIC_ELEMENTS)
 
 
-@dataclass(frozen=True, eq=False)
-class Quantity:
-    """One quantity of the exact members. error: the column of the distance of other runs of the same members.
-
-    mean: for the tip the largest |u|. scatters: the columns that need no other runs.
-    """
-
-    name: str
-    mean: float
-    error: Callable[[Ensemble], Column]
-    scatters: dict[str, Column]
-
-    def budget(self, scheme: Ensemble, mesh: Column | None) -> Budget:
-        """The budget with the columns of a scheme and of the mesh."""
-        columns = {"rounding": self.scatters["rounding"], "scheme": self.error(scheme)}
-        columns |= {} if mesh is None else {"mesh": mesh}
-        return budget_of(self.name, self.mean, columns | self.scatters)
+# ---------------------------------------------------------------- quantities of members
 
 
-def _quantities(exact: Ensemble, past: Ensemble | None) -> list[Quantity]:
-    """The tip, the quantities at every contact, and the energy; none that is not finite, as the largest force of rigid
-    stops."""
+def measured(many: Ensemble) -> dict[str, Array]:
+    """One value a member (M,) of every quantity at every contact, and of the energy in the mean over the output
+    times."""
+    found: dict[str, Array] = {}
+    for i, contact in enumerate(many.contacts):
+        place = f" at contact {i}" if len(many.contacts) > 1 else ""
+        found |= {name + place: np.asarray(getattr(contact, field), float) for name, field in QUANTITIES.items()}
+        if _driven(many.members.system):
+            found[RATE + place] = found["impacts" + place] / float(many.provenance["t_end"])
 
-    def distance(one: Array, other: Array) -> Column:
-        return mean_of(np.sqrt(np.mean((one - other) ** 2, axis=1)))
+    def means(part: Sequence[int]) -> list[float]:
+        return [float(np.mean(each)) for each in energies(many, part)]
 
-    def apart(many: Ensemble) -> Column:
-        return distance(many.tip, np.median(many.tip, axis=0))
-
-    scatters = {"rounding": mean_of(np.zeros(len(exact))) if past is None else apart(past), "data": apart(exact)}
-    size, t_end = float(np.max(np.abs(exact.tip))), float(exact.provenance["t_end"])
-    found = [Quantity("tip", size, lambda many: distance(many.tip, exact.tip), scatters)]
-    functions: dict[str, Callable[[Ensemble], Array]] = {}
-    spans: dict[str, Column] = {}
-    for i in range(len(exact.contacts)):
-        place = f" at contact {i}" if len(exact.contacts) > 1 else ""
-        for quantity, field in QUANTITIES.items():
-            functions[quantity + place] = lambda many, i=i, field=field: getattr(many.contacts[i], field)
-            if quantity == "impacts" and _driven(exact.members.system):
-                functions[RATE + place] = lambda many, i=i: many.contacts[i].impact_count / t_end
-                spans[RATE + place] = _span(exact, i)
-    functions["energy"] = cache(_mean_energies)
-    for name, of in functions.items():
-        wanted = np.asarray(of(exact), float)
-        if np.all(np.isfinite(wanted)):
-            rounding = scatter(np.zeros(len(wanted)) if past is None else of(past))
-            columns = {"rounding": rounding, "data": scatter(wanted)}
-            columns |= {"span": spans[name]} if name in spans else {}
-            found.append(Quantity(name, float(np.mean(wanted)), partial(_error, of, wanted), columns))
-    return found
-
-
-def _error(of: Callable[[Ensemble], Array], wanted: Array, many: Ensemble) -> Column:
-    return shift(of(many), wanted)
+    slices = over_slices(means, range(len(many)), MEMBERS_PER_SLICE)
+    return found | {"energy": np.concatenate(list(slices))}
 
 
 def _driven(system: System) -> bool:
@@ -362,17 +283,138 @@ def _driven(system: System) -> bool:
     return any(not isinstance(f, Constant) for _, f in system.loads) or any(c.offset for c in system.contacts)
 
 
+def columns_of(
+    exact: Ensemble, many: Mapping[str, Ensemble], of_mesh: tuple[float, float, float]
+) -> dict[str, tuple[float, dict[str, Column]]]:
+    """Mean and columns of the tip, of which the mean is the largest |u|, and of every quantity that is finite.
+
+    many: the ensembles beside the exact one: "scheme", and as far as there are such "mesh" and "rounding".
+    """
+
+    def distance(one: Array, other: Array) -> Column:
+        return mean_of(np.sqrt(np.mean((one - other) ** 2, axis=1)))
+
+    none, past = np.zeros(len(exact)), many.get("rounding")
+    off = {name: distance(each.tip, exact.tip) for name, each in many.items()}
+    off["rounding"] = mean_of(none) if past is None else distance(past.tip, np.median(past.tip, axis=0))
+    off["data"] = distance(exact.tip, np.median(exact.tip, axis=0))
+    found = {"tip": (float(np.max(np.abs(exact.tip))), off)}
+    values = {name: measured(each) for name, each in many.items()}
+    for name, wanted in measured(exact).items():
+        if not np.all(np.isfinite(wanted)):
+            continue
+        columns = {source: shift(each[name], wanted) for source, each in values.items() if source != "rounding"}
+        columns["rounding"] = scatter(none if past is None else values["rounding"][name])
+        columns["data"] = scatter(wanted)
+        if _kind(name) == RATE:
+            columns["span"] = _span(exact, int(name.rpartition(" ")[2]) - 1 if " at contact " in name else 0)
+        found[name] = float(np.mean(wanted)), columns
+    for _, columns in found.values():
+        if "mesh" in columns:
+            columns["mesh"] = replace(columns["mesh"], factors=of_mesh)
+    return found
+
+
 def _span(exact: Ensemble, contact: int) -> Column:
+    """The column of the deviations of the members' rates over their span."""
     edges = windows(exact.members.system, 0.0, float(exact.provenance["t_end"]))
     width = float(edges[1] - edges[0])
     times = [exact.contacts[contact].impacts_of(k).times for k in range(len(exact))]
-    return of_span([stationary_mean(np.histogram(x, edges)[0] / width) for x in times])
+    rates = [stationary_mean(np.histogram(x, edges)[0] / width).deviation for x in times]
+    return Column(_roots, np.array(rates), (1.0, *SPAN))
 
 
-def _mean_energies(many: Ensemble) -> Array:
-    """Energy (M,) in the mean over the output times."""
+# ---------------------------------------------------------------- intervals and the largest source
 
-    def means(part: Sequence[int]) -> list[float]:
-        return [float(np.mean(each)) for each in energies(many, part)]
 
-    return np.concatenate(list(over_slices(means, range(len(many)), MEMBERS_PER_SLICE)))
+def _means(x: Array, axis: int = 1) -> Array:
+    return np.mean(x, axis=axis)
+
+
+def _deviations(x: Array, axis: int = 1) -> Array:
+    return np.std(x, axis=axis, ddof=1)
+
+
+def _roots(x: Array, axis: int = 1) -> Array:
+    return np.sqrt(np.mean(x**2, axis=axis))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A statistic and the members (M,) of which it is one; factors: of its size, and of the ends of its bracket."""
+
+    statistic: Callable[..., Array]  # of the values along an axis
+    sample: Array
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def size(self) -> float:
+        """|statistic| of all members, times its factor."""
+        return self.factors[0] * abs(float(self.statistic(self.sample[None])[0]))
+
+    def resampled(self) -> Array:
+        """The statistic of RESAMPLES resamples, which are the same members in every column of that size."""
+        draws = np.random.default_rng(1).integers(0, len(self.sample), (RESAMPLES, len(self.sample)))
+        return self.statistic(self.sample[draws])
+
+
+def mean_of(distances: Array) -> Column:
+    """The column of the mean of distances."""
+    return Column(_means, distances)
+
+
+def shift(values: Array, wanted: Array) -> Column:
+    """The column of mean(values - wanted), member by member."""
+    return mean_of(np.asarray(values, float) - np.asarray(wanted, float))
+
+
+def scatter(values: Array) -> Column:
+    """The column of the deviation of values."""
+    return Column(_deviations, np.asarray(values, float))
+
+
+def interval(column: Column) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of the statistic. A sample whose values are all equal has an interval without
+    width."""
+    drawn = column.resampled()
+    ends = float(np.min(drawn)), float(np.max(drawn))
+    if ends[0] == ends[1]:
+        return ends
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
+        found = scipy.stats.bootstrap((column.sample,), column.statistic, n_resamples=RESAMPLES, rng=1)
+    low, high = map(float, found.confidence_interval)
+    return (low, high) if np.isfinite(low) and np.isfinite(high) else ends
+
+
+def share(column: Column, scale: float) -> tuple[float, float, float]:
+    """|statistic|/scale, and the ends of its interval."""
+    low, high = interval(column)
+    # The interval of |statistic|, which begins at 0 where that of the statistic contains 0.
+    low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, abs(max(-low, high)))
+    low, high = column.factors[1] * low, column.factors[2] * high
+    if scale == 0.0:
+        return (np.inf, np.inf if low else 0.0, np.inf) if high else (0.0, 0.0, 0.0)
+    return column.size / scale, low / scale, high / scale
+
+
+def ranked(columns: Mapping[str, Column]) -> tuple[str, ...]:
+    """The largest source, or those that may be the largest. Data and span, which contain the scatter of rounding, do
+    not count against it."""
+
+    def contains(source: str, other: str) -> bool:
+        return other == "rounding" and source in ("data", "span")
+
+    # A source at the low end of its bracket is held against all others at their high ends.
+    least, most = ({x: c.factors[end] * np.abs(c.resampled()) for x, c in columns.items()} for end in (1, 2))
+    names = sorted(columns, key=lambda x: -columns[x].size)
+    for name in names:
+        rivals = [most[x] for x in names if x != name and not contains(x, name)]
+        if columns[name].size > 0.0 and np.mean(np.all([least[name] >= x for x in rivals], axis=0)) >= SURE:
+            return (name,)
+    # Rounding stands for data and span if they may be its scatter alone.
+    rounding = most.get("rounding")
+    names = [x for x in names if not contains(x, "rounding") or rounding is None
+             or np.mean(least[x] >= rounding) >= SURE]  # fmt: skip
+    first = least[names[0]]
+    return (names[0], *([x for x in names[1:] if np.mean(first >= most[x]) < SURE] or names[1:2]))

@@ -65,7 +65,7 @@ class Ensemble(Study):
     form: str | None = common.form()
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
-    seed: int = option(1, "seed of the perturbations", least=0)
+    rng: int = option(1, "seed of the perturbations, in Python also a generator of NumPy")
     contact: str = common.treatment()
 
     smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "members": 8}
@@ -89,7 +89,7 @@ class Ensemble(Study):
 
     def members_of(self, case: Case, system: System) -> EnsembleMembers:
         """Systems with perturbed starts."""
-        return perturbed_members(system, self.members, self.size, self.seed, t_end=case.t_end)
+        return perturbed_members(system, self.members, self.size, self.rng, t_end=case.t_end)
 
     def run(self, case: Case, method: str) -> list[Row]:
         """Rows of members, quantiles of peak forces and of durations, and the spectrum."""

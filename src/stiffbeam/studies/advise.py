@@ -1,0 +1,454 @@
+"""The cheapest scheme, contact treatment and time step for given errors, by trial runs.
+
+    error(tip)         rms of (u - u_exact)/max |u_exact| over the run's steps
+    error(impacts)     |N - N_exact|/max(N_exact, 1), N the impacts to t_end, those of the exact motion by events
+    error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
+    error(impulse)     likewise, of the integral of |sigma|
+
+With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
+it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
+steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
+stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
+coarse run of another is enough. If some requirements cannot be met, the others count only if every finer step meets
+them too.
+
+Past the horizon a single motion has no meaning, so the means over perturbed members are compared. A mean is right if it
+and the 95 % interval of the difference lie within the admissible error; the tip has no such mean. The members differ by
+a thousandth of the motion, so they diverge as soon as a scheme diverges from the exact motion. Closer members would all
+follow one motion of that scheme first, and their mean would contain no information on the distribution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import takewhile
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from cyclopts import Parameter
+
+from ..basics.arrays import Array
+from ..basics.progress import current
+from ..basics.resources import clock
+from ..basics.validation import InputError, instance, one_of, positive, sequence
+from ..figures.chart import log_scale, look, panel_legend
+from ..files.cases import Case
+from ..march.integrate import integrate
+from ..march.treatment import TREATMENTS
+from ..measures.comparison import remark
+from ..measures.errors import stays_within, tip_error
+from ..model.members import SPREAD, perturbed_members
+from ..model.modes import modes
+from ..model.scales import scales
+from ..model.system import System
+from ..model.time_functions import Drive
+from ..references import best_reference
+from ..references.ensemble import reference_ensemble
+from ..schemes import Scheme
+from ..trajectory.trajectory import Diverged, Reference, Trajectory
+from . import common
+from .base import Answer, Records, Row, Study, Table, option
+from .ensemble import difference, too_uncertain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BETWEEN = 5  # steps of one motion that are tried between a step and its half; means state their own interval
+FEWEST = 8  # members of a mean
+PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
+COLUMNS = {"impacts": "impact_count", "peak_force": "peak_force", "impulse": "impulse"}  # of an ensemble
+QUANTITIES = ("tip", *COLUMNS)
+WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
+MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
+PAST = "past the horizon t = {} no step gives one motion: motions 1e-16 apart have diverged there"
+FEW = "{} exact motions take some {:.0f} s: "
+
+
+def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
+    return common.named_values("--want", tokens[0].value, float, "quantity=error", "tip=1e-3")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Advise(Study):
+    """Which scheme, contact treatment and time step are the cheapest for given errors, and which does none reach?
+
+    The search ends after ``seconds`` of CPU with what is known by then. In Python ``advise.advised(records)`` is the
+    run that is advised.
+
+    Example: stiffbeam advise table10 --want tip=1e-3,impacts=0.05
+    """
+
+    want: Annotated[
+        Mapping[str, float] | None, Parameter(converter=_want, n_tokens=1, accepts_keys=False, negative=())
+    ] = option(
+        None,
+        "admissible relative errors: tip (rms), impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,"
+        "peak_force=0.05, of rigid stops impulse in the place of peak_force",
+    )
+    schemes: common.Labels = common.schemes()
+    contacts: common.Labels = option(("implicit", "conserving"), "treatments of contact to try, comma-separated")
+    form: str | None = common.form()
+    most_steps: int | None = option(
+        None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices, 2^11 for means", least=1
+    )
+    members: int = option(48, "perturbed runs per mean, past the horizon", least=2)
+    seconds: float = option(60.0, "CPU seconds after which the search ends")
+
+    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "most_steps": 2**12, "seconds": 5.0}
+    all_cores: ClassVar = True
+    any_step: ClassVar = True
+
+    def points(self, case: Case) -> list[Row]:
+        """One search."""
+        positive("seconds", self.seconds)
+        system = case.system(self.form)
+        _wanted(system, self.want)
+        if not self._candidates(case, system):
+            raise InputError("schemes", self.schemes, "be at least one, with one treatment of contact", "leave it out")
+        return [{}]
+
+    def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
+        contacts = sequence("contacts", self.contacts, "be names")
+        for name in contacts:
+            one_of("contacts", name, TREATMENTS)
+        contacts = contacts[: None if system.contacts else 1]
+        schemes = common.chosen_schemes(case, self.schemes).values()
+        return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
+
+    def run(self, case: Case) -> list[Row]:
+        """A row of kind "run" for every trial, of kind "cannot" for every error that none reaches, and "remark"."""
+        begun, show, t_end = clock(), current(), case.t_end
+        system = case.system(self.form)
+        wanted = _wanted(system, self.want)
+        share = 0.4 * self.seconds  # for the exact motion, and for its ensemble
+        exact = best_reference(system, t_end, progress=show, seconds=share)
+        remarks = [remark(system, exact)]
+        if "budget" in exact.provenance:
+            t_end = float(exact.t[-1])
+            remarks.append(f"The advice is for the time that the exact motion reached, {exact.provenance['budget']}.")
+        # One motion up to the horizon; past it means over perturbed members, as many as there is time for.
+        past, members = exact.horizon < t_end, self.members
+        affordable = int(share / max(exact.work.march_seconds, 1e-9))
+        if past and affordable < members:
+            few = FEW.format(members, members * exact.work.march_seconds)
+            past, members = affordable >= FEWEST, affordable
+            if past:
+                remarks.append(f"{few}there is time for {members}.")
+            else:
+                t_end = exact.horizon
+                remarks.append(f"{few}the advice is for one motion to its horizon t = {t_end:.4g}.")
+                exact = best_reference(system, t_end, progress=show)
+        criterion = Statistics(system, t_end, members) if past else Motion(exact)
+        cannot = {"tip": PAST.format(f"{exact.horizon:.4g}")} if past and "tip" in wanted else {}
+        cannot |= too_uncertain(criterion.scatter, members, wanted)
+        open_wants = {name: x for name, x in wanted.items() if name not in cannot}
+        most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_MEMBER if past else MOST_DIRECT)
+        search, chosen = Search(system, t_end, criterion, begun + self.seconds), None
+        if open_wants:
+            chosen = search.cheapest(self._candidates(case, system), open_wants, most)
+            if not search.tried:
+                raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
+        if search.ended:
+            remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
+        # Give up what no run reaches, and advise for the rest.
+        while chosen is None and open_wants:
+            worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))
+            # Means carry the scatter of their members, which no step makes smaller.
+            more = f"; a mean over more than {members} members is nearer" if past else ""
+            cannot |= {name: why + more for name, why in worst.items()}
+            open_wants = {name: x for name, x in open_wants.items() if name not in worst}
+            chosen = cheapest(search.tried, open_wants) if open_wants else None
+        facts = {"t_end": t_end, "horizon": exact.horizon, "members": criterion.members}
+        rows = [
+            {"kind": "run"} | vars(p) | {"scheme": common.label_of_run(p.scheme), "advised": p is chosen}
+            | {f"error_{x}": p.errors[x] for x in p.errors} for p in search.tried
+        ]  # fmt: skip
+        for row in rows:
+            del row["errors"]
+        if chosen is not None:
+            run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
+            facts["trusted_until"] = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
+        facts |= {f"scatter_{name}": x for name, x in criterion.scatter.items()}
+        rows += [{"kind": "cannot", "quantity": name, "reason": why} for name, why in cannot.items()]
+        rows += [{"kind": "remark", "reason": text} for text in remarks if text]
+        return [row | facts for row in rows]
+
+    def answer(self, table: Table, case: Case) -> Answer:
+        """The run that is advised with its errors, and the errors that no run reaches, each with the reason."""
+        wanted, first, run = _wanted(case.system(self.form), self.want), table.iloc[0], advised_row(table)
+        met = _attainable(table, wanted)
+        notes = [str(x) for x in table[table.kind == "remark"].reason] if "reason" in table else []
+        verdict = "No run meets the admissible errors."
+        if run is not None:
+            errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in met)
+            over = f", in the mean over {first.members:g} members" if first.members else ""
+            verdict = f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {first.t_end:g}, {run.work:g} "
+            verdict += f"linear solves, relative errors {errors}{over}."
+            if first.members:
+                single = ", ".join(f"{name} {first[f'scatter_{name}']:.2g}" for name in met)
+                notes.append(f"A single motion scatters about its mean by (relative) {single}.")
+            least = wanted.get("tip", WANT["tip"])
+            notes.append(f"The tip is within {least:g} max|u| of the exact one to t = {first.trusted_until:.4g}.")
+        for row in table[table.kind == "cannot"].itertuples():
+            notes.append(f"Not attainable: {row.quantity} to {wanted[str(row.quantity)]:g}: {row.reason}.")
+        return Answer(verdict, notes=" ".join(notes))
+
+    def draw(self, table: Table, figure: Figure, case: Case) -> None:
+        """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
+        axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
+        met, runs, best = _attainable(table, wanted), table[table.kind == "run"].copy(), advised_row(table)
+        if len(runs):
+            runs["worst"] = np.max([runs[f"error_{x}"] / wanted[x] for x in met or wanted], axis=0)
+            for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
+                style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
+                style |= {"alpha": 0.5} if contact != "implicit" else {}
+                group = group.sort_values("work")
+                axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
+            if best is not None:
+                axis.plot(
+                    best.work,
+                    runs.worst[runs.advised.astype(bool)],
+                    "o",
+                    ms=10,
+                    mfc="none",
+                    color="black",
+                    label="advised",
+                )
+        axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
+        axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
+        log_scale(axis)
+        panel_legend(axis, below=True)
+
+
+def advised_row(table: Table) -> Any:
+    """The row of the run that is advised, None where there is none."""
+    rows = table[table.advised.fillna(False).astype(bool)] if "advised" in table else table[:0]
+    return next(rows.itertuples(), None)
+
+
+def advised(records: Records, every: int = 1) -> Trajectory:
+    """The run that is advised. Raises InputError where there is none."""
+    row, case = advised_row(records.table), records.case
+    if row is None:
+        raise InputError("records", records.answer.verdict, "advise a run", "ask for larger errors")
+    study: Any = records.study
+    scheme = common.chosen_schemes(case, study.schemes)[row.scheme]
+    return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact, every)
+
+
+def _label(row: Any) -> str:
+    """The scheme, and the contact treatment where it is not the implicit one."""
+    return f"{row.scheme}" + (f", {row.contact} contact" if row.contact != "implicit" else "")
+
+
+def _attainable(table: Table, wanted: Mapping[str, float]) -> list[str]:
+    cannot = set(table[table.kind == "cannot"].quantity) if "quantity" in table else set()
+    return [name for name in wanted if name not in cannot]
+
+
+def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
+    """The admissible errors, after their checks."""
+    wanted = dict(instance("want", WANT if want is None else want, Mapping, 'for example {"tip": 0.01}'))
+    if want is None and not system.contacts:
+        wanted = {"tip": WANT["tip"]}
+    elif want is None and system.rigid:
+        wanted["impulse"] = wanted.pop("peak_force")
+    if not wanted:
+        raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
+    for name, tolerance in wanted.items():
+        one_of("want", name, QUANTITIES, "name a quantity")
+        wanted[name] = positive(f"want.{name}", tolerance)
+        if name != "tip" and not system.contacts:
+            remedy = "ask for tip only, or give the system contacts"
+            raise InputError("want", name, "be asked of a system with contacts", remedy)
+        if name == "peak_force" and system.rigid:
+            raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
+    return wanted
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A trial run: its errors by quantity, infinite if it broke off. work: linear solves."""
+
+    scheme: Scheme
+    contact: str
+    dt: float
+    steps: int
+    work: int
+    seconds: float
+    errors: dict[str, float]
+
+    def meets(self, want: Mapping[str, float]) -> bool:
+        """Return True where every error is at most the one wanted."""
+        return all(self.errors[name] <= tolerance for name, tolerance in want.items())
+
+
+@dataclass(eq=False)
+class Search:
+    """Trial runs of all candidates, refined together until ``until``, a time of ``clock``. tried: all runs so far."""
+
+    system: System
+    t_end: float
+    criterion: Motion | Statistics
+    until: float
+    tried: list[Probe] = field(default_factory=list)
+    ended: str = ""  # number of steps at which the time was over
+
+    def probe(self, scheme: Scheme, contact: str, steps: int) -> Probe | None:
+        """The run with this number of steps; None if the scheme refuses the system."""
+        dt = self.t_end / steps
+        try:
+            errors, seconds = self.criterion.errors(self.system, scheme, contact, dt, self.t_end)
+        except (Diverged, InputError) as error:
+            if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
+                return None
+            errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
+        return Probe(scheme, contact, dt, steps, steps * len(scheme.nodes), seconds, errors)
+
+    def cheapest(self, candidates: list[tuple[Scheme, str]], want: dict[str, float], most: int) -> Probe | None:
+        """The cheapest run that meets the want, None where there is none.
+
+        A candidate is refined from PER_PERIOD steps a period to ``most`` until two numbers of steps in a row meet the
+        want and so do those between them, or until it costs more than the best that does.
+        """
+        show, steps = current(), self._coarsest(most)
+        best: Probe | None = None
+        alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
+        smallest = ""
+        while alive and steps <= most and not self.ended:
+            refined, level = [], []
+            for done, (scheme, contact, before) in enumerate(alive):
+                show(f"advise: runs of {steps} steps{smallest}", done, len(alive))
+                # A run takes twice as long as the one of half the steps, which has as many members.
+                last = 0.0 if before is None else 2.0 * before.seconds * max(1, self.criterion.members)
+                if clock() + last > self.until and (level or self.tried):
+                    self.ended = f"{steps} steps"
+                    continue
+                good = before if before is not None and before.meets(want) else None
+                # What costs more than the best run that meets the requirements cannot be chosen.
+                if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
+                    continue
+                run = self.probe(scheme, contact, steps)
+                if run is None:
+                    continue  # what this scheme or these stops do not take
+                level.append(run)
+                # Runs between two that meet the requirements may show that this was chance.
+                if good and run.meets(want) and self._confirmed(good, want):
+                    best = good
+                    continue
+                refined.append((scheme, contact, run))
+            if level:
+                least = {name: min(p.errors[name] for p in level) for name in want}
+                smallest = "; least errors so far: " + ", ".join(f"{name} {x:.2g}" for name, x in least.items())
+            self.tried += level
+            alive, steps = refined, 2 * steps
+        return best
+
+    def _coarsest(self, most: int) -> int:
+        """Number of steps of the coarsest runs."""
+        drives = (2.0 * np.pi / rate for rate in Drive.of(self.system).frequencies)
+        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
+        return min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
+
+    def _confirmed(self, coarse: Probe, want: Mapping[str, float]) -> bool:
+        """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
+        count = 0 if self.criterion.members else BETWEEN
+        for k in range(1, count + 1):
+            run = self.probe(coarse.scheme, coarse.contact, round(coarse.steps * 2.0 ** (k / (count + 1))))
+            if run is not None:
+                self.tried.append(run)
+                if not run.meets(want):
+                    return False
+        return True
+
+
+def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
+    """The cheapest run that meets the requirements together with at least one finer run and all finer ones. Otherwise a
+    coarse run meets them by chance."""
+    good: list[Probe] = []
+    for kind in dict.fromkeys((str(p.scheme), p.contact) for p in tried):
+        finest_first = sorted((p for p in tried if (str(p.scheme), p.contact) == kind), key=lambda p: -p.steps)
+        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
+    return min(good, key=lambda p: p.work, default=None)
+
+
+def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
+    """Requirements that no step meets; if there is none, the one that costs most."""
+    # Every quantity alone: those that no run reaches, else the one whose cheapest run costs most.
+    alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
+    reasons = {}
+    for name in [name for name, probe in alone.items() if probe is None]:
+        best = min(tried, key=lambda p, name=name: p.errors[name])
+        kept = "some, but of no scheme all finer ones," if best.meets({name: want[name]}) else "none"
+        runs = f"{kept} of {len(tried)} runs of up to {most} steps reach it"
+        reasons[name] = f"{runs}; the best has {best.errors[name]:.3g}, {_label(best)} at dt = {best.dt:.3g}"
+    if reasons:
+        return reasons
+    name, probe = max(((n, p) for n, p in alone.items() if p is not None), key=lambda pair: pair[1].work)
+    return {name: f"not together with the rest; alone with {_label(probe)} at dt = {probe.dt:.3g}"}
+
+
+class Motion:
+    """Errors of one motion against the exact one."""
+
+    members = 0
+    scatter: Mapping[str, float] = {}
+
+    def __init__(self, exact: Reference) -> None:
+        self.exact = exact
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
+        run = integrate(system, scheme, dt, t_end, contact)
+        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
+        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
+        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
+        for name in ("peak_force", "impulse"):
+            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+        return errors, run.work.march_seconds
+
+
+class Statistics:
+    """Errors of means over perturbed members against those of the exact ensemble."""
+
+    def __init__(self, system: System, t_end: float, members: int) -> None:
+        self.members, show = members, current()
+        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
+        what = f"advise: {members} exact motions"
+        self.exact = reference_ensemble(system, t_end, self.systems, progress=lambda done: show(what, done, members))
+        self.scatter = {
+            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
+            for name, column in COLUMNS.items()
+        }
+
+    def errors(
+        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
+    ) -> tuple[dict[str, Any], float]:
+        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
+        a member; Diverged where one overflows."""
+        many = common.run_members(scheme, self.systems, dt, t_end, contact)
+        pairs = list(zip(many.contacts, self.exact.contacts, strict=True))
+        errors = {name: max(_mean_error(getattr(a, x), getattr(b, x)) for a, b in pairs) for name, x in COLUMNS.items()}
+        return errors, many.work.march_seconds / len(self.systems)
+
+
+def _relative(value: float, exact: float) -> float:
+    """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
+    if exact == 0.0:
+        return 0.0 if value == 0.0 else np.inf
+    return abs(value / exact - 1.0)
+
+
+def _deviation(values: Array) -> float:
+    mean = float(np.mean(values))
+    return float(np.std(values, ddof=1)) / mean if mean else 0.0
+
+
+def _mean_error(values: Array, exact: Array) -> float:
+    """|difference of the means| with its 95 % interval, over the exact mean."""
+    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
+    mean = float(np.mean(exact))
+    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean
