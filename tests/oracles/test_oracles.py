@@ -14,7 +14,7 @@ from vibro_march import solve
 from vibro_precise import precise
 
 HERE = Path(__file__).parent
-WITNESSES = ("oracles", "vibro_impact", "vibro_march", "vibro_precise", "step_loops", "random_systems")
+WITNESSES = ("oracles", "vibro_impact", "vibro_march", "vibro_precise", "random_systems")
 ALLOWED = {"numpy", "scipy", "mpmath", *WITNESSES}
 ONE = np.ones((1, 1))
 

@@ -204,7 +204,7 @@ INSIDE = 0.9  # least share, for every quantity, of exact motions whose mesh err
 @pytest.mark.parametrize(
     ("form", "cells", "beams"),
     [
-        pytest.param("hermite", 4, 5, marks=pytest.mark.slow),
+        pytest.param("hermite", 4, 5, marks=pytest.mark.campaign),
         pytest.param("displacement", 4, 8, marks=pytest.mark.slow),
         pytest.param("displacement", 8, 40, marks=pytest.mark.campaign),
         pytest.param("hermite", 8, 24, marks=pytest.mark.campaign),
