@@ -168,23 +168,24 @@ def copies_agree_until(
     solver = Solver(system)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        copy, until = solver.perturbed(PERTURBATION, seed), horizon
+        copy = solver.perturbed(PERTURBATION, seed)
         # The first copy to diverge, or to stop, ends it: no other need go further.
-        for attempt in range(2):
-            part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
-            try:
-                with within_float64("exact", float(part[-1])):
-                    other = _watched_motion(system, copy.solve(float(part[-1]), stations=part), part)
-                break
-            except SolverFailure as stopped:
-                if attempt:
-                    raise
-                horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
-                until = float(np.nextafter(horizon, 0.0))
+        try:
+            part, other = _copied(copy, t, horizon)
+        except SolverFailure as stopped:
+            horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
+            part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
         agreed = agree_until(_watched_motion(system, motion, part), other, tolerance, scales, PART, system.rigid)
         horizon = min(horizon, agreed)
     return horizon
+
+
+def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
+    """The times of t (k,) up to the first behind ``until``, and the motion of a copy there."""
+    part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
+    with within_float64("exact", float(part[-1])):
+        return part, _watched_motion(copy.system, copy.solve(float(part[-1]), stations=part), part)
 
 
 def exact_horizon(

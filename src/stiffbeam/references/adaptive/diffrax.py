@@ -47,7 +47,7 @@ def solve(request: Request) -> Reference:
     require_closed_form(system.time_functions, method)
     name = REFERENCES[method].solver
     assert hasattr(diffrax, name)
-    if jax.config.jax_compilation_cache_dir is None:
+    if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
@@ -198,7 +198,7 @@ def _modal(jacobian: Array) -> tuple[Modal | None, float]:
     if not loss < WORST:
         return None, 0.0
     back: Any = np.linalg.inv(vectors) / scale
-    vectors = scale[:, None] * vectors
+    vectors: Any = scale[:, None] * vectors
     stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([back.real, back.imag])
     return Modal(*stacked, rates.astype(complex)), loss
 
@@ -290,8 +290,8 @@ def _chord() -> Any:
         def terminate(self, *_: Any, **__: Any) -> tuple[Any, optimistix.RESULTS]:
             return jnp.array(True), optimistix.RESULTS.successful
 
-        def postprocess(self, fn: Any, y: Any, aux: Any, args: Any, *_: Any, **__: Any) -> tuple[Any, Any, Any]:
-            _, diagonal, *_, (_, modal), h = args
+        def postprocess(self, fn: Any, y: Any, aux: Any, args: Any, *rest: Any, **named: Any) -> tuple[Any, Any, Any]:
+            diagonal, (_, modal), h = args[1], *args[-2:]
             n = len(modal.vectors)
             inverse = 1.0 / (1.0 - h * diagonal * modal.rates)
             for _ in range(1 + self.twice):

@@ -256,17 +256,14 @@ class Derivative:
             k = np.arange(1.0, 1 + len(force))[:, None]
             np.add.at(impulses, impact[part], np.einsum("ksp,ks->sp", force[:, :, 1:], h**k / k))
             for step, s in zip(*maxima(force[:, :, 0], h), strict=True):
-                top = np.polynomial.polynomial.polyval(s, force[:, step])
-                tops[impact[part[step]]].append((at[steps[part[step]]] + s, top[0], top[1:]))
+                top: Any = np.polynomial.polynomial.polyval(s, force[:, step])
+                tops[int(impact[part[step]])].append((float(at[steps[part[step]]] + s), top[0], top[1:]))
         # Where events of other contacts divide an impact the force may have a kink, whose peak has no derivative here.
         for k, segment in zip(owner.tolist(), segments.tolist(), strict=True):
             side = int(sides[segment])
-            begin, (force, rate, *_) = (
-                path.times[segment],
-                side * tangent.pressure(tangent.at_start(segment), i, side)[:, 0],
-            )
+            force, rate, *_ = side * tangent.pressure(tangent.at_start(segment), i, side)[:, 0]
             slope = force[1:] + rate[0] * entering[k] if segment in first else np.nan
-            tops[k].append((begin, force[0], slope))
+            tops[k].append((float(path.times[segment]), force[0], slope))
             if tangent.variation.data.c[i] > 0.0:  # Leibniz's rule: where the force jumps, the integral's ends move
                 if segment in first:
                     impulses[k] -= force[0] * entering[k]
