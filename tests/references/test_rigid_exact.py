@@ -66,6 +66,15 @@ def test_the_impact_oscillator_repeats_itself(w, e, V, t0):
     assert blows.outward / (1.0 + e) == pytest.approx([V] * 3, abs=1e-12)
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1.0])
+def test_impacts_are_on_their_stop_but_for_the_rounding_of_time(gap):
+    """On a stop at zero every impact is at zero: nothing but time says how large the rounding is."""
+    one = system([[1.0]], [[10.0]], [1.0], 0.5, [([1.0], sb.Harmonic(5.0, 3.0))], lower=-gap)
+    run = sb.reference(one, 100.0)
+    assert run.horizon == 100.0
+    assert run.impacts.count > 40
+
+
 CHAIN = np.array([[2.0, -1.0], [-1.0, 1.0]])
 
 

@@ -374,11 +374,13 @@ def _beyond(system: System, solution: Motion, kept: Array) -> float:
     """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
     or displacement."""
     times, worst = solution.times, 0.0
-    q, _ = solution.states_in(times, np.arange(len(times)))
+    q, v = solution.states_in(times, np.arange(len(times)))
     for contact in system.contacts:
         shift, stops = offset_values(contact.offset, times), contact.stops
         u = q @ contact.row + shift
-        rounding = ROUNDINGS * EPS * float(np.max(np.abs(q) @ np.abs(contact.row) + np.abs(shift)))
+        # Of positions, and of the times of events.
+        moved = np.abs(q) + times[:, None] * np.abs(v)
+        rounding = ROUNDINGS * EPS * float(np.max(moved @ np.abs(contact.row) + np.abs(shift)))
         rounding += float(kept @ np.abs(contact.row))
         sizes = [
             float(np.max(np.abs(u))),
