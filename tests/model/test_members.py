@@ -249,3 +249,13 @@ def test_twelve_sides_have_the_peak_force_of_the_circle():
 def test_a_rod_without_mass_at_its_end_rebounds_with_its_speed():
     """The impulse of a free rod on a wall is twice its momentum; the mass of the node sets the error, 1/(2 n)."""
     assert sb.reference(massless_contact.rod(40), 3.0).contacts[0].impulse == pytest.approx(2.0, rel=1 / 80)
+
+
+def test_neighbours_of_a_start_on_a_rigid_stop_are_not_beyond_it():
+    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)
+    system = one_mass(10.0, stops, load=sb.Harmonic(5.0, 3.0))
+    members = sb.perturbed_members(system, 8, 1e-7, t_end=3.0)
+    assert min(float(x.q0[0]) for x in members) == 0.0
+    assert len({float(x.v0[0]) for x in members}) == 8
+    marched = sb.integrate_ensemble(system, sb.MoreauJean(), 1e-3, 3.0, members)
+    assert np.array_equal(marched.impact_count, sb.reference_ensemble(system, 3.0, members).impact_count)

@@ -35,7 +35,7 @@ from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, finite_vector, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, parts
+from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, offset_values, parts
 
 DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in and still march side by side
 LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in these too, each marches by itself
@@ -210,7 +210,8 @@ def perturbed_members(
     system : System
     members : int
     size : float
-        Relative to the motion. With the default, members diverge before a scheme leaves the exact motion.
+        Relative to the motion. With the default, members diverge before a scheme leaves the exact motion. A start that
+        would be beyond a rigid stop differs in its velocities alone.
     rng : None, int, Generator, BitGenerator or SeedSequence
         For ``numpy.random.default_rng``. The members of a smaller ensemble are the first of a larger one.
     t_end : float
@@ -245,9 +246,18 @@ def perturbed_members(
     noise = generator(rng).uniform(-1.0, 1.0, (members, 2, system.size))
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     speed = size * motion.speed
-    q0 = [system.q0 + speed * basis.to_nodal(x) for x in eta]
+    q0 = [_off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta]
     v0 = [system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1]]
     return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
+
+
+def _off_rigid_stops(system: System, q: Array) -> Array:
+    """q (n,), or the start of the system where q is beyond a rigid stop."""
+    for contact in system.contacts:
+        shift = float(offset_values(contact.offset, 0.0))
+        if contact.stops.rigid and contact.stops.penetration(contact.row @ q + shift) != 0.0:
+            return system.q0
+    return q
 
 
 def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> EnsembleMembers:
