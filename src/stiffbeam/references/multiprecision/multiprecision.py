@@ -53,7 +53,7 @@ CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between 
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
 
 Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
-Sampler = Callable[[Array], tuple[Array, Array]]  # positions and velocities (k, channels) at any times
+Sampler = Callable[..., tuple[Array, Array]]  # positions and velocities (k, channels) at any times
 
 
 def solve(request: Request) -> Reference:
@@ -332,13 +332,15 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
     return Motion(*motion), partial(_sample, times.tolist(), pieces), Unrounded(*motion, precise=pieces)
 
 
-def _sample(times: list[float], pieces: list[Piece], t: Array) -> tuple[Array, Array]:
-    """Positions and velocities (k, channels) at any times."""
+def _sample(
+    times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
+) -> tuple[Array, Array]:
+    """Positions and velocities (k, channels) at any times, ``rounded``."""
     states = []
     for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
         with carried(pieces[k].bits):
             seen = pieces[k].regime.channels * pieces[k].ahead(when)
-            states.append([float(x) for x in seen.entries()])
+            states.append([rounded(x) for x in seen.entries()])
     u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
     return u, v
 
