@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from systems import one_mass
@@ -207,3 +209,41 @@ def test_a_gap_of_zero_at_a_tip_that_so_far_moves_by_rounding_alone():
     wanted = cvode.impacts.times[cvode.impacts.peaks > 1.0]  # not those that rounding and rtol begin
     assert len(wanted) == 5
     assert np.allclose(exact.impacts.times[exact.impacts.peaks > 1.0][:5], wanted, rtol=0, atol=1e-8)
+
+
+def resting_chain(seed: int) -> sb.System:
+    """Equal springs between fixed ends, at rest, some on their stops, under forces that begin at zero or late."""
+    rng = np.random.default_rng([77, seed])
+    n = int(rng.integers(1, 6))
+    springs = rng.choice([1.0, 10.0, 100.0]) * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    mass = np.diag(rng.uniform(0.5, 2.0, n))
+    damping = rng.choice([0.0, 0.01, 0.3]) * mass
+    law: dict[str, Any] = [
+        {"stiffness": 1e3}, {"stiffness": 1e3, "damping": 5.0},
+        {"stiffness": np.inf, "restitution": float(rng.choice([0.0, 0.5, 0.9, 1.0]))},
+    ][int(rng.integers(3))]  # fmt: skip
+    masses = rng.permutation(n)[: int(rng.integers(1, n + 1))]
+    late = np.concatenate([np.zeros(3), rng.normal(size=28)])
+    forces = [
+        sb.Harmonic(rng.uniform(1.0, 5.0), rng.uniform(0.5, 6.0)),
+        sb.Constant(rng.choice([-1.0, 1.0])),
+        sb.Sampled(np.linspace(0.0, 6.0, 31), late),
+    ]
+    loads = [(np.eye(n)[rng.integers(n)], forces[k]) for k in rng.permutation(3)[: rng.integers(1, 3)]]
+    contacts = [sb.Contact(np.eye(n)[i], sb.Stops(lower=0.0, **law)) for i in masses]
+    return sb.System.from_matrices(mass, springs, damping, loads, contacts)
+
+
+@pytest.mark.parametrize("seed", range(120))
+@pytest.mark.fast(12)
+def test_chains_at_rest_on_their_stops_have_an_exact_motion(seed):
+    """Bodies without a force stay, those whose force begins later leave at once or never, whatever rounding says."""
+    system = resting_chain(seed)
+    run = sb.reference(system, 3.0)
+    assert run.horizon > 0.3
+    if system.rigid:
+        assert min(float(np.min(c.position)) for c in run.contacts) > -1e-12
+        return
+    other = sb.reference(system, 3.0, "cvode", rtol=1e-9)
+    near = run.t <= min(run.horizon, other.horizon)
+    assert np.max(np.abs(run.tip - other.tip)[near]) <= 1e-3 * np.max(np.abs(run.tip))

@@ -490,6 +490,21 @@ static void rounding_of(const Free *f, const Series *s, Int i, int K, double *no
     }
 }
 
+/* Coefficients (K-1,) of the rounding of a held contact's reaction: that of all forces on it. */
+static void reaction_rounding(const Free *f, const Series *s, Int i, int K, double *noise)
+{
+    Int n = f->n, m = f->m;
+    for (int k = 0; k < K - 1; k++) {
+        double terms = 0.0;
+        for (Int j = 0; j < n; j++) {
+            double force = (k + 1.0) * (k + 2.0) * fabs(s->a[(k + 2) * n + j]) + f->w2[j] * fabs(s->a[k * n + j]);
+            for (Int l = 0; l < m; l++) force += fabs(f->rows[l * n + j] * s->lam[k * m + l]);
+            terms += fabs(f->rows[i * n + j]) * force;
+        }
+        noise[k] = ROUNDINGS * EPS * terms / f->meet[i * m + i];
+    }
+}
+
 /* The first event within h of a series. Gaps and forces of contacts with `slack` count from there on. */
 static Event watch(const Free *f, int K, double h, const State *c, const Series *s)
 {
@@ -514,8 +529,9 @@ static Event watch(const Free *f, int K, double h, const State *c, const Series 
                 for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
                 at = first_zero(p, K + 1, e.s, zeros);
             } else if (presses(c, i)) { /* a force or reaction */
-                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i];
-                for (int k = 0; loose && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+                if (rigid(f, i)) reaction_rounding(f, s, i, K, noise);
+                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i] + (rigid(f, i) ? noise[k] : 0.0);
+                for (int k = 0; loose && !rigid(f, i) && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
                 at = first_zero(p, K - 1, e.s, zeros);
             } else { /* let go: the force that is cut off, then the depth */
                 for (int k = 0; k < K; k++)
@@ -1162,16 +1178,32 @@ static void rebound(Motion *x, Int hit)
         }
 }
 
-/* Whether the gap of a closed contact, at rest, opens: by the first term of its series that is not rounding. */
-static int opens(const Motion *x, Int i)
+/* Term k of the series of a closed contact's gap; zero where it is the rounding of what cancels in it. */
+static double gap_term(const Motion *x, Int i, int k)
 {
     const Free *f = x->free;
-    for (int k = 2; k <= x->full; k++) {
-        double terms = 0.0, gap = -(double)x->c->closed[i] * x->s.u[k * f->m + i];
-        for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x->s.a[k * f->n + j]);
-        if (fabs(gap) > 16.0 * EPS * terms) return gap > 0.0;
+    const Series *s = &x->s;
+    Int n = f->n, m = f->m;
+    double terms = 0.0, gap = -(double)x->c->closed[i] * s->u[k * m + i];
+    for (Int j = 0; j < n; j++) {
+        double drag = f->coupling == 1 ? fabs(f->drag[j]) : f->coupling == 2 ? fabs(f->damping[j * n + j]) : 0.0;
+        double older = fabs(s->a[j]), size = fabs(s->a[n + j]);
+        for (int l = 2; l <= k; l++) {
+            double sum = f->w2[j] * older + drag * (l - 1.0) * size;
+            for (Int other = 0; other < m; other++) sum += fabs(f->rows[other * n + j] * s->lam[(l - 2) * m + other]);
+            older = size, size = sum / (l * (l - 1.0)) + fabs(s->a[l * n + j]);
+        }
+        terms += fabs(f->rows[i * n + j]) * size;
     }
-    return 0;
+    return fabs(gap) > 16.0 * EPS * terms ? gap : 0.0;
+}
+
+/* Number of the first term of the series of a closed contact's gap, at rest, that is not zero; 0 if it does not open. */
+static int opens(const Motion *x, Int i)
+{
+    int k = 2;
+    while (k < x->full && gap_term(x, i, k) == 0.0) k++;
+    return gap_term(x, i, k) > 0.0 ? k : 0;
 }
 
 /* Newton's law at contact `hit`, -1 for none, and the closed ones at rest, which are held where they press. */
@@ -1189,7 +1221,7 @@ static void strike(Motion *x, Int hit)
     double size = 0.0;
     for (int k = 2; k < 5 && size == 0.0; k++) /* by the first derivative that decides */
         for (Int i = 0; i < m; i++) {
-            x->r[i] = -(double)c->closed[i] * x->s.u[k * m + i];
+            x->r[i] = gap_term(x, i, k);
             size += fabs(x->r[i]);
         }
     push(x, 0);
@@ -1197,8 +1229,8 @@ static void strike(Motion *x, Int hit)
     expand_here(x, x->full); /* those without a reaction stay where their gaps do not open beside these */
     for (Int i = 0; i < m; i++)
         if (c->closed[i] != 0) {
-            int stays = x->P[i] > 0.0 || !opens(x, i);
-            c->side[i] = stays ? c->closed[i] : 0, c->fresh[i] = stays ? 0 : 2;
+            int first = x->P[i] > 0.0 ? 0 : opens(x, i);
+            c->side[i] = first ? 0 : c->closed[i], c->fresh[i] = first;
             c->fresh_side[i] = c->closed[i], c->speed[i] = 0.0;
         }
 }

@@ -317,7 +317,8 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
         if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
-    largest = np.maximum.accumulate(np.maximum(energy[piece], held))
+    between = sum(system.free_energies(*solution.states(t)))
+    largest = np.maximum.accumulate(np.max([energy[piece], held, between], axis=0))
     bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
     if len(bad):
         share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
@@ -349,7 +350,7 @@ def audit_rigid(solution: Motion, ledger: Ledger, t_end: float) -> None:
     if opened > BALANCE * scale + rounding:
         reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
         raise SolverFailure("exact", t_end, reason, REMEDY)
-    beyond = _beyond(solution.system, solution, kept)
+    beyond = _beyond(solution.system, solution, ledger.t, kept)
     if beyond > BALANCE:
         reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
         raise SolverFailure("exact", t_end, reason, REMEDY)
@@ -370,22 +371,20 @@ def withheld(system: System, solution: Motion, t_end: float) -> tuple[float, Arr
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
 
 
-def _beyond(system: System, solution: Motion, kept: Array) -> float:
+def _beyond(system: System, solution: Motion, t: Array, kept: Array) -> float:
     """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
-    or displacement."""
+    or displacement, also at the times t (k,)."""
     times, worst = solution.times, 0.0
-    q, v = solution.states_in(times, np.arange(len(times)))
+    (q, v), (q_between, _) = solution.states_in(times, np.arange(len(times))), solution.states(t)
     for contact in system.contacts:
         shift, stops = offset_values(contact.offset, times), contact.stops
         u = q @ contact.row + shift
+        between = q_between @ contact.row + offset_values(contact.offset, t)
         # Of positions, and of the times of events.
         moved = np.abs(q) + times[:, None] * np.abs(v)
         rounding = ROUNDINGS * EPS * float(np.max(moved @ np.abs(contact.row) + np.abs(shift)))
         rounding += float(kept @ np.abs(contact.row))
-        sizes = [
-            float(np.max(np.abs(u))),
-            *(abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)),
-            1e-300,
-        ]
+        sizes = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
+        sizes += [float(np.max(np.abs(x))) for x in (u, between)] + [1e-300]
         worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
     return worst

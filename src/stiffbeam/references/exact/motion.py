@@ -115,6 +115,9 @@ class Solver:
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
             twin.together, shared["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
+            # Bodies without a force have none: pushed off their stops by rounding they would bounce for ever.
+            forces = free.loads @ self.made.into.T
+            shared["loads"] = free.loads + (off(forces) - forces + lost) @ self.made.X
             # What is zero by symmetry is off as well: who is hit first may decide.
             twin.eta = twin.eta + size * np.max(np.abs(self.eta), initial=0.0) * rng.uniform(-1.0, 1.0, len(self.eta))
             self._keep_on_stops(shared["rows"], shared["stops"], twin, rng)
@@ -152,7 +155,7 @@ class Solver:
         closed, contacts = on_stops(self.system), self.system.contacts
         hit = any(side * float(contacts[i].row @ self.system.v0) > 0.0 for i, side in closed.items() if i not in still)
         reach = np.abs(twin.eta) + np.abs(twin.rate) / self.fastest
-        off = 4.0 * EPS * np.abs(rows) @ (reach + EPS * (np.max(reach, initial=0.0) or 1.0))
+        off = 4.0 * EPS * np.abs(rows) @ (reach + EPS * np.max(reach, initial=0.0))
         for i, side in closed.items():
             place, at = float(rows[i] @ twin.eta) + shift_at_start(contacts[i]), int(side > 0)
             if (hit and len(closed) > 1) or (i in still and not self._pressed_at_start[i]):
