@@ -317,8 +317,8 @@ def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Ar
         if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
-    between = sum(system.free_energies(*solution.states(t)))
-    largest = np.maximum.accumulate(np.max([energy[piece], held, between], axis=0))
+    kinetic, elastic = system.free_energies(*solution.states(t))
+    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[piece], held), kinetic + elastic))
     bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
     if len(bad):
         share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
