@@ -71,6 +71,7 @@ SYSTEMS = {
         0.5,
     ),
     "moving stop": (lambda: chain(3, stop(offset=sb.Harmonic(0.01, 20.0))), 0.5),
+    "damped stop under a record": (lambda: chain(3, stop(damping=5.0), [(ONES, record("cubic"))]), 0.5),
     "damped stop that moves by a record": (lambda: chain(3, stop(damping=5.0, offset=MOVING)), 0.5),
     "no contact": (lambda: chain(3, [], [(ONES, sb.Harmonic(3.0, 11.0))]), 0.5),
     "bouncing chain": (bouncing_chain, 4.0),

@@ -113,7 +113,7 @@ def test_a_damped_motion_over_many_lives_has_a_finite_exponent():
         sb.lyapunov(system, 1e12)
 
 
-@pytest.mark.parametrize("t_eval", [[np.nan, 0.5], [0.1, np.nan], [0.1, np.inf]])
+@pytest.mark.parametrize("t_eval", [[np.nan, 0.5], [0.1, np.nan], [0.1, np.inf], [0.1, 2.0]])
 @pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode", "dop853"])
 def test_output_times_that_are_no_times_are_refused(method, t_eval):
     system = over_a_stop(-10.0, v=1.0)
@@ -121,6 +121,8 @@ def test_output_times_that_are_no_times_are_refused(method, t_eval):
         sb.reference(system, 1.0, method, t_eval=t_eval)
     with pytest.raises(sb.InputError, match="t_eval"):
         reference_ensemble(system, 1.0, [system], t_eval=t_eval)
+    with pytest.raises(sb.InputError, match=f"did you mean {method}"):
+        sb.reference(system, 1.0, method[:-1])
 
 
 @pytest.mark.parametrize("c", [1e4, 1e6, 1e8, 3e8, 1e9, 1e10])
