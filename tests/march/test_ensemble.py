@@ -105,18 +105,6 @@ def test_an_exact_member_is_its_single_run(kind, system):
         assert_is_run(ensemble, i, solve_exact(members[i], 0.5, t))
 
 
-def test_an_ensemble_converges_to_the_exact_one(system):
-    """Through the first impacts: half the step, a quarter of the error or less in the worst member."""
-    members, errors = KINDS["frequency"](system), []
-    exact = sb.reference_ensemble(system, 0.08, members, np.linspace(0.0, 0.08, 801))
-    assert np.min(exact.impact_count) > 1
-    for dt in (5e-6, 2.5e-6):
-        run = sb.integrate_ensemble(system, sb.SDIRK(nystrom=True), dt, 0.08, members, every=round(1e-4 / dt))
-        errors.append(np.max(np.abs(run.tip - exact.tip)) / np.max(np.abs(exact.tip)))
-    assert np.allclose(run.impulse, exact.impulse, rtol=1e-2)
-    assert 4.0 * errors[1] < errors[0] < 2e-3
-
-
 def test_the_company_of_a_member_does_not_change_it(system, monkeypatch):
     """Slices and stretches of any size; some whose length no block divides."""
     members = sb.varied_members(system, {"frequency": np.linspace(9.0, 11.0, 28)})

@@ -9,15 +9,9 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.references.horizon import time_tolerance
 from stiffbeam.trajectory.records import COLUMNS, Impacts
 
 METHODS = ["exact", "multiprecision", "cvode", "dop853", "scheme"]
-
-
-@pytest.fixture(scope="module")
-def system() -> sb.System:
-    return sb.semidiscretise(sb.paper_case(10).problem, 10)
 
 
 def test_rows_are_taken_and_put_together_and_kept_by_files_and_ensembles(system, tmp_path):
@@ -31,21 +25,6 @@ def test_rows_are_taken_and_put_together_and_kept_by_files_and_ensembles(system,
             assert np.array_equal(getattr(other, name), getattr(impacts, name), equal_nan=True)
     assert again.kind == impacts.kind
     assert impacts.until(impacts.times[2]).count == 3
-
-
-@pytest.mark.slow
-def test_exact_and_adaptive_ends_agree_and_time_in_contact_is_their_sum(system):
-    exact = sb.reference(system, 0.2)
-    assert exact.horizon == 0.2
-    for method in ("cvode", "dop853", "multiprecision"):
-        other = sb.reference(system, 0.2, method)
-        inside = exact.impacts.ends < other.horizon
-        assert np.count_nonzero(inside) > 3
-        # impact times agree to time_tolerance inside the horizon; exits do too, at the same speeds
-        difference = exact.impacts.ends[inside] - other.impacts.ends[: len(inside)][inside]
-        assert np.max(np.abs(difference)) < time_tolerance(system), method
-    ends = np.where(np.isnan(exact.impacts.ends), 0.2, exact.impacts.ends)
-    assert np.sum(ends - exact.impacts.times) / 0.2 == pytest.approx(exact.contacts[0].fraction, rel=1e-9)
 
 
 def hammer(v0: float = 1.0, load: Any = None, **law: Any) -> sb.System:

@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 import numpy as np
 import plain_march
 import pytest
+from adaptive_systems import rotor
 from oracles import exact_linear
 from scipy.interpolate import CubicHermiteSpline
 from systems import linear_part, one_mass, random_chain, two_contacts
@@ -136,8 +137,12 @@ BEAM = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.002, 0.002, stiffness=1
 LAWS = [{"damping": 300.0}, {"dissipation": 1.0}, {"exponent": 1.5}]
 
 
+DENSE = ("dashpots", "rotor", "rotor on its stops")
+
+
 def systems():
-    """Beams in both forms, with viscosity, dashpots and stops of every law; several contacts, callable functions."""
+    """Beams in both forms, with viscosity, dashpots and stops of every law; several contacts, callable functions;
+    damping that is not symmetric."""
     for form in ("displacement", "velocity-curvature"):
         yield form, sb.semidiscretise(BEAM, 8, form), 1e-3
     yield "viscous", sb.semidiscretise(replace(BEAM, viscosity=0.05), 8), 1e-3
@@ -149,6 +154,9 @@ def systems():
     bar = np.diag([1.0, 0.05]), np.diag([50.0, 5.0]), None, (), ends, None, [0.0, -0.001], [1.0, 0.0]
     yield "one end of a bar closes the other", sb.System.from_matrices(*bar), 2e-3
     yield "two contacts", two_contacts(), 2e-3
+    yield "rotor", rotor(), 2e-3
+    pressed = {"loads": (([3.0, 1.0, 0.0, 0.0], sb.Constant(40.0)),), "v0": np.zeros(4)}  # against three of its stops
+    yield "rotor on its stops", replace(rotor(), **pressed), 0.05
     functions = {"load": lambda t: 15.0 * np.sin(4.0 * t), "offset": lambda t: 0.05 * np.sin(3.0 * t)}
     yield "callables", two_contacts(**functions), 2e-3
 
@@ -157,13 +165,13 @@ def systems():
 @pytest.mark.parametrize(("name", "system", "dt"), list(systems()), ids=lambda x: x if isinstance(x, str) else "")
 @pytest.mark.fast(30, slow=60)
 def test_a_system(name, system, dt, scheme, contact):
-    steps = 150 if dt == 1e-3 else 300
+    steps = {1e-3: 150, 2e-3: 300}.get(dt, 40)
     try:
         run = sb.integrate(system, scheme, dt, steps * dt, contact)
     except (sb.InputError, sb.Diverged):
         assert contact != "implicit"
         return
-    assert run.provenance["march"] == ("dense blocks" if name == "dashpots" else "modal blocks")
+    assert run.provenance["march"] == ("dense blocks" if name in DENSE else "modal blocks")
     if np.max(np.abs(run.tip)) < 1e3:
         assert any(c.impulse for c in run.contacts)
         assert_is_loop(run, system, scheme, dt, steps, contact, 1e-6 if contact == "extrapolated" else 2e-9)

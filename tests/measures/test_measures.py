@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 
 import numpy as np
 import pytest
 from oracles import beam_mode, beam_roots
-from rich.console import Console
 
 import stiffbeam as sb
 from stiffbeam.measures.comparison import phase_lag
 from stiffbeam.measures.errors import after_rest, match, matched_until
 from stiffbeam.measures.frequencies import amplitude_spectrum
-from stiffbeam.measures.report import report
 from stiffbeam.trajectory.records import Impacts
 
 
@@ -234,24 +231,6 @@ def test_the_comparison_prints_and_goes_to_json(compared):
     assert c.to_latex().count("\\toprule") == c.to_latex().count("\\begin{table}") == 2
     plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
     assert plain["contacts"][0]["run"]["impacts"] == c.contacts[0].run.impacts
-
-
-@pytest.mark.parametrize("width", [80, 120, 200])
-def test_the_tables_use_the_width_of_the_terminal(compared, width):
-    """Heads of two lines, one number a cell; notes shorter than the tables."""
-    c, text = compared[3], io.StringIO()
-    Console(file=text, width=width).print(report([c]).rich())
-    lines = [line.rstrip() for line in text.getvalue().splitlines()]
-    heads = [line for line in lines if line.startswith("run ")]
-    assert heads[0].split() == ["run", "error", "lag", "delay", "lost", "right", "to", "impacts", "time"]
-    assert heads[1].split() == ["run", "per", "step", "impacts", "time", "force", "impulse", "lost"]
-    assert any(line.startswith("SDIRK(gamma=0.4359) ") for line in lines)
-    assert not any("[" in line or " (" in line.replace(" (reference)", "") for line in lines[:12])  # one number a cell
-    start = next(i for i, line in enumerate(lines) if line.startswith("Tip error:"))
-    notes = lines[start:]
-    assert len(notes) < start  # shorter than the tables
-    assert max(map(len, notes)) <= min(width, 100)
-    assert "exact for this mesh; `stiffbeam study space`" in " ".join(notes)
 
 
 def test_what_cannot_be_compared_is_refused(compared, table10):

@@ -76,15 +76,3 @@ def test_converge_states_that_there_are_no_impacts() -> None:
     system = sb.semidiscretise(FAR, cells=6)
     found = sb.study("converge", system, dt=1e-2, t_end=0.2, integrators=["bdf2"], halvings=3)
     assert "as the motion starts, without impacts to t = 0.1" in found.answer.verdict
-
-
-@pytest.mark.slow
-def test_the_command_says_it_and_ends_as_before(command, tmp_path) -> None:
-    file = tmp_path / "still.toml"
-    file.write_text(
-        '[[case]]\nname = "still"\ncells = 6\ndt = 1e-3\nt_end = 0.1\n[case.problem]\nstiffness = 300.0\n'
-        "stops = { lower = -0.1, upper = 0.1, stiffness = 5e6 }\n"
-    )
-    code, printed, _ = command("compare", str(file), "--references", "exact", "--out", str(tmp_path / "out"))
-    assert code == 0
-    assert AT_REST in " ".join(printed.split())

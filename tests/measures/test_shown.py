@@ -81,18 +81,6 @@ def test_titles_state_the_answer(things):
     assert f"horizon t = {0.5:g}" in replace(reference, horizon=0.5).plot().get_suptitle()
 
 
-def test_one_thing_has_no_plural():
-    system = one_mass(4.0, sb.Stops(upper=0.2, stiffness=300.0), damping=0.4, load=sb.Harmonic(2.0, 2.2, phase=0.3))
-    orbit = sb.periodic_orbit(system, 2.0 * np.pi / 2.2)
-    assert f"{len(orbit.event_times)} events," in repr(orbit)
-    assert "1 event," in repr(replace(orbit, event_times=orbit.event_times[:1]))
-    run = sb.reference(system, float(orbit.event_times[0]) + 2.0)
-    once = run.impacts.take(slice(0, 1))
-    record = replace(run.contacts[0], impacts=once)
-    assert ": 1 impact, in contact" in repr(record)
-    assert ", 1 impact>" in repr(replace(run, contacts=(record,)))
-
-
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
     """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
     system = one_mass(100.0, sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8), v=10.0)
@@ -127,16 +115,6 @@ def test_records_of_a_study_show_their_table_and_picture():
     assert rows[0] == list(records.answer.table)
     assert len(rows) == 1 + len(records.answer.table)
     assert records._repr_png_().startswith(PNG)
-
-
-@pytest.mark.slow
-def test_ipython_shows_figures_and_tables(things):
-    formatters = pytest.importorskip("IPython.core.formatters")
-    shown = formatters.DisplayFormatter()
-    data, _ = shown.format(things["run"].plot())
-    assert data["image/png"]
-    data, _ = shown.format(things["comparison"])
-    assert "<table" in data["text/html"]
 
 
 def test_the_zoom_on_a_rigid_stop_shows_the_motion_before_it():

@@ -53,18 +53,6 @@ def test_a_mass_that_starts_on_its_stop_and_moves_off_comes_back_when_it_should(
     assert np.allclose(ref.impacts.times, many.impacts.times, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("chi", ["free", "loaded"])
-def test_a_mass_at_rest_in_equilibrium_on_its_stop_stays_as_it_is(chi):
-    level = 0.0 if chi == "free" else -0.05
-    contacts = [sb.Contact([1.0], sb.Stops(level, None, stiffness=1e4))]
-    loads = [] if chi == "free" else [([1.0], sb.Constant(-5.0))]
-    system = sb.System.from_matrices([[1.0]], [[100.0]], None, loads, contacts, initial_displacement=[level])
-    ref = sb.reference(system, 50.0)
-    assert ref.work.counters["switches"] <= 1
-    assert ref.impacts.count == 0
-    assert np.max(np.abs(ref.tip - level)) < 1e-15
-
-
 def test_a_gap_that_never_leaves_its_zero_stays_one_piece():
     """Two equal masses move alike: the stop between them, met and not pressed, sees nothing of that."""
     contact, alike = sb.Contact([1.0, -1.0], sb.Stops(0.0, None, stiffness=1e4)), {"initial_velocity": [1.0, 1.0]}

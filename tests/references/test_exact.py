@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from oracles import exact_linear
-from systems import linear_part, one_mass
+from systems import linear_part
 
 import stiffbeam as sb
 from stiffbeam.kernels.exact import NONE_PRESSED
@@ -30,26 +30,6 @@ def test_without_contact_the_exact_solution_is_the_matrix_exponential(damped, me
     assert np.max(np.abs(ref.states[0] - q)) < 1e-12
     assert np.max(np.abs(ref.states[1] - v)) < 1e-12
     assert ref.horizon == 20.0
-
-
-def test_one_mass_on_one_stop_bounces_as_the_closed_form_says():
-    """q'' + w^2 q = 0 with a spring kappa beyond q = g: half periods of w and sqrt(w^2 + kappa) alternate."""
-    w, kappa, g = 3.0, 91.0, 0.0
-    system = one_mass(w**2, sb.Stops(None, g, stiffness=kappa), v=-1.0)
-    ref = sb.reference(system, 20.0)
-    period = np.pi / w + np.pi / np.sqrt(w**2 + kappa)
-    expected = np.pi / w + period * np.arange(int((20.0 - np.pi / w) // period) + 1)
-    assert ref.impacts.count == len(expected)
-    assert np.allclose(ref.impacts.times, expected, rtol=0, atol=1e-13)
-    closed = ref.impacts.peaks[~np.isnan(ref.impacts.peaks)]
-    assert np.allclose(closed, kappa / np.sqrt(w**2 + kappa), rtol=1e-12)  # speed 1 at every impact
-    assert np.allclose(ref.impacts.impulses[:-1], 2.0 * kappa / (w**2 + kappa), rtol=1e-12)
-    assert np.isclose(ref.contacts[0].fraction, (np.pi / np.sqrt(100.0)) / period, atol=0.02)
-
-
-def test_touching_without_penetration_is_no_impact():
-    system = one_mass(1.0, sb.Stops(None, 1.0 + 1e-12, stiffness=1.0), v=1.0)
-    assert sb.reference(system, 30.0).impacts.count == 0
 
 
 @pytest.mark.parametrize("cells", [25])
@@ -112,12 +92,6 @@ def test_frequencies_from_the_curvature_factor_lose_less_than_from_the_stiffness
     assert abs(by_factor[0] / exact[0] - 1) < 1e-12
     assert abs(by_factor[0] / exact[0] - 1) < 0.1 * abs(by_stiffness[0] / exact[0] - 1) + 1e-13
     assert np.max(np.abs(by_factor / exact - 1)) < 1e-12
-
-
-def test_what_the_exact_solution_cannot_take_is_refused_with_the_reason(table10):
-    pushed = dataclasses.replace(table10, base=None, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
-        sb.reference(sb.semidiscretise(pushed, 8), 0.1)
 
 
 def test_both_exact_solutions_are_one_where_both_apply(table10_system):

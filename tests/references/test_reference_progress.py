@@ -76,15 +76,6 @@ def test_a_study_shows_its_points(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_an_advice_past_the_horizon_shows_its_exact_motions(table10):
-    shown: list[tuple[str, int, int]] = []
-    system = sb.semidiscretise(table10, 8)
-    options = {"want": {"impacts": 0.2}, "schemes": [sb.Trapezoidal()], "most_steps": 64, "members": 8}
-    records = sb.study("advise", system, t_end=1.0, **options, progress=lambda *x: shown.append(x))
-    assert records.table.horizon.max() < 1.0
-    assert [x[1:] for x in shown if x[0] == "advise: 8 exact motions"][-1] == (8, 8)
-
-
 def test_a_printed_reference_states_its_error():
     units = ("mm", "ms", "N")
     system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[STOP], initial_velocity=[2.0], units=units)

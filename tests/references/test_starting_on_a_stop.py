@@ -67,6 +67,19 @@ def test_rigid_stops(start, after, restitution):
             assert np.allclose(sb.integrate(system, make(scheme), 1e-3, 0.6).impacts.times, [back], rtol=0, atol=5e-3)
 
 
+@pytest.mark.parametrize("method", [x for x in METHODS if x not in ("radau", "kvaerno3", "kvaerno5")])
+@pytest.mark.parametrize("force", [0.0, 10.0])
+def test_a_mass_in_equilibrium_on_its_stop_stays_there(method, force):
+    """Its gap, if no load presses it, and its rate are roots all the time."""
+    level = -force / 1e4
+    system = one_mass(100.0, sb.Stops(lower=0.0, stiffness=9900.0), load=sb.Constant(-force), q=level)
+    run = sb.reference(system, 1.0, method)
+    assert run.impacts.count == 0
+    assert np.max(np.abs(run.tip - level)) < 1e-12
+    assert run.contacts[0].impulse == pytest.approx(0.99 * force, rel=1e-9)
+    assert run.contacts[0].fraction == 1.0 or not force
+
+
 @pytest.mark.fast(1)
 @pytest.mark.parametrize("damping", [0.0, 0.1])
 def test_a_start_on_a_stop_is_one_however_its_modes_are_rounded(damping):

@@ -120,16 +120,6 @@ def _digits(system):
     return growth.t, growth.largest / np.log(10.0)
 
 
-def test_what_has_no_tangent_flow_is_refused(table10):
-    pushed = dataclasses.replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
-        sb.lyapunov(sb.semidiscretise(pushed, 6), 0.1)
-    with pytest.raises(sb.InputError, match="t_end"):
-        sb.lyapunov(sb.semidiscretise(table10, 6), -1.0)
-    with pytest.raises(sb.InputError, match="System"):
-        sb.lyapunov(table10, 1.0)
-
-
 @pytest.mark.slow
 def test_nothing_but_impacts_turns_neighbours():
     """x'' + x = cos w t between blows on a stop at 0, e = 0.8, long after the start, where the rounding of a time makes

@@ -14,7 +14,6 @@ from stiffbeam.trajectory.trajectory import Trajectory, Work
 PLAIN = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e4), base=sb.Harmonic(0.2, 10.0))
 
 
-# What each study is asked, what its answer says and what its axes say of the steel beam.
 def test_an_observed_order_has_its_slope_constant_and_interval():
     steps = 0.1 / 2.0 ** np.arange(6)
     for slope in (0.5, 2.0, 3.0):

@@ -3,12 +3,12 @@
 Those that other tests ask:
     Kelvin-Voigt and Hunt-Crossley restitution, Hertz    test_contact_laws
     a ball's and a preloaded oscillator's last bounce    test_rigid_exact
-    speed and phase of the impact oscillator             test_rigid_exact, the rational orbit too
-    nonsmooth modes of a chain and of the beam           test_rigid_exact
+    speed and phase of the impact oscillator             test_orbit; of the rational orbit, test_known_answers
+    nonsmooth modes of a chain and of the beam           test_known_answers
     the chain that sticks once a period                  test_known_answers
-    bars on a wall, in rational numbers                  test_rigid_bar
-    what formulas for restitution deliver                test_first_impact
-    cos l cosh l = -1                                    test_closed_form
+    bars on a wall, in rational numbers                  test_known_answers, test_rigid
+    what formulas for restitution deliver                test_contact_laws
+    cos l cosh l = -1                                    test_modes
     in 28 digits, against the files of problems          test_known_answers
 """
 
