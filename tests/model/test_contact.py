@@ -65,16 +65,6 @@ def test_the_force_never_grows_with_the_position(stops, a, b):
     assert stops.force(low) >= stops.force(high)  # rounding is monotone
 
 
-@given(any_stops(), POSITIONS)
-def test_the_force_is_minus_the_slope_of_the_energy(stops, v):
-    h = 1e-5
-    slope = (stops.energy(v + h) - stops.energy(v - h)) / ((v + h) - (v - h))
-    # A central difference is exact on a parabola; a kink within h costs at most h kappa. Rounding: the
-    # penetration p < 8 has the error eps |v|, which is kappa p eps |v|/h = 1e-9 kappa in the slope.
-    kink = min(abs(v - stops.lower_bound), abs(v - stops.upper_bound)) <= h
-    assert abs(slope + stops.force(v)) <= stops.stiffness * (2e-9 + (h if kink else 0.0))
-
-
 def closed_form(stops, r, s):
     """F of v = r + s F(v) under the linear law: kappa/(1 + kappa s) (clip(r, g1, g2) - r)."""
     return -stops.stiffness / (1.0 + stops.stiffness * s) * float(stops.penetration(r))

@@ -146,9 +146,6 @@ class EnsembleMembers(Sequence[System]):
             system.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
         )
 
-    def __iter__(self) -> Iterator[System]:
-        return (self[i] for i in range(len(self)))
-
 
 def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> EnsembleMembers:
     """``members`` checked against ``system``: at least one, and one linear part."""

@@ -173,10 +173,6 @@ class Origin:
         """Return True if mass, damping and stiffness are still those of the origin."""
         return all(same(getattr(self.made, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
 
-    def factor_of(self, system: System) -> Array | None:
-        """G, where the stiffness is this one; mass and damping have no part in it."""
-        return self.stiffness_factor if same(self.made.stiffness, system.stiffness) else None
-
     def starts(self, system: System) -> bool:
         """Return True if the system has the initial data of the problem."""
         return same(self.made.q0, system.q0) and same(self.made.v0, system.v0)
@@ -358,7 +354,8 @@ class System:
     @cached_property
     def stiffness_factor(self) -> Array | None:
         """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
-        return None if self.origin is None else self.origin.factor_of(self)
+        origin = self.origin
+        return origin.stiffness_factor if origin and same(origin.made.stiffness, self.stiffness) else None
 
     @cached_property
     def problem(self) -> BeamProblem | None:
