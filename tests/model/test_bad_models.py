@@ -102,6 +102,18 @@ NO_BEAM = [
     (lambda: sb.modes(grid(), 0), "be an integer"), (lambda: sb.modes(grid(), 9), "be at most 8"),
     (lambda: sb.modal_damping(EYE, EYE, [0.1] * 3), "at most one"),
 ]  # fmt: skip
+NO_STOPS = [
+    *((lambda x=x: sb.Stops(*x[:2], stiffness=x[2]), words) for *x, words in (
+        (-0.1, 0.1, 0.0, "^stops.stiffness must be > 0"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
+        (math.nan, 0.1, 1.0, "^stops.lower must be finite"), (-0.1, math.inf, 1.0, "^stops.upper must be finite"),
+        (-0.1, "near", 1.0, "^stops.upper must be a number in the range of float64"),
+        (None, None, 1.0, "^stops must have a lower or an upper stop"),
+        (0.1, -0.1, 1.0, "^stops.upper must be > stops.lower = 0.1"))),
+    *((lambda row=row: sb.Contact(row, TIP), "^contact.row must be finite and not all zero")
+      for row in ([1.0, math.nan], [0.0, 0.0])),
+    *((lambda e=e: sb.Stops.from_restitution(e, speed=1.0, upper=0.0, stiffness=1.0), "^restitution must")
+      for e in (0.0, -0.1, 1.1, math.nan, 1e-200)),
+]  # fmt: skip
 NO_SYSTEM = [
     (lambda: system(mass=np.diag([1.0, 0.0])), "positive definite"), (lambda: system(mass=-EYE), "positive definite"),
     (lambda: system(stiffness=np.diag([1.0, -1.0])), "positive semidefinite"),
@@ -166,7 +178,7 @@ NO_MEMBER = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("call", "words"), [*NO_BEAM, *NO_SYSTEM, *NO_FUNCTION, *NO_MEMBER])
+@pytest.mark.parametrize(("call", "words"), [*NO_BEAM, *NO_STOPS, *NO_SYSTEM, *NO_FUNCTION, *NO_MEMBER])
 def test_a_call(call, words):
     with pytest.raises(sb.InputError, match=words):
         call()
