@@ -120,7 +120,7 @@ def _delta() -> str:
         problem = replace(case.problem, loads=loads, stops=None)
         tip = reference(semidiscretise(problem, case.cells), case.t_end).tip
         peaks.append(float(np.max(np.abs(tip))))
-    stop = case.problem.single_stops("case")
+    stop = case.problem.all_stops[0]
     return (
         f"without stops the tip of Table 15 would reach {peaks[0]:.2e} with 1 on the nodes and {peaks[1]:.2e} with "
         f"the Dirac load; the stop is at {stop.upper_bound:g}"
@@ -131,7 +131,7 @@ def _impacts() -> str:
     case = paper_case(10)
     scheme, form = case.runs[0]
     run = integrate(semidiscretise(case.problem, case.cells, form), scheme, case.dt, case.t_end)
-    stops = case.problem.single_stops("case")
+    stops = case.problem.all_stops[0]
     free = int(np.sum(stops.state(run.tip[:-1]) == 0))
     return f"Table 10, HHT: read as printed there are {free} impacts, with contact at the new step {run.impacts.count}"
 

@@ -84,7 +84,7 @@ class Made:
     @property
     def stops(self) -> Stops:
         """The stops of the tip."""
-        return self.case.problem.single_stops("case")
+        return self.case.problem.all_stops[0]
 
     @property
     def drive(self) -> float:

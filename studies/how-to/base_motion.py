@@ -38,13 +38,14 @@ if __name__ == "__main__":
     off = np.std(values - base.value(t))
     print(f"smoothing removes {1e6 * off:.2f} micrometres rms")
     assert abs(off / (NOISE * np.sqrt(1 - 1 / (RATE * KNOT))) - 1.0) < 0.1  # a knot every 16 samples keeps a 16th
-    beam = sb.BeamProblem.from_physical(
+    beam = sb.BeamProblem(
         length=0.4,
-        bending_stiffness=1.1,
+        stiffness=1.1,
         mass_per_length=0.16,
-        bending_viscosity=1e-4,
+        viscosity=1e-4,
         stops=sb.Stops(lower=-4e-3, upper=4e-3, stiffness=5e3),
         base=base,
+        units=("m", "s", "N"),
     )
     system = sb.semidiscretise(beam, 10)
     exact = sb.reference(system, T_END)

@@ -37,13 +37,14 @@ if __name__ == "__main__":
     impulse = np.trapezoid(force.values, force.t)
     print(f"impulse of the record {impulse:.5f} N s")
     assert abs(impulse / (0.5 * (60.0 * 0.004 + 12.0 * 0.003)) - 1.0) < 5e-3  # of two squared half sines
-    strip = sb.BeamProblem.from_physical(
+    strip = sb.BeamProblem(
         length=0.4,
-        bending_stiffness=4.2,
+        stiffness=4.2,
         mass_per_length=0.16,
-        bending_viscosity=1e-4,
+        viscosity=1e-4,
         stops=sb.Stops(upper=1.5e-3, stiffness=2e5),
         loads=sb.PointLoad(position=0.25, time=force),
+        units=("m", "s", "N"),
     )
     system = sb.semidiscretise(strip, 8, form="hermite")
     exact = sb.reference(system, T_END)

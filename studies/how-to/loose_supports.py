@@ -37,10 +37,11 @@ dt = 2e-5
 t_end = 0.25
 runs = ["HHT(alpha=-0.1)"]
 [case.problem]
+units = { length = "m", time = "s", force = "N" }
 length = 1.2                # m
-bending_stiffness = 668.0   # N m2, 210 GPa times pi (0.019^4 - 0.016^4)/64 m4
+stiffness = 668.0           # N m2, 210 GPa times pi (0.019^4 - 0.016^4)/64 m4
 mass_per_length = 0.647     # kg/m
-bending_viscosity = 0.15    # N m2 s, 1 % of critical damping in the first mode
+viscosity = 0.15            # N m2 s, 1 % of critical damping in the first mode
 stops = [
     { position = 0.6, lower = -3e-4, upper = 3e-4, stiffness = 1e6 },
     { position = 1.2, lower = -3e-4, upper = 3e-4, stiffness = 1e6 },

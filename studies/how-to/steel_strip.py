@@ -25,9 +25,9 @@ T_END = 0.5  # s
 
 def strip() -> sb.BeamProblem:
     """Shaken at 12 Hz by 1.5 mm, between rubber stops 2 mm to either side of the tip."""
-    return sb.BeamProblem.from_physical(
+    return sb.BeamProblem(
         length=LENGTH,
-        bending_stiffness=BENDING,
+        stiffness=BENDING,
         mass_per_length=LINE_MASS,
         stops=sb.Stops(lower=-2.0, upper=2.0, stiffness=20.0),  # mm, mm, N/mm
         base=sb.Harmonic(amplitude=1.5, frequency=2.0 * np.pi * 12.0),  # mm, rad/s
@@ -36,12 +36,13 @@ def strip() -> sb.BeamProblem:
 
 
 def in_metres() -> sb.BeamProblem:
-    return sb.BeamProblem.from_physical(
+    return sb.BeamProblem(
         length=LENGTH / 1e3,
-        bending_stiffness=BENDING / 1e6,
+        stiffness=BENDING / 1e6,
         mass_per_length=LINE_MASS * 1e6,
         stops=sb.Stops(lower=-2e-3, upper=2e-3, stiffness=20e3),
         base=sb.Harmonic(amplitude=1.5e-3, frequency=2.0 * np.pi * 12.0),
+        units=("m", "s", "N"),
     )
 
 

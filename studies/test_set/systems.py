@@ -77,9 +77,10 @@ def paper(table: int) -> dict[str, Any]:
 
 
 def aster() -> dict[str, Any]:
-    beam = sb.BeamProblem.from_physical(
-        length=1.0, bending_stiffness=1e10 * np.pi * 0.1**4 / 4.0, mass_per_length=1e6 * np.pi * 0.1**2,
+    beam = sb.BeamProblem(
+        length=1.0, stiffness=1e10 * np.pi * 0.1**4 / 4.0, mass_per_length=1e6 * np.pi * 0.1**2,
         stops=sb.Stops(lower=-1e-4, stiffness=1e8), loads=sb.PointLoad(position=1.0, time=sb.Constant(-1000.0)),
+        units=("m", "s", "N"),
     )  # fmt: skip
     return table_of(sb.semidiscretise(beam, 8, "hermite"))
 

@@ -47,7 +47,7 @@ inferred = ["cells: as many as suffice"]
 bdf2 = 10
 [case.problem]
 length = 0.4
-bending_stiffness = 4.2
+stiffness = 4.2
 mass_per_length = 0.16
 supports = "clamped-free"
 units = { length = "mm", time = "s", force = "N" }

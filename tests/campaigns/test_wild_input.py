@@ -21,7 +21,7 @@ from stiffbeam.schemes.labels import parse_run
 
 HUGE = 10**400
 STOPS = sb.Stops(-0.1, 0.1, stiffness=1e4)
-CLAMPED = {"length": 0.4, "bending_stiffness": 4.2, "mass_per_length": 0.16}
+CLAMPED = {"length": 0.4, "stiffness": 4.2, "mass_per_length": 0.16}
 
 REFUSED = {
     "an integer beyond float": lambda: sb.Harmonic(HUGE, 1.0),
@@ -37,8 +37,8 @@ REFUSED = {
     "a profile without argument": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda: 0.0),
     "a profile of text": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: "fast"),
     "a profile that fails": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: 1 / 0),
-    "stops that are a number": lambda: sb.BeamProblem.from_physical(**CLAMPED, stops=0.0),
-    "a length of zero": lambda: sb.BeamProblem.from_physical(**CLAMPED | {"length": 0.0}),
+    "stops that are a number": lambda: sb.BeamProblem(**CLAMPED, stops=0.0),
+    "a length of zero": lambda: sb.BeamProblem(**CLAMPED | {"length": 0.0}),
     "a frequency whose square overflows": lambda: sb.varied_members(beam(), {"frequency": [1e300]}),
     "a step longer than all there is": lambda: sb.integrate(beam(), sb.HHT(), 1e300, 1e300),
     "more steps than there are floats": lambda: sb.integrate(beam(), sb.HHT(), 1e-300, 1.0),

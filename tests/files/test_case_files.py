@@ -84,34 +84,7 @@ def test_a_full_file_holds_everything_that_python_can(write):
     assert np.allclose(problem.initial_velocity(x), 3.0 * x, rtol=1e-15)
 
 
-def test_a_physical_file_is_read_in_metres_newtons_and_seconds(write):
-    text = (
-        HEAD
-        + """
-[case.problem]
-length = 2.0
-bending_stiffness = 875.0
-mass_per_length = 3.925
-bending_viscosity = 0.1
-stops = { lower = -0.004, stiffness = 2e4 }
-base = { amplitude = 0.01, frequency = 60.0 }
-loads = [{ position = 1.5, constant = 5.0 }]
-"""
-    )
-    expected = sb.BeamProblem.from_physical(
-        length=2.0,
-        bending_stiffness=875.0,
-        mass_per_length=3.925,
-        bending_viscosity=0.1,
-        stops=sb.Stops(lower=-0.004, stiffness=2e4),
-        base=sb.Harmonic(0.01, 60.0),
-        loads=(sb.PointLoad(1.5, sb.Constant(5.0)),),
-    )
-    assert find_case(str(write(text))).problem == expected
-    assert expected.units == ("m", "s", "N")
-
-
-PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nbending_stiffness = 875.0\nmass_per_length = 3.925\n"
+PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nstiffness = 875.0\nmass_per_length = 3.925\n"
 
 
 def test_a_physical_file_may_name_other_units(write):
@@ -161,9 +134,9 @@ FAULTS = [  # text, field, value, rule
     (LINE % "loads = [{ shape = [1], position = 1, constant = 1 }]", f"{BEAM}.loads[0].position", 1, "be a known"),
     (LINE % "initial_velocity = ['fast']", f"{BEAM}.initial_velocity", ["fast"], "be a list of polynomial"),
     (LINE % "initial_displacement = [0.0, 1.0]", f"{BEAM}.initial_displacement", 1.0, "have zero slope"),
-    (PHYSICAL.replace("875.0", "-1.0"), f"{BEAM}.bending_stiffness", -1.0, "be > 0"),
+    (PHYSICAL.replace("875.0", "-1.0"), f"{BEAM}.stiffness", -1.0, "be > 0"),
     (PHYSICAL + "units = { length = 3 }", f"{BEAM}.units", [3, "s", "N"], "be the names of the units"),
-    (PHYSICAL + "stiffness = 1.0", f"{BEAM}.stiffness", 1.0, "be a known field"),
+    (PHYSICAL + "bending_stiffness = 1.0", f"{BEAM}.bending_stiffness", 1.0, "be a known field"),
     (PLAIN + "[case.published]\nimpacts = 3", "mine.published.impacts", 3, "be a table"),
     (PLAIN + '[case.uncertain]\nviscosity = [2, 1]', "mine.uncertain.viscosity", [2.0, 1.0], "be a range of two"),
     (PLAIN + PLAIN, "name", "mine", "be given once"),

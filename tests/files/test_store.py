@@ -19,9 +19,10 @@ import stiffbeam as sb
 from stiffbeam.basics import storage
 from stiffbeam.trajectory.schema import BY_NAME
 
-BEAM = sb.BeamProblem.from_physical(
-    length=0.4, bending_stiffness=4.2, mass_per_length=0.16, base=sb.Harmonic(2e-3, 150.0),
+BEAM = sb.BeamProblem(
+    length=0.4, stiffness=4.2, mass_per_length=0.16, base=sb.Harmonic(2e-3, 150.0),
     stops=[sb.Stops(-2e-3, 2e-3, stiffness=1e5), sb.Stops(None, 1e-3, stiffness=1e5, position=0.25)],
+    units=("m", "s", "N"),
 )  # fmt: skip
 # Units of a beam in metres, seconds and newtons; what is not here has none.
 UNITS = {

@@ -17,7 +17,7 @@ from stiffbeam.files.cases import parse_case
 
 TIP = sb.Stops(-0.1, 0.1, stiffness=2e5)
 ONE, EYE, T = [[1.0]], np.eye(2), [0.0, 1.0, 2.0]
-STRIP = {"length": 2.0, "bending_stiffness": 3.0, "mass_per_length": 0.7}
+STRIP = {"length": 2.0, "stiffness": 3.0, "mass_per_length": 0.7}
 
 
 def beam(supports="clamped-free", **fields):
@@ -94,14 +94,25 @@ NO_BEAM = [
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, position=-1.0), "stops.position must be >= 0"),
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
     (lambda: sb.Contact(np.ones(3), replace(TIP, position=0.6)), "contact.stops.position must be None in a contact"),
-    (lambda: beam(stops=[TIP, replace(TIP, position=0.6)]).single_stops("case"), "case must have stops at one place"),
-    *((lambda name=name: sb.BeamProblem.from_physical(**STRIP | {name: -1.0}), f"^{name} must") for name in STRIP),
+    *((lambda name=name: sb.BeamProblem(**STRIP | {name: -1.0}), f"^{name} must") for name in STRIP),
     (lambda: sb.static_equilibrium(grid(6, "hermite", loads=(sb.PointLoad(2.0, sb.Harmonic(2.0, 3.0)),))),
      "be Constant for an equilibrium"),
     (lambda: sb.static_equilibrium(grid(6, "hermite", supports="free-free")),
      "hold the system, alone or with the stops"),
     (lambda: sb.modes(grid(), 0), "be an integer"), (lambda: sb.modes(grid(), 9), "be at most 8"),
     (lambda: sb.modal_damping(EYE, EYE, [0.1] * 3), "at most one"),
+]  # fmt: skip
+NO_STOPS = [
+    *((lambda x=x: sb.Stops(*x[:2], stiffness=x[2]), words) for *x, words in (
+        (-0.1, 0.1, 0.0, "^stops.stiffness must be > 0"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
+        (math.nan, 0.1, 1.0, "^stops.lower must be finite"), (-0.1, math.inf, 1.0, "^stops.upper must be finite"),
+        (-0.1, "near", 1.0, "^stops.upper must be a number in the range of float64"),
+        (None, None, 1.0, "^stops must have a lower or an upper stop"),
+        (0.1, -0.1, 1.0, "^stops.upper must be > stops.lower = 0.1"))),
+    *((lambda row=row: sb.Contact(row, TIP), "^contact.row must be finite and not all zero")
+      for row in ([1.0, math.nan], [0.0, 0.0])),
+    *((lambda e=e: sb.Stops.from_restitution(e, speed=1.0, upper=0.0, stiffness=1.0), "^restitution must")
+      for e in (0.0, -0.1, 1.1, math.nan, 1e-200)),
 ]  # fmt: skip
 NO_SYSTEM = [
     (lambda: system(mass=np.diag([1.0, 0.0])), "positive definite"), (lambda: system(mass=-EYE), "positive definite"),
@@ -167,7 +178,7 @@ NO_MEMBER = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("call", "words"), [*NO_BEAM, *NO_SYSTEM, *NO_FUNCTION, *NO_MEMBER])
+@pytest.mark.parametrize(("call", "words"), [*NO_BEAM, *NO_STOPS, *NO_SYSTEM, *NO_FUNCTION, *NO_MEMBER])
 def test_a_call(call, words):
     with pytest.raises(sb.InputError, match=words):
         call()

@@ -308,7 +308,7 @@ dt = 1e-3
 t_end = 0.1
 [case.problem]
 length = 2.0
-bending_stiffness = 3.0
+stiffness = 3.0
 mass_per_length = 0.7
 supports = "clamped-pinned"
 mass_damping = 0.3

@@ -42,9 +42,9 @@ def beam(name: str, damped: bool = True, loads: bool = True) -> sb.BeamProblem:
     if name == "none":
         assert abs(mass - 1.0) < 1e-15
         return sb.BeamProblem(stiffness=bending, viscosity=viscous, **own)
-    return sb.BeamProblem.from_physical(
-        length=L / length, bending_stiffness=bending, bending_viscosity=viscous, mass_per_length=mass,
-        **own,
+    return sb.BeamProblem(
+        length=L / length, stiffness=bending, viscosity=viscous, mass_per_length=mass,
+        units=NAMES[name], **own,
     )  # fmt: skip
 
 

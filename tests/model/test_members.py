@@ -28,8 +28,8 @@ def tube(bending: float = 300.0, kappa: tuple[float, float] = (1e4, 2e4), level:
         sb.Stops(-2e-4, 2e-4, stiffness=kappa[1], damping=0.5),
     ]
     force = sb.Sampled(RECORD.t, level * RECORD.values, "cubic")
-    problem = sb.BeamProblem.from_physical(
-        length=1.0, bending_stiffness=bending, mass_per_length=1.0, bending_viscosity=1.0, stops=stops,
+    problem = sb.BeamProblem(
+        length=1.0, stiffness=bending, mass_per_length=1.0, viscosity=1.0, stops=stops,
         loads=(sb.PointLoad(0.7, force),),
     )  # fmt: skip
     return sb.semidiscretise(problem, 6)

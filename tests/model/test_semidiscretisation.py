@@ -194,8 +194,8 @@ def test_initial_displacements_that_meet_the_clamp_are_accepted(profile):
 def test_a_beam_that_starts_straight_and_level_with_its_clamp_is_accepted(noise):
     """phi(0) is the same number only up to rounding, for lengths that are no power of two."""
     level = 0.073 * np.sin(1.63)
-    problem = sb.BeamProblem.from_physical(
-        length=3.07, bending_stiffness=1.0, mass_per_length=1.0, base=sb.Harmonic(0.073, 30.0, 1.63),
+    problem = sb.BeamProblem(
+        length=3.07, stiffness=1.0, mass_per_length=1.0, base=sb.Harmonic(0.073, 30.0, 1.63),
         initial_displacement=lambda X: level + noise(X),
     )  # fmt: skip
     assert np.max(np.abs(sb.semidiscretise(problem, 8).q0 - level * (np.arange(1, 9) / 8.0) ** 2)) < 1e-15

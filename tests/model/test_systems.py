@@ -132,7 +132,7 @@ t_end = 0.02
 runs = ["hht"]
 [case.problem]
 length = 0.4
-bending_stiffness = 4.2
+stiffness = 4.2
 mass_per_length = 0.16
 stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5 }
 loads = [{ shape = [0, 1.5], amplitude = 3.0, frequency = 60.0 }]

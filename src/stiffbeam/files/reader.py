@@ -18,7 +18,7 @@ from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 from ..basics.arrays import Array
 from ..basics.storage import LARGEST
 from ..basics.units import SI, Units, units_labels
-from ..basics.validation import InputError, exact_float, near, non_negative, positive
+from ..basics.validation import InputError, exact_float, near
 from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
 from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad, PolynomialProfile, Profile
@@ -69,7 +69,6 @@ Row = NewType("Row", object)  # n numbers, one per unknown
 Record = NewType("Record", object)  # samples of a file, or a table of them
 RowLoad = tuple[Row, LoadFunction]
 LARGE = 2000  # unknowns, from which on it is worth a warning before their dense matrices are made
-PHYSICAL = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names of ``from_physical``
 KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
 WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
@@ -193,18 +192,9 @@ class Reader:
         return self.read(value, Sequence[Stops])
 
     def _beam(self, value: Any, _: Any) -> BeamProblem:
-        """A beam in the names of its class, or of ``from_physical``, which begin in metres, newtons and seconds."""
-        names = [x.name for x in fields(BeamProblem)]
-        if not isinstance(value, dict) or "bending_stiffness" not in value:
-            _table(value, names)
-            return make_dict_structure_fn(BeamProblem, self.convert)(value, BeamProblem)
-        _table(value, [*PHYSICAL, *(set(names) - set(PHYSICAL.values()))])
-        for name in ("length", "mass_per_length"):
-            _needed(value, name)
-        positive("bending_stiffness", value["bending_stiffness"], exact=True)
-        non_negative("bending_viscosity", value.get("bending_viscosity", 0.0), exact=True)
-        plain: dict[Any, Any] = {PHYSICAL.get(name, name): x for name, x in value.items()}
-        return make_dict_structure_fn(BeamProblem, self.convert)({"units": SI_TABLE, **plain}, BeamProblem)
+        """A beam in the names of its class."""
+        _table(value, [x.name for x in fields(BeamProblem)])
+        return make_dict_structure_fn(BeamProblem, self.convert)(value, BeamProblem)
 
     def _system(self, value: Any, _: Any) -> System:
         self.size = 0

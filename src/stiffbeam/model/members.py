@@ -146,9 +146,6 @@ class EnsembleMembers(Sequence[System]):
             system.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
         )
 
-    def __iter__(self) -> Iterator[System]:
-        return (self[i] for i in range(len(self)))
-
 
 def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> EnsembleMembers:
     """``members`` checked against ``system``: at least one, and one linear part."""
@@ -358,7 +355,6 @@ def require_kept(system: System, values: Mapping[str, float]) -> None:
                 raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
 
 
-IN_FILES = {"bending_stiffness": "stiffness", "bending_viscosity": "viscosity"}  # the names that case files use too
 AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
@@ -420,7 +416,7 @@ def _rooted(root: Any, keys: list[Any]) -> tuple[Any, list[Any]]:
     if keys[0] == "contacts" and keys[2:3] == ["stops"]:
         keys = ["stops", keys[1], *keys[3:]]
     single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
-    return root, ["stops", *keys[2:]] if single else [IN_FILES.get(keys[0], keys[0]), *keys[1:]]
+    return root, ["stops", *keys[2:]] if single else keys
 
 
 def _rebuilt(system: System, new: BeamProblem) -> System:

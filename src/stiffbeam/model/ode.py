@@ -68,6 +68,7 @@ class ODE:
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
         self.mass: Array = np.eye(self._n) if mass is None else np.asarray(mass)
+        self.bandwidths = self._rhs.bandwidths
         # A segment between events has its sides; without them every contact follows its law.
         if sides is not None:
             given = np.asarray(sides)
@@ -116,11 +117,6 @@ class ODE:
             1 where the upper stop of a contact presses, -1 the lower one, 0 where it is open.
         """
         return ODE(self.system, self.form, sides)
-
-    @property
-    def bandwidths(self) -> tuple[int, int] | None:
-        """Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay."""
-        return self._rhs.bandwidths
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.units import SI, Units, units_labels
+from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
@@ -154,9 +154,9 @@ class BeamProblem:
         sigma(L,t) = -kappa [(u(L,t) - g2)_+ - (g1 - u(L,t))_+]        (2.4) normal compliance
         EI u_xx(L,t) + eta u_xxt(L,t) = 0                              (2.5) no moment at the tip
 
-    The beam is integrated in the units of these numbers. By default they are the paper's, with L = m = 1;
-    ``from_physical`` has the names and units of a physical beam. A number given as a text ("0.001", "1/3", "2*pi*50"),
-    Fraction or Decimal keeps its exact value in multiprecision; a float is a double.
+    The beam is integrated in the units of these numbers. By default they are the paper's, with L = m = 1. A number
+    given as a text ("0.001", "1/3", "2*pi*50"), Fraction or Decimal keeps its exact value in multiprecision; a float is
+    a double.
 
     Parameters
     ----------
@@ -176,7 +176,8 @@ class BeamProblem:
     initial_displacement, initial_velocity : function or PolynomialProfile, optional
         u0(x) and v0(x), from an array of x in [0, L] to an array. None is at rest: u0 = phi(0), v0 = 0.
     units : tuple
-        Names of the units of length, time and force, for axes, tables and files.
+        Names of the units of length, time and force that the numbers are in, for axes, tables and files:
+        ("mm", "s", "N") counts EI in N mm^2, m in tonnes per mm and stop stiffnesses in N/mm.
     supports : str
         Ends at x = 0 and x = L: "clamped-free" is the paper's; others are for form="hermite". A clamped end holds u and
         u_x, a pinned one u, a free one neither.
@@ -266,13 +267,6 @@ class BeamProblem:
         """x of stops along the beam."""
         return self.length if stops.position is None else stops.position
 
-    def single_stops(self, field: str) -> Stops:
-        """The stops of a problem that has them at one place. Raises InputError for none and for several."""
-        if not isinstance(self.stops, Stops):
-            rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
-            raise InputError(field, f"{len(self.all_stops)} stops", rule, remedy)
-        return self.stops
-
     @property
     def for_elements(self) -> tuple[str, ...]:
         """Names of the properties that need form="hermite"."""
@@ -348,32 +342,3 @@ class BeamProblem:
                 slope = float((u[beside] - u[at]) / (x[beside] - x[at]))
                 remedy = "give a profile that leaves the clamp flat, as x**2 does"
                 raise InputError("initial_displacement", slope, f"have zero slope at the clamp x = {x[at]:g}", remedy)
-
-    @classmethod
-    def from_physical(
-        cls,
-        *,
-        length: float,
-        bending_stiffness: float,
-        mass_per_length: float,
-        bending_viscosity: float = 0.0,
-        units: Units = SI,
-        **others: Any,
-    ) -> BeamProblem:
-        """rho A U_TT = -EI U_XXXX - eta U_XXXXT + f on 0 < X < L: the beam in metres, seconds and newtons.
-
-        length: L (m). bending_stiffness: EI (N m^2). mass_per_length: rho A (kg/m). bending_viscosity:
-        eta (N m^2 s). stops: positions (m) and stiffness (N/m). base: phi (m) of time (s). loads: a
-        PointLoad at X (m) with N(t) newtons, a DistributedLoad with shape(X) N(t) newtons per metre.
-        initial_displacement, initial_velocity: m and m/s as functions of X (m). tip_mass: kg. mass_damping: 1/s.
-        units: the names of other units that belong together: ("mm", "s", "N") counts EI in N mm^2,
-        rho A in tonnes per mm and stop stiffnesses in N/mm. Results are in the same units.
-        """
-        return cls(
-            stiffness=positive("bending_stiffness", bending_stiffness, exact=True),
-            viscosity=non_negative("bending_viscosity", bending_viscosity, exact=True),
-            length=length,
-            mass_per_length=mass_per_length,
-            units=units,
-            **others,
-        )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -69,11 +68,10 @@ class RightHandSide:
             accelerations=accelerations, law=laws(system.contacts), bandwidths=self._bandwidths(inertia),
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
-
-    @property
-    def in_python(self) -> bool:
-        """Return True where a function of time is called from Python."""
-        return bool(self._called)
+        self.in_python, self.roots = bool(called), len(self.levels)
+        self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
+        # (contact, +1 upper or -1 lower) of every gap.
+        self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.contact.stops.sides]
 
     @property
     def window(self) -> tuple[float, float]:
@@ -87,8 +85,7 @@ class RightHandSide:
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
-        if self._called:
-            self.ask(t)
+        self.ask(t)
         return self.equations.right_hand_side(t, z)
 
     def rate(self, t: float, z: Array) -> Array:
@@ -150,21 +147,6 @@ class RightHandSide:
             damps = [c.contact.stops.dissipative for c in self.first_order.contacts]
             z[-1] += np.sum(gained[damps])
         return z
-
-    @property
-    def roots(self) -> int:
-        """Number of event functions."""
-        return len(self.levels)
-
-    @cached_property
-    def sides(self) -> list[tuple[int, int]]:
-        """(contact, +1 upper or -1 lower) of every gap."""
-        return [(i, side) for i, c in enumerate(self.first_order.contacts) for side, _ in c.contact.stops.sides]
-
-    @property
-    def bandwidths(self) -> tuple[int, int] | None:
-        """Lower and upper bandwidth of E and df/dz, None where a banded solver does not pay."""
-        return self.equations.bandwidths
 
     def _bandwidths(self, inertia: Array | None) -> tuple[int, int] | None:
         lower, upper = self.first_order.bandwidths

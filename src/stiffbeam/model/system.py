@@ -19,7 +19,7 @@ from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
-from .beam import beam_field, beam_field_rate, beam_stress
+from .beam import beam_field, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
@@ -172,10 +172,6 @@ class Origin:
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
         return all(same(getattr(self.made, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
-
-    def factor_of(self, system: System) -> Array | None:
-        """G, where the stiffness is this one; mass and damping have no part in it."""
-        return self.stiffness_factor if same(self.made.stiffness, system.stiffness) else None
 
     def starts(self, system: System) -> bool:
         """Return True if the system has the initial data of the problem."""
@@ -358,7 +354,8 @@ class System:
     @cached_property
     def stiffness_factor(self) -> Array | None:
         """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
-        return None if self.origin is None else self.origin.factor_of(self)
+        origin = self.origin
+        return origin.stiffness_factor if origin and same(origin.made.stiffness, self.stiffness) else None
 
     @cached_property
     def problem(self) -> BeamProblem | None:
@@ -448,7 +445,7 @@ class System:
 
     def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
         """u_t(x, t) as ``displacement``, from v = q'."""
-        return beam_field_rate(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x)
+        return beam_field(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x, of="rate")
 
     def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
         """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""

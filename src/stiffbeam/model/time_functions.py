@@ -516,11 +516,6 @@ class Drive:
         inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
         return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
 
-    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
-        """t -> (o(t), o'(t)) of a channel."""
-        function = system.channels[channel][1]
-        return lambda t: (offset_values(function, t), offset_rate(function, t))
-
 
 def stays_at_rest(system: System) -> bool:
     """Return True if q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.

@@ -37,7 +37,7 @@ from ...kernels.exact import (
 )  # fmt: skip
 from ...model.contact import Contact
 from ...model.system import System
-from ...model.time_functions import Drive
+from ...model.time_functions import Drive, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import on_stops, require_smooth, resting, shift_at_start
 from .free import FreeSystem, closed_form, free_system, pressed_system
@@ -361,7 +361,8 @@ class Motion:
 
     def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
         """o(t) and o'(t) of a channel."""
-        return self.drive.offset(system, channel)
+        function = system.channels[channel][1]
+        return lambda t: (offset_values(function, t), offset_rate(function, t))
 
     def settled(self, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
         """Position u and velocity v of a channel at times t, (k,) each; of a held contact those of its stop."""
