@@ -6,7 +6,7 @@ The functions that draw load matplotlib.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -40,14 +40,7 @@ DASHES = (
     (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
     (4, 4), (10, 2, 3, 2), (3, 1, 1, 1, 1, 1, 1, 1), (8, 5), (3, 3, 1, 3),
 )  # fmt: skip
-SOLVERS = (
-    "0.25",
-    "#999933",
-    "#882255",
-    "#44AA99",
-    "#AA4499",
-    "#332288",
-)  # muted, none of a scheme
+SOLVERS = ("0.25", "#999933", "#882255", "#44AA99", "#AA4499", "#332288")  # muted, none of a scheme
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
@@ -197,32 +190,26 @@ def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:
     axis.set(xticks=[], yticks=[])
 
 
-def legend_entries(axes: Iterable[Axes], words: Callable[[str], str] = str) -> dict[str, Any]:
-    """Entries of a legend by their text, each text once; curves of one panel with one text are one entry."""
+def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
+    """Entries of a legend by their text, each text once."""
     entries: dict[str, Any] = {}
     for axis in axes:
-        by_words: dict[str, list[Any]] = {}
         for handle, text in zip(*axis.get_legend_handles_labels(), strict=True):
-            by_words.setdefault(words(text), []).append(handle)
-        for text, handles in by_words.items():
-            entries.setdefault(text, handles[0] if len(handles) == 1 else tuple(handles))
+            entries.setdefault(text, handle)
     return entries
 
 
-def panel_legend(axis: Axes, words: Callable[[str], str] = str, below: bool = False) -> None:
-    """The legend of one panel, with every text once, inside it or ``below`` it."""
-    if entries := legend_entries([axis], words):
+def panel_legend(axis: Axes) -> None:
+    """The legend of one panel below it, with every text once."""
+    if entries := legend_entries([axis]):
         columns = 2 if max(map(len, entries)) < WIDE else 1
-        place: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": columns, "columnspacing": 1.0}
-        axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5, **place if below else {})
+        axis.legend(entries.values(), entries.keys(), frameon=False, fontsize=8.5, loc="upper center",
+                    bbox_to_anchor=(0.5, -0.14), ncols=columns, columnspacing=1.0)  # fmt: skip
 
 
-def shared_legend(
-    figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None, words: Callable[[str], str] = str
-) -> None:
+def shared_legend(figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None) -> None:
     """One legend below all panels, with every label of ``axes`` once, of all of them by default."""
-    entries = legend_entries(figure.axes if axes is None else axes, words)
-    if entries:
+    if entries := legend_entries(figure.axes if axes is None else axes):
         figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False,
                       fontsize=9, handlelength=3.2)  # fmt: skip
 

@@ -316,9 +316,6 @@ def _end_of_content(axis: Axes) -> float:
     return max(ends)
 
 
-POINTS = 200  # along a beam
-
-
 def run_figure(run: Trajectory) -> Figure:
     """(a) tip, (b) contact forces, (c) phase portrait, (d) energies where the run has its ledger.
 

@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .chart import (
-    COLOURS,
-    log_scale,
-    look,
-    mark_order,
-    new_figure,
-    say_empty,
-    shared_legend,
-    short,
-)
+from .chart import COLOURS, log_scale, look, mark_order, new_figure, say_empty, shared_legend, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -149,10 +149,10 @@ class Reader:
             Contact: self._contact, Record: self._record,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: _polynomial,
-            Stops | Sequence[Stops] | None: self._one_or_several,
+            Stops | Sequence[Stops] | None: lambda value, _: self.read(value, Sequence[Stops]),
         }  # fmt: skip
         # By class, which comes before the conversions that cattrs has for these.
-        for plain, hook in ((float, _number), (int, _only(int)), (str, _text)):
+        for plain, hook in ((float, _number), (int, lambda value, _: _kind(value, int)), (str, _text)):
             convert.register_structure_hook(plain, hook)
         convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) in SEQUENCES, self._list)
         convert.register_structure_hook_factory(is_dataclass, self._class)
@@ -187,9 +187,6 @@ class Reader:
     def _names(self, kind: Any) -> Any:
         make = make_mapping_structure_fn(kind, self.convert)
         return lambda value, _: make(_kind(value, dict), kind)
-
-    def _one_or_several(self, value: Any, _: Any) -> Any:
-        return self.read(value, Sequence[Stops])
 
     def _beam(self, value: Any, _: Any) -> BeamProblem:
         """A beam in the names of its class."""
@@ -320,10 +317,6 @@ def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
     if name not in table:
         raise InputError(name, None, "be given", f"write {name} = {written}")
     return table[name]
-
-
-def _only(kind: type) -> Any:
-    return lambda value, _: _kind(value, kind)
 
 
 def _text(value: Any, _: Any = None, printable: str = " \t\n") -> str:

@@ -28,7 +28,7 @@ from ..model.system import System, require_system
 from ..references import solve
 from ..references.exact.motion import Motion, Solver, fresh_after, joined
 from ..references.exact.solution import reference_of
-from ..schemes.labels import run_label, scheme_at_hand
+from ..schemes.labels import scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
@@ -61,7 +61,7 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
         raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
     assert reference.system is not None
     # The case has to make the system of the reference: a file is read back by its case alone.
-    if case and _system_of(case, "case", reference.system.form).fingerprint != reference.fingerprint:
+    if case and parse_case(case, "case").system(reference.system.form).fingerprint != reference.fingerprint:
         remedy = "numbers in a case are decimals: solve the system of the case itself"
         raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
     solution: Motion = reference.solution
@@ -113,7 +113,7 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
     if system is None:
         if not data.attrs["case"]:
             raise InputError("file", str(path), "hold its case", "read it together with its system")
-        system = _system_of(data.attrs["case"], str(path), data.attrs["form"])
+        system = parse_case(data.attrs["case"], str(path)).system(data.attrs["form"])
     if system.fingerprint != data.attrs["fingerprint"]:
         rule = "describe the system that its case makes"
         raise InputError("file", str(path), rule, "this version differs: remake it")
@@ -121,11 +121,6 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
     # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     return replace(reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
-
-
-def _system_of(case: str, source: str, form: str) -> System:
-    """The system that the TOML text ``case`` makes."""
-    return parse_case(case, source).system(form)
 
 
 def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
@@ -302,7 +297,7 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         "tip_velocity": data["tip_velocity"].values,
         "contacts": tuple(contacts),
         "work": Work(**work),
-        "provenance": notes | {"method": run_label(notes["method"])},
+        "provenance": notes,
         "stored_fingerprint": data.attrs["fingerprint"],
         "system": system,
     }

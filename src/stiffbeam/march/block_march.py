@@ -22,9 +22,10 @@ from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
+from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, independent
 from .propagator import Propagator, build
-from .treatment import Treatment, require_giving_way, require_moved, unsolved
+from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
@@ -306,7 +307,11 @@ class March:
         dt, diverged = self.stepper.dt, int(self.state.diverged[member])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
-            raise unsolved(self.stepper.scheme, -diverged * dt)
+            reason, remedy = (
+                "the forces of several contacts at once were not found",
+                "use a smaller dt, or the solver cvode",
+            )
+            raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 

@@ -14,7 +14,7 @@ from ..basics.validation import InputError, function, integer
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, gathered, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory, Work
 from .integrate import Plan
@@ -90,15 +90,15 @@ def integrate_ensemble(
     march = partial(_march, plan, every, passed, apart)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
-    parts = list(over_slices(march, members, MEMBERS_PER_SLICE, report, least))
+    runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
     seconds = perf_counter() - begun
-    return gathered(
-        members,
-        parts,
-        np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
-        Work(len(members) * plan.steps, seconds, seconds),
-        plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
-        partial(_ledger, plan, members, every or plan.steps, apart),
+    return Ensemble(
+        **vars(Runs.of(runs)),
+        members=members,
+        t=np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
+        work=Work(len(members) * plan.steps, seconds, seconds),
+        provenance=plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
+        ledger=partial(_ledger, plan, members, every or plan.steps, apart),
     )
 
 

@@ -76,7 +76,11 @@ class Plan:
         covered(system.time_functions, t_end)
         # For the check of the time step, and for the message of a run that overflows.
         basis = modes(system)
-        omega_max = float(basis.omega[-1]) if basis else _omega_max(system)
+        if basis:
+            omega_max = float(basis.omega[-1])
+        else:
+            squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
+            omega_max = float(np.sqrt(max(0.0, squares[-1])))
         scheme.check(omega_max, dt)
         check_contract(scheme)
         plan = cls(system, scheme, dt, steps, t_end, treatment, omega_max, treatment.rule(system, scheme))
@@ -198,11 +202,6 @@ class Plan:
 
 
 _RECENT: Recent[Plan] = Recent(8)
-
-
-def _omega_max(system: System) -> float:
-    squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
-    return float(np.sqrt(max(0.0, squares[-1])))
 
 
 @working("integrating")

@@ -169,13 +169,8 @@ def _probed(
         return np.moveaxis(new, 0, 1), read, scheme.predict(equation, dt, z)[-1]
 
     # Unit states: of all modes at once where these do not couple, else of every unknown by itself.
-    modal = isinstance(equation, Modal)
-    batch = a if modal else a * n
-    z = np.zeros((a, batch, n))
-    if modal:
-        z[np.arange(a), np.arange(a)] = 1.0
-    else:
-        z[np.repeat(np.arange(a), n), np.arange(batch), np.tile(np.arange(n), a)] = 1.0
+    modal, z = isinstance(equation, Modal), view.units(a)
+    batch = z.shape[1]
     nothing = np.zeros((S, batch, n))
     new, read, ahead = taken(z, nothing, nothing)
     if modal:

@@ -14,7 +14,6 @@ from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..schemes import RigidScheme, Scheme
-from ..trajectory.trajectory import SolverFailure
 
 RIGID = -1  # the rule of rigid stops: reactions by complementarity
 
@@ -153,9 +152,3 @@ def require_moved(scheme: Scheme, S: Array) -> None:
     if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
         rule = "move every node by the force there, for stops with damping, whose force jumps"
         raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")
-
-
-def unsolved(scheme: Scheme, t: float) -> SolverFailure:
-    """Error: the forces of several contacts at one node were not found."""
-    reason = "the forces of several contacts at once were not found"
-    return SolverFailure(str(scheme), t, reason, "use a smaller dt, or the solver cvode")

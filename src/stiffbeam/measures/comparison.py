@@ -39,13 +39,12 @@ class PhaseLag:
     """tau minimising J(tau) = sum_j dt_j (u_run(t_j + tau) - u_ref(t_j))^2, dt_j of t_j as in ``step_lengths``;
     > 0: the run is late.
 
-    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift. unshifted: the same with J(0).
+    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift.
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 
     lag: float
     residual: float
-    unshifted: float
     undefined: str = ""
 
 
@@ -60,17 +59,17 @@ def phase_lag(
     """
     nan = float("nan")
     if max(drive, first) <= 0.0:
-        return PhaseLag(nan, nan, nan, "nothing here has a frequency")
+        return PhaseLag(nan, nan, "nothing here has a frequency")
     tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m * (1 - 1e-12):  # a drift is as long as the run, whose end has a rounding
-        return PhaseLag(nan, nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
+        return PhaseLag(nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
     inside, weights = t[counted], step_lengths(t)[counted]
     target = reference(inside)
     scale = float(np.sum(weights * target**2))
     if scale == 0.0:
-        return PhaseLag(nan, nan, nan, "the reference is at rest")
+        return PhaseLag(nan, nan, "the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
     # By tau/tau_m: Brent's method has an absolute tolerance, which a small unit of time would exceed.
@@ -81,13 +80,12 @@ def phase_lag(
     shifts = np.linspace(-1.0, 1.0, GRID)
     values = [J(share) for share in shifts]
     best = int(np.argmin(values))
-    unshifted = float(np.sqrt(J(0.0) / scale))
     if best in (0, GRID - 1):
-        return PhaseLag(nan, nan, unshifted, f"no best shift within {tau_m:.3g}")
+        return PhaseLag(nan, nan, f"no best shift within {tau_m:.3g}")
     # Bounded, since a bracket needs a minimum that rises above rounding on both sides.
     bounds = float(shifts[best - 1]), float(shifts[best + 1])
     result: Any = minimize_scalar(J, bounds=bounds, method="bounded", options={"xatol": 1e-10})
-    return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)), unshifted)
+    return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)))
 
 
 AT_REST = (

@@ -37,25 +37,19 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
         elif isinstance(reference, Reference):
             remedy = "put the arrays into a list: [t, tip]"
         raise InputError(asked, got, rule, remedy)
-    require_same_system(run, reference)
+    if run.fingerprint != reference.fingerprint:
+        rule, remedy = f"be of the same system as {run.label}", "solve run.system"
+        if run.system is None or reference.system is None:
+            rule += ", which is not known of both"
+        else:
+            differs = run.system.differences(reference.system)
+            rule += f"; they differ in: {', '.join(differs)}"
+            if differs == ["exact parameters"]:
+                remedy += '; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
+        raise InputError("reference", reference.label, rule, remedy)
     if not np.isfinite(reference.horizon):
         raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
     return run
-
-
-def require_same_system(run: Trajectory, reference: Reference) -> None:
-    """Raise InputError, with what differs, where run and reference are of two systems."""
-    if run.fingerprint == reference.fingerprint:
-        return
-    rule, remedy = f"be of the same system as {run.label}", "solve run.system"
-    if run.system is None or reference.system is None:
-        rule += ", which is not known of both"
-    else:
-        differs = run.system.differences(reference.system)
-        rule += f"; they differ in: {', '.join(differs)}"
-        if differs == ["exact parameters"]:
-            remedy += '; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
-    raise InputError("reference", reference.label, rule, remedy)
 
 
 @dataclass(frozen=True)

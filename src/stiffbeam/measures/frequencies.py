@@ -115,8 +115,12 @@ def amplitude_spectrum(t: Array, u: Array, drive: float, v: Array | None = None)
     the cubic through it and its velocity v (k,), by default a spline's.
     """
     t, u = _equidistant(t, u, v)
-    n = whole_periods(t, drive)
-    signal, dt = u[-n:], float(t[1] - t[0])
+    n, dt = len(t) - 1, float(t[1] - t[0])
+    if drive:
+        period = 2.0 * np.pi / drive
+        # Whole periods up to rounding are whole; all intervals where not one period fits.
+        n = round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
+    signal = u[-n:]
     amplitude = np.abs(np.fft.rfft(signal)) * 2.0 / n
     # The mean appears once in the transform, every other frequency also with the opposite sign.
     amplitude[0] /= 2.0
@@ -129,13 +133,3 @@ def _equidistant(t: Array, u: Array, v: Array | None) -> tuple[Array, Array]:
         return t, u
     even = np.linspace(t[0], t[-1], len(t))
     return even, (CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v))(even)
-
-
-def whole_periods(t: Array, drive: float) -> int:
-    """The samples of as many whole drive periods as fit into t, all intervals where not one does."""
-    n = len(t) - 1
-    if not drive:
-        return n
-    period, dt = 2.0 * np.pi / drive, float(t[1] - t[0])
-    # Whole periods up to rounding are whole.
-    return round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n

@@ -126,12 +126,6 @@ def short_label(label: str) -> str:
     return label if scheme is None else scheme.label(digits=4)
 
 
-def run_label(label: str) -> str:
-    """A scheme's label as it is written today, of files that older versions have written; any other text as it is."""
-    scheme = scheme_at_hand(label)
-    return label if scheme is None or ":" in label else str(scheme)
-
-
 # ---------------------------------------------------------------- classes of a user's module
 
 
@@ -160,20 +154,11 @@ def user_object(name: str) -> Any:
 
 
 def _module(place: str, name: str) -> Any:
-    try:
-        return importlib.import_module(place)
-    except ModuleNotFoundError:
-        return _from_here(place, name)
-    except Exception as error:  # whatever a module of others raises
-        raise InputError("scheme", name, "name a module that can be imported", repr(error)) from None
-
-
-def _from_here(place: str, name: str) -> Any:
     # At the end of the path: a file of the folder must not hide an installed module.
     sys.path.append(os.getcwd())
     try:
         return importlib.import_module(place)
-    except Exception as error:
+    except Exception as error:  # whatever a module of others raises
         remedy = f"write {name.replace('.py:', ':')}" if place.endswith(".py") else repr(error)
         raise InputError("scheme", name, "name a module that can be imported", remedy) from None
     finally:

@@ -51,9 +51,7 @@ class Scheme(ABC):
 
     name: ClassVar[str] = ""
     paper: ClassVar[str] = ""  # the paper's equation numbers
-    look: ClassVar[tuple[int, int, int] | None] = (
-        None  # colour, dashes and marker in every picture, see figures/chart.py
-    )
+    look: ClassVar[tuple[int, int, int] | None] = None  # colour, dashes and marker, see figures/chart.py
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
     at_any_step: ClassVar[bool] = False  # whether that form runs at any step
@@ -116,17 +114,12 @@ class Scheme(ABC):
             one_of("erratum", name, forms, "be one the paper prints for this scheme")
         if len(names) > 1:
             raise InputError("errata", names, "be one at a time", "each is a scheme of its own")
-        return forms[names[0]].of(self)
+        return forms[names[0]](**self.parameters)
 
     @classmethod
     def printed_forms(cls) -> list[type[Scheme]]:
         """Subclasses of the scheme that state an ``erratum``; none if the scheme is itself a printed form."""
         return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
-
-    @classmethod
-    def of(cls, scheme: Scheme) -> Scheme:
-        """The printed form of ``scheme``."""
-        return cls(**scheme.parameters)
 
     def check(self, omega_max: float, dt: float) -> None:
         """Raise InputError where the scheme cannot be used with this step; omega_max is the top frequency."""

@@ -218,7 +218,7 @@ class Advise(Study):
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
         log_scale(axis)
-        panel_legend(axis, below=True)
+        panel_legend(axis)
 
 
 def advised_row(table: Table) -> Any:

@@ -167,7 +167,7 @@ class Orbits(Study):
         tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
-        panel_legend(above, below=True)
+        panel_legend(above)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         plane.plot(np.cos(angle), np.sin(angle), color="0.5", lw=0.9)
         for kind, rows in orbits[orbits.phase == 0].groupby("stability") if len(orbits) else ():

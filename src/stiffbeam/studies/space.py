@@ -146,7 +146,7 @@ class Space(Study):
         axis.minorticks_off()
         axis.set(xlabel=labels["width"], ylabel=labels["error"])
         mark_order(axis, (2, 1))
-        panel_legend(axis, below=True)
+        panel_legend(axis)
 
 
 def orders(table: Table) -> dict[tuple[str, str], Order]:

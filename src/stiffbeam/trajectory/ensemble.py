@@ -227,19 +227,6 @@ class Ensemble(Runs):
         return self.contact.impacts
 
 
-def gathered(
-    members: EnsembleMembers,
-    parts: list[list[Trajectory]],
-    t: Array,
-    work: Work,
-    provenance: dict[str, Any],
-    ledger: Callable[[int], Ledger],
-) -> Ensemble:
-    """The Ensemble of the runs of its members, ``parts`` in their order."""
-    runs = Runs.of([run for part in parts for run in part])
-    return Ensemble(**vars(runs), members=members, t=t, work=work, provenance=provenance, ledger=ledger)
-
-
 def record_from(since: float, t_end: float) -> float:
     """``since``, the time after which contacts are recorded. Raises InputError outside [0, t_end)."""
     if not non_negative("since", since) < t_end:

@@ -92,11 +92,6 @@ def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) 
     return tally
 
 
-def shares(tally: Array, steps: int) -> Array:
-    """The share of the steps in contact, of those after SINCE."""
-    return tally[..., TOUCHING] / np.maximum(1.0, steps - tally[..., SINCE])
-
-
 def record(
     stops: Stops,
     position: Array,
@@ -121,7 +116,7 @@ def record(
         velocity=velocity,
         force=position if force is None else force,
         impacts=impacts_of(events),
-        fraction=float(shares(tally, steps)),
+        fraction=float(tally[TOUCHING] / max(1.0, steps - tally[SINCE])),  # of the steps after SINCE
         peak_force=float(tally[PEAK]),
         impulse=float(tally[IMPULSE]),
     )
@@ -280,6 +275,8 @@ def run_fields(
     states: tuple[ArrayLike, ArrayLike] | None, name: str,
 ) -> dict[str, Any]:  # fmt: skip
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
+    from scipy.interpolate import CubicSpline
+
     given = _row("t", t, None)
     # Times first: of several rows at one time, as at an event, the last counts.
     times, rows = distinct_times("t", given)
@@ -306,7 +303,11 @@ def run_fields(
     one_position("t", given, rows, u)
     u = u[rows]
     smoothed = tip_velocity is None
-    w = _spline_rate(times, u) if smoothed else _row("tip_velocity", tip_velocity, len(given))[rows]
+    w = (
+        np.asarray(CubicSpline(times, u)(times, 1))
+        if smoothed
+        else _row("tip_velocity", tip_velocity, len(given))[rows]
+    )
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
@@ -371,13 +372,6 @@ def _pieces(system: System, t: Array, q: Array, v: Array) -> Iterator[tuple[Arra
 
 def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
     return step_ledger(system, _pieces(system, t, q, v), t)
-
-
-def _spline_rate(t: Array, u: Array) -> Array:
-    """u' of the cubic spline through the samples, of third order in their spacing if u is smooth."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(t, u)(t, 1))
 
 
 def _row(name: str, values: Any, length: int | None) -> Array:

@@ -94,12 +94,6 @@ class Impacts:
         """Durations of the contacts, from entry to exit, (count,)."""
         return self.ends - self.times
 
-    @property
-    def median_peak(self) -> float:
-        """Median of the peaks that are known, NaN for none."""
-        peaks = self.peaks[np.isfinite(self.peaks)]
-        return float(np.median(peaks)) if len(peaks) else float("nan")
-
     def take(self, rows: Any) -> Impacts:
         """The impacts of these rows: a slice, numbers, or a mask (count,)."""
         return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
@@ -236,13 +230,8 @@ class Ledger:
     loss: Array
     loss_in_contact: Array
     loss_without_contact: Array
-    stop_dissipation: Array = None  # type: ignore[assignment]  # zero unless given
-    spread: Array = None  # type: ignore[assignment]  # likewise
-
-    def __post_init__(self) -> None:
-        for name in ("stop_dissipation", "spread"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros_like(self.t))
+    stop_dissipation: Array
+    spread: Array
 
     def __repr__(self) -> str:
         return (

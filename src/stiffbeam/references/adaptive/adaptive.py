@@ -171,16 +171,7 @@ def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: A
     # A loss between two outputs cannot be divided: contact at either of them counts as contact.
     closed = np.concatenate([[False], touching[1:] | touching[:-1]])
     contact = np.cumsum(np.where(closed, np.diff(loss, prepend=0.0), 0.0))
-    return Ledger(
-        t,
-        *energies,
-        given,
-        taken,
-        loss,
-        loss_in_contact=contact,
-        loss_without_contact=loss - contact,
-        stop_dissipation=of_stops,
-    )
+    return Ledger(t, *energies, given, taken, loss, contact, loss - contact, of_stops, np.zeros(len(t)))
 
 
 def contact_record(

@@ -245,7 +245,8 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
         else _energy_at_start(system, solution)
     )
     loss = loss - sum(energies) + given - taken - stops
-    return Ledger(times, *energies, given, taken, loss, np.zeros(len(times)), loss, stops)
+    none = np.zeros(len(times))
+    return Ledger(times, *energies, given, taken, loss, none, loss, stops, none)
 
 
 def _energy_at_start(system: System, solution: Motion) -> Array:
