@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
+LOG_RANGE = 30.0  # ratio of values from which on their axis, or the colours of their map, are logarithmic
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
@@ -97,8 +97,72 @@ class Sweep(Study):
     height: ClassVar = 8.2
 
     def points(self, case: Case) -> list[Row]:
-        """Batches of values that march together."""
-        return plan(self, case)
+        """Batches of values that march together, after the checks of the options."""
+        parameter, second, base = self.parameter, self.second, case.system(self.form)
+        method = self.method
+        if method is None:
+            runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
+            method = runs[0] if runs else EXACT
+        scheme = scheme_of(case, method)
+        method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
+        # Without a period of the drive, every value is one run from 0 to t_end, without sections.
+        period = drive_period(base, parameter)
+        once = period is None
+        self._check(case, scheme, method, once)
+        values = self.values
+        if values is None:
+            assert period is not None  # else refused
+            values = np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period
+        axes = {parameter: values} if second is None else {parameter: values, second: self.second_values}
+        for name, along in axes.items():
+            if along is None or not len(along):
+                raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
+        grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
+        transient = 0 if once else self.transient
+        shared = {
+            "parameter": parameter, "second": second, "method": method, "form": self.form or case.forms[0],
+            "contact": self.contact, "dt": None if method == EXACT else case.dt,
+            "periods": 1 if once else self.periods, "transient": transient,
+        } | ({"t_end": case.t_end} if once else {})  # fmt: skip
+        # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
+        ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
+        if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+            try:
+                refuse(ends[0].system, transient * ends[0].period)
+            except InputError as error:
+                remedy = "name a scheme as method, or transient=0: other solvers record contacts from the start only"
+                raise InputError(error.field, error.value, error.rule, remedy) from None
+        if second is not None and parameter in IN_STEP:  # what marches together stands together
+            wanted = [[x, y] for y in grid[1] for x in grid[0]]
+        else:
+            wanted = [list(value) for value in product(*grid)]
+        size = -(-len(wanted) // BATCHES)
+        return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+
+    def _check(self, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
+        """Raise InputError for options that do not go together; once: without a period of the drive."""
+        parameter, second, base = self.parameter, self.second, case.system(self.form)
+        if once:
+            covered(base.time_functions, case.t_end)
+            if self.values is None:
+                paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
+                remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
+                raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
+        elif self.values is None and parameter != "frequency":
+            raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
+        if second is None and self.second_values is not None:
+            remedy = "name the second parameter"
+            raise InputError("second_values", self.second_values, "be left out without second", remedy)
+        if second is not None and not case.has_stops:
+            remedy = "vary one parameter only, or give the case stops"
+            raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
+        if second == parameter:
+            raise InputError("second", second, "be another parameter", "give the grid two different parameters")
+        known = parameters_of(scheme)
+        for name in filter(None, (parameter, second)):
+            if name not in known and not is_path(name):
+                remedy = f"{near(name, known)}, or a path such as stops[0].upper"
+                raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
 
     def run(self, case: Case, values: list[list[float]], **point: Any) -> list[Row]:
         """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
@@ -176,7 +240,7 @@ class Sweep(Study):
             axis.set(title=title, ylabel=with_unit(case.units, label, unit))
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
-        if _spaced_by_a_factor(table[self.parameter]):
+        if _decades(table[self.parameter]):
             log_scale(axes[-1], y=False)
 
     def _section(self, axis: Axes, sections: Table, case: Case) -> None:
@@ -214,14 +278,12 @@ class Sweep(Study):
             values = grid.to_numpy(float) / (over if quantity == "count" else 1.0)
             known = values[np.isfinite(values)]
             if len(known):
-                norm = LogNorm() if 0.0 < LOG_RANGE * np.min(known) < np.max(known) else None
+                norm = LogNorm() if _decades(known) else None
                 x, y = grid.columns.to_numpy(float), grid.index.to_numpy(float)
                 drawn = axis.pcolormesh(x, y, values, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
                 figure.colorbar(drawn, ax=axis, label=label)
             axis.set(title=label + place, xlabel=named(case, self.parameter), ylabel=named(case, str(self.second)))
-            log_scale(
-                axis, x=_spaced_by_a_factor(group[self.parameter]), y=_spaced_by_a_factor(group[str(self.second)])
-            )
+            log_scale(axis, x=_decades(group[self.parameter]), y=_decades(group[str(self.second)]))
 
     def _names(self) -> list[str]:
         return [self.parameter] if self.second is None else [self.parameter, self.second]
@@ -231,76 +293,6 @@ class Sweep(Study):
         if "t_end" not in table:
             return "impacts per period", float(table.periods.iloc[0])
         return f"impacts per {unit_of(case.units, 'time') or 'unit of time'}", float(table.t_end.iloc[0])
-
-
-def plan(study: Sweep, case: Case) -> list[Row]:
-    """Batches of values, after the checks of the options."""
-    parameter, second, base = study.parameter, study.second, case.system(study.form)
-    method = study.method
-    if method is None:
-        runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
-        method = runs[0] if runs else EXACT
-    scheme = scheme_of(case, method)
-    method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
-    # Without a period of the drive, every value is one run from 0 to t_end, without sections.
-    period = drive_period(base, parameter)
-    once = period is None
-    _check(study, case, scheme, method, once)
-    values = study.values
-    if values is None:
-        assert period is not None  # else refused
-        values = np.linspace(0.7, 1.3, study.count) * 2.0 * np.pi / period
-    axes = {parameter: values} if second is None else {parameter: values, second: study.second_values}
-    for name, along in axes.items():
-        if along is None or not len(along):
-            raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
-    transient = 0 if once else study.transient
-    shared = {
-        "parameter": parameter, "second": second, "method": method, "form": study.form or case.forms[0],
-        "contact": study.contact, "dt": None if method == EXACT else case.dt,
-        "periods": 1 if once else study.periods, "transient": transient,
-    } | ({"t_end": case.t_end} if once else {})  # fmt: skip
-    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-    ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
-        try:
-            refuse(ends[0].system, transient * ends[0].period)
-        except InputError as error:
-            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
-            raise InputError(error.field, error.value, error.rule, remedy) from None
-    if second is not None and parameter in IN_STEP:  # what marches together stands together
-        wanted = [[x, y] for y in grid[1] for x in grid[0]]
-    else:
-        wanted = [list(value) for value in product(*grid)]
-    size = -(-len(wanted) // BATCHES)
-    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
-
-
-def _check(study: Sweep, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
-    """Raise InputError for options that do not go together; once: without a period of the drive."""
-    parameter, second, base = study.parameter, study.second, case.system(study.form)
-    if once:
-        covered(base.time_functions, case.t_end)
-        if study.values is None:
-            paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
-            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
-            raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
-    elif study.values is None and parameter != "frequency":
-        raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
-    if second is None and study.second_values is not None:
-        remedy = "name the second parameter"
-        raise InputError("second_values", study.second_values, "be left out without second", remedy)
-    if second is not None and not case.has_stops:
-        remedy = "vary one parameter only, or give the case stops"
-        raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
-    if second == parameter:
-        raise InputError("second", second, "be another parameter", "give the grid two different parameters")
-    known = parameters_of(scheme)
-    for name in filter(None, (parameter, second)):
-        if name not in known and not is_path(name):
-            remedy = f"{near(name, known)}, or a path such as stops[0].upper"
-            raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
 
 
 def _facts(setup: Setup, point: Row) -> Row:
@@ -401,10 +393,6 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     return words
 
 
-def _spaced_by_a_factor(values: Any) -> bool:
-    """True for values on a logarithmic grid."""
-    x = np.unique(values.dropna())
-    if len(x) < 3 or x[0] <= 0.0:
-        return False
-    ratios, steps = np.diff(np.log(x)), np.diff(x)
-    return bool(np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps))
+def _decades(values: Any) -> bool:
+    """True for values far apart, which a logarithmic axis shows."""
+    return bool(0.0 < LOG_RANGE * values.min() < values.max())
