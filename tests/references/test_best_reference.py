@@ -18,7 +18,7 @@ from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
 from stiffbeam.model.time_functions import Drive
 from stiffbeam.references import best_reference, registry, substitute
-from stiffbeam.studies.common import chosen, takes_extrapolation
+from stiffbeam.studies.common import chosen
 
 
 def hertz(**more) -> sb.System:
@@ -80,9 +80,7 @@ def test_schemes_by_default_have_a_law_for_the_stops():
         "NonsmoothGeneralisedAlpha",
     }
     assert str(default_schemes([sb.Stops(upper=0.0, stiffness=1.0)])[0]) == "BDF2"
-    assert not takes_extrapolation(case_of(system, dt, t_end))
     plain = case_of(*BENCHES["chain"]())
-    assert takes_extrapolation(plain)
     assert not {label.partition("(")[0] for label in chosen(plain)} & set(sb.schemes.RIGID)
 
 

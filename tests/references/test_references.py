@@ -16,7 +16,7 @@ from processes import passed
 import stiffbeam as sb
 from stiffbeam.basics import storage
 from stiffbeam.files.cases import case_text, paper_cases
-from stiffbeam.files.store import BOUND, freeze
+from stiffbeam.files.store import BOUND, contact_facts, freeze
 from stiffbeam.studies.references import check, remake, wanted
 
 STORE = Path(__file__).parents[2] / "reference"
@@ -76,42 +76,28 @@ def small_store(monkeypatch):
     from stiffbeam.studies import references
 
     monkeypatch.setattr(references, "wanted", lambda: [("table14", "displacement", ["table14"])])
-    short = dataclasses.replace(paper_cases()["table14"], t_end=0.1)
-    monkeypatch.setattr(references, "paper_cases", lambda: {"table14": short})
+    paper = paper_cases()
+    short = dataclasses.replace(paper["table14"], t_end=0.1)
+    monkeypatch.setattr(references, "paper_cases", lambda: {"table13": paper["table13"], "table14": short})
 
 
 @pytest.mark.slow
 def test_a_small_store_is_made_checked_and_completed(tmp_path, small_store):
-    assert remake(tmp_path) == ["table14-displacement.nc"]
+    name, manifest = "table14-displacement.nc", tmp_path / "MANIFEST.json"
+    assert remake(tmp_path) == [name]
     assert remake(tmp_path) == []  # it is there and whole
-    assert [r["problem"] for r in check(tmp_path)] == [""]
-    (tmp_path / "table14-displacement.nc").write_bytes(b"nothing")
-    assert "netCDF" in check(tmp_path)[0]["problem"]
-    assert remake(tmp_path) == ["table14-displacement.nc"]
-
-
-@pytest.mark.slow
-def test_what_a_manifest_says_that_is_not_so_is_found_and_remade(tmp_path, small_store):
-    assert remake(tmp_path) == ["table14-displacement.nc"]
-    manifest = tmp_path / "MANIFEST.json"
-    good = json.loads(manifest.read_text(encoding="utf-8"))
-    wrong = {"t_end": 20.0, "digits": 16, "impacts": 1, "peak_force": 1.0, "hash": "00", "bound": 1e-15,
-             "tables": ["table1"], "contact_fraction": 0.9, "confirmed_with": 3, "form": "hermite"}  # fmt: skip
-    assert {*wrong, "file", "seconds"} == {*good["references"][0]}
-    for name, value in wrong.items():
-        manifest.write_text(json.dumps({"references": [good["references"][0] | {name: value}]}), encoding="utf-8")
-        (record,) = check(tmp_path)
-        assert "the manifest says" in record["problem"], name
-    assert remake(tmp_path) == ["table14-displacement.nc"]
+    assert check(tmp_path) == {name: ""}
+    (tmp_path / name).write_bytes(b"nothing")
+    assert "netCDF" in check(tmp_path)[name]
+    assert remake(tmp_path) == [name]
+    (entry,) = json.loads(manifest.read_text(encoding="utf-8"))["references"]
+    for wrong, words in (({"hash": "00"}, "hash"), ({"tables": ["table13"]}, "system of table13")):
+        manifest.write_text(json.dumps({"references": [entry | wrong]}), encoding="utf-8")
+        assert words in check(tmp_path)[name]
     for text in (json.dumps({"references": []}), "{", None):
         manifest.unlink() if text is None else manifest.write_text(text, encoding="utf-8")
-        if text and text != "{":
-            assert [r["problem"] for r in check(tmp_path)] == ["the manifest does not list it"]
-        assert remake(tmp_path) == ["table14-displacement.nc"]
-        assert [r["problem"] for r in check(tmp_path)] == [""]
-    (tmp_path / "none").mkdir()
-    (tmp_path / "none" / "MANIFEST.json").write_text(json.dumps({"references": []}), encoding="utf-8")
-    assert check(tmp_path / "none")[0]["problem"] == "it lists no references"
+        assert remake(tmp_path) == [name]
+        assert check(tmp_path) == {name: ""}
 
 
 def test_every_table_of_the_paper_has_a_job_and_tables_with_one_physics_share_it():
@@ -147,10 +133,20 @@ def test_the_impacts_in_the_readme_are_those_of_the_manifest():
 
 
 @pytest.mark.slow
-def test_every_frozen_reference_of_the_repository_is_good():
-    records = check(STORE)
-    assert len(records) == 19
-    assert [r for r in records if r["problem"]] == []
+def test_every_frozen_reference_of_the_repository_is_as_the_manifest_states():
+    manifest = json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]
+    assert len(manifest) == 19
+    assert {entry["file"] for entry in manifest} == {file.name for file in STORE.glob("*.nc")}
+    for entry in manifest:
+        solution = sb.load(STORE / entry["file"])
+        notes, facts = solution.provenance, contact_facts(solution)
+        assert {name: entry[name] for name in facts} == pytest.approx(facts, rel=1e-6)
+        assert [entry[name] for name in ("t_end", "form", "digits")] == [notes[x] for x in ("t_end", "form", "digits")]
+        assert (entry["confirmed_with"], entry["bound"]) == (notes["digits_confirmed_with"], BOUND)
+        with h5py.File(STORE / entry["file"]) as data:
+            assert data.attrs["hash"] == entry["hash"]
+        for table in entry["tables"]:
+            assert paper_cases()[table].system(entry["form"]).fingerprint == solution.fingerprint
 
 
 def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
@@ -220,9 +216,8 @@ def test_the_command_makes_checks_and_compares(tmp_path):
     made = run("table10", "--method", "multiprecision", "--t-end", "0.5", "--out", "ref.nc")
     assert (made.returncode, made.stderr) == (0, "")
     assert "horizon: 0.5" in made.stdout
-    (whole,) = check(tmp_path / "ref.nc")
-    assert not whole["problem"]
+    sb.load(tmp_path / "ref.nc")
     (tmp_path / "ref.nc").write_bytes((tmp_path / "ref.nc").read_bytes()[:5000])
-    (damaged,) = check(tmp_path / "ref.nc")
-    assert damaged["problem"]
+    with pytest.raises(sb.InputError):
+        sb.load(tmp_path / "ref.nc")
     assert run("table10", "--method", "multiprecision", "--digits", "many").returncode == 2

@@ -12,6 +12,7 @@ from vibro_march import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
+from stiffbeam.schemes.labels import parse_run
 from stiffbeam.studies import advise as module
 from stiffbeam.studies.advise import QUANTITIES, WANT, Probe, advised, advised_row, cheapest, unreached
 
@@ -55,7 +56,7 @@ def judged(family, number) -> tuple[bool, str]:
         if row is not None:
             members = sb.perturbed_members(system, 96, 1e-3, rng=99)
             exact = sb.reference_ensemble(system, case.t_end, members)
-            made = sb.integrate_ensemble(system, _scheme(row.scheme), row.dt, case.t_end, members, row.contact)
+            made = sb.integrate_ensemble(system, parse_run(row.scheme)[0], row.dt, case.t_end, members, row.contact)
             for name, column in (("impacts", "impact_count"), ("peak_force", "peak_force")):
                 for a, b in zip(made.contacts, exact.contacts, strict=True) if name not in lacking else ():
                     x, y = np.asarray(getattr(a, column), float), np.asarray(getattr(b, column), float)
@@ -68,14 +69,10 @@ def judged(family, number) -> tuple[bool, str]:
     good = all(errors[name] <= 1.001 * WANT[name] for name in WANT if name not in lacking)
     # What no run has reached is not reached by another solver's count of the finest one either.
     finest = max(records.table[records.table.kind == "run"].itertuples(), key=lambda p: p.steps)
-    run = sb.integrate(system, _scheme(finest.scheme), finest.dt, case.t_end, finest.contact)
+    run = sb.integrate(system, parse_run(finest.scheme)[0], finest.dt, case.t_end, finest.contact)
     misses = errors_by_another_solver(case, run)
     good &= all(misses[name] > 0.5 * WANT[name] for name in lacking)
     return good, f"{records.answer.verdict} {errors}"
-
-
-def _scheme(label):
-    return module.common.scheme_of(label)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ REFUSED = {
     "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
     "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
     "orbits": "a linear law|one drive frequency|exactly one Harmonic drive|be a multiple of 2 pi",
-    "converge": "keep the printed",  # some misprints grow at some steps
     "modes": "does not oscillate|no mode oscillates",  # over-damped, or without any stiffness beside the stops
     "chaos": "neighbouring motions become equal",  # by blows with e = 0, after which nothing of a neighbour is left
 }

@@ -123,6 +123,19 @@ def content_hash(data: xr.Dataset) -> str:
     return digest.hexdigest()
 
 
+def make_folder(folder: str | Path, option: str = "--out") -> Path:
+    """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
+    folder = file_path(option, folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError("no permission to write")
+    except OSError as error:
+        remedy = f"{error.strerror or error}: name another"
+        raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
+    return folder
+
+
 def write_netcdf(data: xr.Dataset, file: str | Path, compression: int = 0) -> Path:
     """Write a netCDF-4 file, compressed where ``compression`` is 1 to 9: into memory first, since HDF5 does not survive
     a full disk. Raises InputError for a place that cannot be written to."""

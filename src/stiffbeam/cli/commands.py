@@ -17,6 +17,7 @@ from cyclopts import App, Parameter
 
 from ..basics.progress import progress
 from ..basics.resources import cores
+from ..basics.storage import make_folder
 from ..basics.validation import InputError
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
@@ -29,7 +30,6 @@ from .output import (
     check_json,
     console,
     default_folder,
-    make_folder,
     say,
     write_json,
 )
@@ -44,7 +44,7 @@ Every command takes --quiet (-q: print nothing but errors and --json) and --verb
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
-    "converge": "Orders, work, time, impacts, energy lost and misprints of every integrator over the time step.",
+    "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.",

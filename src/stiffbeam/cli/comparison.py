@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ..basics.progress import progress
-from ..basics.storage import write_whole
+from ..basics.storage import make_folder, write_whole
 from ..basics.validation import InputError, positive
 from ..references.registry import BUDGET, REFERENCES
 from .output import (
@@ -24,7 +24,6 @@ from .output import (
     default_folder,
     file_name,
     json_text,
-    make_folder,
     say,
     write_json,
 )
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from ..measures.report import Report
     from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
-    from ..trajectory.trajectory import Reference, Trajectory
+    from ..trajectory.trajectory import Trajectory
 
 
 def compare(
@@ -120,7 +119,7 @@ def compare(
 
     with progress() as show:
         try:
-            result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, _truth, measured)
+            result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, measured)
         except KeyboardInterrupt:
             if answered:  # what is printed is written too
                 _write(answered[-1], folder, written)
@@ -188,15 +187,6 @@ def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[
             if case_scheme.name == scheme.source.name and ("@" not in text or case_form == form):
                 return case_scheme, form if "@" in text else case_form
     return run
-
-
-def _truth(case: CaseFile, form: str, t_end: float) -> Reference | None:
-    """The stored solution of a table of the paper, None if its physics or span differs."""
-    from ..studies.references import frozen, shipped
-
-    folder = shipped()
-    reference = None if folder is None else frozen(folder, case, form, t_end)
-    return reference if reference is not None and reference.provenance["t_end"] == t_end else None
 
 
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:

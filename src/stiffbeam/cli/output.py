@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..basics.progress import TALK
+from ..basics.storage import make_folder
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path
 
@@ -56,19 +57,6 @@ def file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
     return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
-
-
-def make_folder(folder: Path, option: str = "--out") -> Path:
-    """``folder``, created if necessary; InputError if that is impossible or nothing can be written there."""
-    file_path(option, folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError("no permission to write")
-    except OSError as error:
-        remedy = f"{error.strerror or error}: name another"
-        raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
-    return folder
 
 
 def check_json(file: Path | None) -> None:

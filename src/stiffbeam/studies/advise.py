@@ -46,6 +46,7 @@ from ..model.time_functions import Drive
 from ..references import best_reference
 from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
+from ..schemes.labels import label_of_run
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from . import common
 from .base import Answer, Records, Row, Study, Table, option
@@ -66,7 +67,12 @@ FEW = "{} exact motions take some {:.0f} s: "
 
 
 def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
-    return common.named_values("--want", tokens[0].value, float, "quantity=error", "tip=1e-3")
+    text = tokens[0].value
+    try:
+        pairs = [(name.strip(), float(error)) for name, error in (item.split("=") for item in text.split(","))]
+    except ValueError:
+        raise InputError("--want", text, "read quantity=error,...", "for example tip=1e-3,impacts=0.05") from None
+    return dict(pairs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +167,7 @@ class Advise(Study):
             chosen = cheapest(search.tried, open_wants) if open_wants else None
         facts = {"t_end": t_end, "horizon": exact.horizon, "members": criterion.members}
         rows = [
-            {"kind": "run"} | vars(p) | {"scheme": common.label_of_run(p.scheme), "advised": p is chosen}
+            {"kind": "run"} | vars(p) | {"scheme": label_of_run(p.scheme), "advised": p is chosen}
             | {f"error_{x}": p.errors[x] for x in p.errors} for p in search.tried
         ]  # fmt: skip
         for row in rows:
@@ -206,15 +212,8 @@ class Advise(Study):
                 group = group.sort_values("work")
                 axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
             if best is not None:
-                axis.plot(
-                    best.work,
-                    runs.worst[runs.advised.astype(bool)],
-                    "o",
-                    ms=10,
-                    mfc="none",
-                    color="black",
-                    label="advised",
-                )
+                worst = runs.worst[runs.advised.astype(bool)]
+                axis.plot(best.work, worst, "o", ms=10, mfc="none", color="black", label="advised")
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
         log_scale(axis)

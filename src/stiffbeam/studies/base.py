@@ -22,10 +22,10 @@ import pandas as pd
 
 from ..basics.progress import TALK, Show, working
 from ..basics.resources import cores
-from ..basics.storage import source_hash, write_whole
+from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
-from ..basics.validation import InputError, generator, integer
+from ..basics.validation import InputError, integer
 from ..files.cases import Case
 from ..model.system import System
 from ..model.time_functions import covered, stays_at_rest
@@ -85,9 +85,6 @@ class Study:
             value, least = getattr(self, each.name), each.metadata.get("least")
             if isinstance(value, np.ndarray):
                 value = value.tolist()
-            if each.name == "rng" and (not isinstance(value, int) or value < 0):
-                # One seed for all points of a study.
-                object.__setattr__(self, "rng", int(generator(value).integers(2**32)))
             if isinstance(value, (list, tuple)):
                 object.__setattr__(self, each.name, value := tuple(value))
             if least is not None and value is not None:
@@ -332,15 +329,7 @@ class Store:
     """
 
     def __init__(self, folder: str | Path | None, key: Any) -> None:
-        self.folder, self.key = None if folder is None else Path(folder), key
-        if self.folder is not None:
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                if not os.access(self.folder, os.W_OK):
-                    raise PermissionError(13, "no permission to write")
-            except OSError as error:
-                rule = "be a folder that can be written to"
-                raise InputError("folder", str(folder), rule, f"{error.strerror}: name another") from None
+        self.folder, self.key = None if folder is None else make_folder(folder, "folder"), key
 
     def rows(self, point: Row, compute: Any) -> list[Row]:
         """Rows of a point: those of its file, else those that ``compute()`` returns. Rows that lost something are not

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import lines, log_scale, look, shared_legend, short
+from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..model.modes import undamped_modes
@@ -140,7 +140,7 @@ class Chaos(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The exponents with their intervals, method by method."""
-        units, means = case.units, stated(table)
+        units, means = case.units, exponents(table)
         if not means:
             return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
         none = [method for method, known in means.items() if known is None]
@@ -176,15 +176,14 @@ class Chaos(Study):
             axes[0].text(distances.t.min(), 1.2 * LINEAR, "grows in proportion below", fontsize=8, color="0.3")
             log_scale(axes[0], x=False)
         axes[0].set(title="geometric mean over the pairs", xlabel=labels["t"], ylabel=labels["distance"])
-        means, jitter, axis = stated(table), np.random.default_rng(0), axes[1]
+        means, jitter, axis = exponents(table), np.random.default_rng(0), axes[1]
         for i, (method, known) in enumerate(means.items()):
             values, colour = _finite(table, method, "exponent"), look(method)["color"]
             axis.plot(values, i + jitter.uniform(-0.25, 0.25, len(values)), ".", ms=3, color=colour, alpha=0.5)
             if known is not None:
                 axis.errorbar(known[0], i, xerr=known[1], fmt="o", color=colour, lw=1.8)
         axis.axvline(0.0, color="0.5", lw=0.9)
-        axis.set_yticks(range(len(means)), [short(method) for method in means], fontsize=8.5)
-        axis.set_ylim(len(means) - 0.4, -0.6)
+        name_lines(axis, [short(method) for method in means])
         axis.set(title="exponents: every start, mean, 95 % interval", xlabel=labels["exponent"])
         shared_legend(figure)
 
@@ -279,24 +278,19 @@ def _tangent(system: System, t_end: float) -> list[Row]:
 
 
 def exponents(table: Table) -> dict[str, tuple[float, float] | None]:
-    """Mean exponent of every method and the half-width of its 95 % interval, by their scatter; None where the distances
-    do not change exponentially."""
+    """Mean exponent of every method of which SURE pairs or more were followed long enough, and the half-width of its
+    95 % interval, by their scatter; None where the distances do not change exponentially."""
     means: dict[str, tuple[float, float] | None] = {}
     for method in table.method.unique():
         values, late = (_finite(table, method, name) for name in ("exponent", "late"))
-        if len(values) > 1:
-            of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
-            late = np.sort(late)
-            grown = len(late) > 1 and (late[of_median] > THREEFOLD or late[-1 - of_median] < -THREEFOLD)
-            factor = float(student.ppf(0.975, len(values) - 1))  # Student's t: few pairs may be followed long enough
-            interval = factor * float(np.std(values, ddof=1) / np.sqrt(len(values)))
-            means[method] = (float(np.mean(values)), interval) if grown else None
+        if len(late) < SURE:
+            continue
+        of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
+        late = np.sort(late)
+        grown = late[of_median] > THREEFOLD or late[-1 - of_median] < -THREEFOLD
+        interval = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+        means[method] = (float(np.mean(values)), interval) if grown else None
     return means
-
-
-def stated(table: Table) -> dict[str, tuple[float, float] | None]:
-    """The ``exponents`` of the methods of which SURE pairs or more were followed long enough."""
-    return {x: pair for x, pair in exponents(table).items() if len(_finite(table, x, "late")) >= SURE}
 
 
 def _finite(table: Table, method: str, name: str) -> Array:

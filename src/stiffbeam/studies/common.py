@@ -21,9 +21,8 @@ from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
-from ..references.ensemble import reference_ensemble
 from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, takes_stops
-from ..schemes.labels import label_of_run, make, parse_run, split_runs
+from ..schemes.labels import label_of_run, make, split_runs
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
 from .base import Study, Table, option
@@ -57,20 +56,6 @@ def read_values(text: str) -> list[float]:
         raise InputError("values", text, rule, "for example 8:14:400") from None
     afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
-
-
-def named_values(flag: str, text: str, value_of: Callable[[str], Any], form: str, example: str) -> dict[str, Any]:
-    """The values of "name=value,..." by name; ``value_of`` raises ValueError."""
-    read: dict[str, Any] = {}
-    for item in filter(None, text.split(",")):
-        name, _, value = (part.strip() for part in item.rpartition("="))
-        if name in read:
-            raise InputError(flag, text, f"name {name} once", "leave one of its values out")
-        try:
-            read[name] = value_of(value)
-        except ValueError:
-            raise InputError(flag, item, f"read {form}", f"for example {example}") from None
-    return read
 
 
 def _values(kind: Any, tokens: Sequence[Token]) -> list[float]:
@@ -138,17 +123,6 @@ def takes(case: Case, scheme: Scheme) -> bool:
     return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
 
 
-def takes_extrapolation(case: Case) -> bool:
-    """Return True if the force of the stops depends on the position alone, as the paper's extrapolated contact
-    requires."""
-    return not any(c.stops.rigid or c.stops.dissipative for c in case.system().contacts)
-
-
-def scheme_of(label: str) -> Scheme:
-    """The scheme with this label."""
-    return parse_run(label)[0]
-
-
 def significant(value: float, form: str, least: float = 1e-12) -> str:
     """A number as text, "0" where its size is below ``least``: rounding."""
     return "0" if abs(value) < least else f"{value:{form}}"
@@ -171,11 +145,6 @@ def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     return observed_order(step(kept), kept[error])
 
 
-def halved(end: float, dt: float, halvings: int, per_octave: int = 1) -> list[int]:
-    """Number of steps in [0, end] at dt, dt/2, dt/4, ..."""
-    return [max(4, round(end / dt * 2.0 ** (k / per_octave))) for k in range(halvings * per_octave)]
-
-
 def to_the_end(steps: int, outputs: int) -> int:
     """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
 
@@ -186,21 +155,13 @@ def to_the_end(steps: int, outputs: int) -> int:
 
 
 def run_members(
-    method: str | Scheme,
-    members: EnsembleMembers,
-    dt: float,
-    t_end: float,
-    contact: str = "implicit",
-    every: int | None = None,
+    scheme: Scheme, members: EnsembleMembers, dt: float, t_end: float, contact: str, every: int | None = None
 ) -> Ensemble:
-    """The ensemble of a scheme or its label, or of the exact solution. Raises Diverged where a member overflows."""
-    if method == "exact":
-        return reference_ensemble(members.system, t_end, members)
-    scheme = scheme_of(method) if isinstance(method, str) else method
+    """The ensemble of a scheme. Raises Diverged where a member overflows."""
     many = integrate_ensemble(members.system, scheme, dt, t_end, members, contact, every)
     if np.any(np.isfinite(many.diverged)):
         remedy = "use a smaller dt" if contact == "implicit" else "use the implicit contact or a smaller dt"
-        raise Diverged(str(method), float(np.nanmin(many.diverged)), remedy)
+        raise Diverged(str(scheme), float(np.nanmin(many.diverged)), remedy)
     return many
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,20 +20,7 @@ from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-
-
-@dataclass(frozen=True)
-class _Solver:
-    """References of a comparison, each within a budget of seconds; with ``cache`` kept for the next time."""
-
-    cache: bool
-    budget: float
-
-    def __call__(self, system: System, t_end: float, method: str, times: Array | None) -> Reference:
-        """Solve as far as the budget allows. times: None for any time."""
-        # The exact solution takes no longer than reading a file.
-        solve = cached_reference if self.cache and method != "exact" else reference
-        return solve(system, t_end, method, times, progress=False, seconds=self.budget)
+from .references import frozen, shipped
 
 
 @dataclass(frozen=True)
@@ -48,7 +34,7 @@ class CaseComparison:
     comparisons: list[Comparison] = field(default_factory=list)
     failures: list[tuple[str, str]] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
-    truths: dict[str, Reference] = field(default_factory=dict)  # by form, where one was given
+    truths: dict[str, Reference] = field(default_factory=dict)  # by form, of tables of the paper: stored solutions
 
     def __repr__(self) -> str:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
@@ -91,7 +77,6 @@ def compare_case(
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
     cache: bool = False,
     budget: float = BUDGET,
-    truth: Callable[[Case, str, float], Reference | None] = lambda case, form, t_end: None,
     measured: Callable[[CaseComparison, Trajectory | None], None] = lambda result, solution: None,
 ) -> CaseComparison:
     """Run every scheme over the case's time span and compare it with a reference of the same form.
@@ -105,8 +90,7 @@ def compare_case(
     those of ``COMPARED`` that support the system. keep: called with every trajectory as soon as it is finished.
     measured: called with the result and None when all schemes are compared, then with each further reference. cache:
     store the references, and use stored ones. budget: CPU seconds that a further reference may take, the main one
-    four times as many; one that would take more ends earlier. truth: called with case, form and t_end, returns a
-    solution that holds over the whole span, or None.
+    four times as many; one that would take more ends earlier.
     """
     case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
@@ -131,9 +115,9 @@ def compare_case(
         of_form[form] = result.runs[begin:]
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
         raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
-    methods, solver, further = list(dict.fromkeys([*references, *solvers])), _Solver(cache, budget), []
+    methods, further = list(dict.fromkeys([*references, *solvers])), []
     for form, system in systems.items():
-        solutions = _references(system, case, methods, result, progress, solver)
+        solutions = _references(system, methods, result, progress, cache, budget)
         main = next(solutions, None)
         if main is None:
             continue
@@ -141,8 +125,10 @@ def compare_case(
         for run in of_form[form]:
             progress(f"measuring {run.label}", 0, 0)
             _measure(result, run, main)
-        if main.horizon < case.t_end and (true := truth(case, form, case.t_end)) is not None:
-            result.truths[form] = true
+        if main.horizon < case.t_end and (folder := shipped()) is not None:
+            true = frozen(folder, case, form, case.t_end)
+            if true is not None and true.provenance["t_end"] == case.t_end:
+                result.truths[form] = true
         further.append((main, solutions))
     measured(result, None)
     for main, solutions in further:
@@ -165,8 +151,8 @@ def _scheme(
         if one.kind == RECORDED and len(one.source) == 1:
             run = one.source[0]
         else:
-            show = partial(_steps, progress, label, steps)
             repeat = fastest if one.kind == SCHEME else lambda march: march()
+            show = lambda done: progress(label, done, steps)  # noqa: E731
             run = repeat(lambda: one.run(system, case.dt, case.t_end, contact, show=show))
     except (Diverged, InputError, SolverFailure) as error:
         result.note(label, error)
@@ -176,33 +162,30 @@ def _scheme(
     return None
 
 
-def _steps(progress: Show, label: str, steps: int, done: int) -> None:
-    progress(label, done, steps)
-
-
 def _references(
-    system: System, case: Case, methods: Sequence[str], result: CaseComparison, progress: Show, solver: _Solver
+    system: System, methods: Sequence[str], result: CaseComparison, progress: Show, cache: bool, budget: float
 ) -> Iterator[Reference]:
     """Yield the main reference, the first of ``methods`` that can take the system, then the others to its horizon."""
-    main, window = None, case.t_end
-    steps = round(case.t_end / case.dt)
-    for method in dict.fromkeys(methods):
+    main, case = None, result.case
+    steps, seconds = round(case.t_end / case.dt), 4.0 * budget
+    for method in methods:
         label = f"{method}@{system.form}"
+        progress(label if main is None else f"{label} to the horizon {steps * case.dt:.3g}", 0, 0)
+        # The exact solution takes no longer than reading a file.
+        solve = cached_reference if cache and method != "exact" else reference
+        # The adaptive solvers answer at the times they were asked for: the runs' own steps.
+        times: Array | None = np.arange(steps + 1) * case.dt
+        t_end = case.t_end if main is None else float(times[-1])
+        if main is None and method in ("exact", "multiprecision"):
+            times = None
         try:
-            if main is None:
-                progress(label, 0, 0)
-                # The adaptive solvers answer at the times they were asked for: the runs' own steps.
-                times = None if method in ("exact", "multiprecision") else np.arange(steps + 1) * case.dt
-                solution = replace(solver, budget=4.0 * solver.budget)(system, case.t_end, method, times)
-            else:
-                progress(f"{label} to the horizon {window:.3g}", 0, 0)
-                times = np.arange(steps + 1) * case.dt
-                solution = solver(system, float(times[-1]), method, times)
+            solution = solve(system, t_end, method, times, progress=False, seconds=seconds)
         except (InputError, SolverFailure) as error:
             result.note(label, error)
             continue
         if main is None:
-            main, window = solution, min(float(solution.t[-1]), solution.horizon)
+            main, seconds = solution, budget
+            window = min(float(solution.t[-1]), solution.horizon)
             steps = int(np.floor(window / case.dt * (1 + 1e-12)))
         result.references.append(solution)
         yield solution

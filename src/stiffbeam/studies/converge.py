@@ -25,7 +25,6 @@ from ..model.system import System
 from ..model.time_functions import Drive
 from ..references import takes
 from ..references.registry import ADAPTIVE, COMPARED, REFERENCES
-from ..schemes.misprints import forms_of
 from ..trajectory.trajectory import Reference, Trajectory
 from . import common
 from .base import Answer, Row, Study, Table, option
@@ -50,7 +49,6 @@ VIEWS = {  # x, y, title
     "impacts": ("dt", "impacts", "impacts to the horizon"),
     "matched": ("dt", "matched_until", "exact impacts followed"),
     "loss": ("dt", "energy_lost", "numerical dissipation"),
-    "misprints": ("dt", "ratio", "error as printed over corrected"),
 }
 
 
@@ -74,7 +72,7 @@ class Converge(Study):
         "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
     )
     views: common.Labels = option(
-        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss, misprints"
+        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss"
     )
     kinds: common.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both")
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
@@ -84,13 +82,13 @@ class Converge(Study):
     contact: str = common.treatment()
 
     smoke: ClassVar = {"integrators": ["BDF2", "SDIRK(gamma=0.4359)"], "halvings": 4, "impacts": 2,
-                       "views": ["order", "work", "impacts", "loss", "misprints"]}  # fmt: skip
+                       "views": ["order", "work", "impacts", "loss"]}  # fmt: skip
     height: ClassVar = 8.4
     labels: ClassVar = {
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
         "solves": ("linear solves or evaluations", ""), "seconds": ("seconds of stepping", ""),
         "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
-        "energy_lost": ("share of the energy supplied", ""), "ratio": ("times the error", ""),
+        "energy_lost": ("share of the energy supplied", ""),
     }  # fmt: skip
 
     @property
@@ -110,15 +108,12 @@ class Converge(Study):
             raise InputError("halvings", self.halvings, rule, "take fewer, or a smaller dt")
 
     def chosen(self, case: Case) -> dict[str, Integrator]:
-        """Integrators by label, misprints behind their schemes."""
+        """Integrators by label."""
         picked = common.chosen(case, self.integrators)
         if self.integrators is None:
             system = case.system(self.form)
             here = [m for m in SOLVERS if takes(m, system, case.t_end)]
             picked |= common.chosen(case, here)
-        if "misprints" in (self.views or ()):
-            for one in [x for x in picked.values() if x.kind == SCHEME and not x.source.erratum]:
-                picked |= common.chosen(case, [one.source.printed(name) for name in forms_of(one.source)])
         return picked
 
     def points(self, case: Case) -> list[Row]:
@@ -136,13 +131,7 @@ class Converge(Study):
                     levels = self.tolerances or () if REFERENCES[label].kind == "adaptive" else ()
                     plan += [shared | {"rtol": float(rtol)} for rtol in levels]
                     continue
-                treatments = [self.contact]
-                if "misprints" in (self.views or ()) and kind == CONTACT and one.kind == SCHEME:
-                    extrapolated = common.takes_extrapolation(case) and not one.source.erratum
-                    treatments += ["extrapolated"] if extrapolated else []
-                plan += [
-                    shared | {"contact": c} | each for c in treatments for each in self._steps(case, one, kind, end)
-                ]
+                plan += [shared | each for each in self._steps(case, one, kind, end)]
         if not plan:
             rule = "run without contact or have stops: recorded runs are of the case itself"
             raise InputError("integrators", ", ".join(self.chosen(case)), rule, "give a function or a scheme")
@@ -157,14 +146,13 @@ class Converge(Study):
                 one.recorded_at(system, dt)
             return [{"steps": round(end / dt), "octave": round(float(np.log2(steps[0] / dt)))} for dt in steps]
         per = PER_OCTAVE if kind == CONTACT and one.kind == SCHEME else 1
-        counts = common.halved(end, case.dt, self.halvings, per)
+        counts = [max(4, round(end / case.dt * 2.0 ** (k / per))) for k in range(self.halvings * per)]
         # Steps that round to one number are one point.
         return list({n: {"steps": n, "octave": k // per} for k, n in reversed([*enumerate(counts)])}.values())[::-1]
 
     def run(
-        self, case: Case, kind: str, integrator: str, t_end: float, rtol: float = 0.0, steps: int = 0, octave: int = 0,
-        contact: str = "implicit",
-    ) -> Row:  # fmt: skip
+        self, case: Case, kind: str, integrator: str, t_end: float, rtol: float = 0.0, steps: int = 0, octave: int = 0
+    ) -> Row:
         """Error, work and time to t_end, and impacts to the horizon; the reason why it does not count in an order."""
         system, one = case.system(self.form), self.chosen(case)[integrator]
         if kind == SMOOTH:
@@ -181,24 +169,24 @@ class Converge(Study):
             return _cost(one, run) | {"tip_error": error, "left_out": "solver"}
         dt = t_end / steps
         every = max(1, steps // SAMPLES)
-        run = timed(lambda: one.run(system, dt, t_end, contact, every))
+        run = timed(lambda: one.run(system, dt, t_end, self.contact, every))
         error = tip_error(run.tip, exact.at(run.t)[0])
         row = _cost(one, run) | {"dt": dt, "tip_error": error.rms, "tip_error_max": error.max}
         row["left_out"] = _left_out(case, system, exact, run, kind == CONTACT, dt, steps, error.rms)
         if kind == CONTACT:
-            row |= self._followed(case, one, exact, contact, dt)
+            row |= self._followed(case, one, exact, dt)
         if "loss" in (self.views or ()) and one.kind == SCHEME:
             row["energy_lost"] = float(run.energy.lost_fraction())
         return row
 
-    def _followed(self, case: Case, one: Integrator, exact: Reference, contact: str, dt: float) -> Row:
+    def _followed(self, case: Case, one: Integrator, exact: Reference, dt: float) -> Row:
         """Impacts of a run and of the exact motion to its horizon, and the time to which they match."""
         end = min(exact.horizon, case.t_end)
         if one.kind == RECORDED:
             end = min(end, max(float(run.t[-1]) for run in one.source))
         steps = max(2, round(end / dt))
         end, system = steps * dt if one.kind != RECORDED else end, case.system(self.form)
-        run = one.run(system, dt, end, contact, every=steps)
+        run = one.run(system, dt, end, self.contact, every=steps)
         until = min(end, exact.horizon)
         pairs = list(zip(run.contacts, exact.contacts, strict=True))
         return {
@@ -226,18 +214,15 @@ class Converge(Study):
             )
             parts += [f"{found} {words[kind]}"] if of_kind else []
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
-        costs = cheapest(_implicit(at, self.contact), ERROR, "solves")
+        costs = cheapest(at, ERROR, "solves")
         for label, cost in costs.items():
             small[label][f"work for {ERROR:g}"] = _count(cost)
-        right = right_from(_implicit(at, self.contact))
+        right = right_from(at)
         for label, dt in right.items():
             small[label]["impacts right from dt"] = f"{dt:.2g}" if np.isfinite(dt) else DASH
         if "energy_lost" in at:
             for label, rows in at[at.energy_lost.notna()].groupby("integrator", sort=False):
                 small[str(label)]["energy lost at dt"] = percent(rows.energy_lost.iloc[0])
-        ratios = misprints(table)
-        for (label, reading), factor in ratios.items():
-            small[label][f"error, {reading}" if reading == "extrapolated" else "error, misprinted"] = f"× {factor:.3g}"
         best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if best is not None:
@@ -259,16 +244,14 @@ class Converge(Study):
         axes = figure.subplots(-(-len(panels) // columns), columns, squeeze=False).ravel()
         figure.set_figheight(1.4 + 3.9 * (len(axes) // columns))
         for axis, (view, kind) in zip(axes, panels, strict=False):
-            rows = _implicit(table[table.kind == kind] if view == "order" else main, self.contact)
+            rows = table[table.kind == kind] if view == "order" else main
             x, y, title = VIEWS[view]
             if view == "order":
                 title = "without contact" if kind == SMOOTH else "through the first impacts"
                 _orders(axis, rows, {label: order for (k, label), order in orders(rows).items() if k == kind})
-            elif view == "misprints":
-                _misprints(axis, table)
             elif x in rows and y in rows:
                 _curves(axis, rows, x, y)
-            log_scale(axis, y=y == "tip_error" or (view == "misprints" and axis.get_ylim()[1] > 5.0))
+            log_scale(axis, y=y == "tip_error")
             if y == "tip_error":
                 axis.set_ylim(top=min(axis.get_ylim()[1], 1e3))
                 mark_order(axis, (3, 2, 1) if x == "dt" else (-2, -1), 0.96 if x == "dt" else 0.3)
@@ -316,11 +299,6 @@ def _left_out(
     return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-def _implicit(table: Table, contact: str) -> Table:
-    """The rows of the chosen treatment of contact, and those of solvers."""
-    return table[table.contact.isna() | (table.contact == contact)] if "contact" in table else table
-
-
 def _touches(table: Table) -> bool:
     return "exact_impacts" in table and bool((table.exact_impacts > 0).any())
 
@@ -333,10 +311,7 @@ def envelope(rows: Table) -> tuple[list[float], list[float]]:
 
 def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order by (kind, integrator), of those that run in steps."""
-    rows = table[table.left_out != "solver"]
-    if "contact" in rows:
-        rows = rows[rows.contact == rows.contact.iloc[0]]
-    groups = rows.groupby(["kind", "integrator"], sort=False)
+    groups = table[table.left_out != "solver"].groupby(["kind", "integrator"], sort=False)
     return {(str(kind), str(label)): observed_order(*envelope(group)) for (kind, label), group in groups}
 
 
@@ -370,29 +345,6 @@ def right_from(table: Table) -> dict[str, float]:
     return steps
 
 
-def misprints(table: Table) -> dict[tuple[str, str], float]:
-    """Error over that of the corrected scheme with implicit contact at the finest step, by (label, reading)."""
-    return {key: float(rows.ratio.iloc[-1]) for key, rows in _ratios(table).items() if len(rows)}
-
-
-def _ratios(table: Table) -> dict[tuple[str, str], Table]:
-    """Rows (dt, ratio) of misprinted schemes and of extrapolated contact, beside their schemes."""
-    ratios: dict[tuple[str, str], Table] = {}
-    rows = table[table.left_out != "solver"]
-    for label in rows.integrator.unique():
-        readings = [(label, "extrapolated")]
-        readings += [(x, "printed") for x in rows.integrator.unique() if x.startswith(f"{label}.printed")]
-        kind = CONTACT if CONTACT in set(rows.kind) else SMOOTH
-        base = rows[(rows.integrator == label) & (rows.kind == kind) & (rows.contact != "extrapolated")]
-        for other, reading in readings:
-            theirs = rows[(rows.integrator == other) & (rows.kind == kind)]
-            theirs = theirs[(theirs.contact == "extrapolated") == (reading == "extrapolated")]
-            both = base.merge(theirs, on="steps", suffixes=("", "_other")).sort_values("dt", ascending=False)
-            if len(both) and ".printed" not in label:
-                ratios[other, reading] = pd.DataFrame({"dt": both.dt, "ratio": both.tip_error_other / both.tip_error})
-    return ratios
-
-
 def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
     for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
         if "octave" in group and y == "tip_error" and group.octave.notna().any():
@@ -421,12 +373,3 @@ def _orders(axis: Axes, rows: Table, observed: dict[str, Order]) -> None:
         if order is not None and np.isfinite(order.slope):
             ends = np.array([group.dt[counted].min(), group.dt[counted].max()])
             axis.plot(ends, order.constant * ends**order.slope, **style | {"marker": "", "lw": 1.4})
-
-
-def _misprints(axis: Axes, table: Table) -> None:
-    for (label, reading), rows in _ratios(table).items():
-        fill: dict[str, Any] = {"mfc": "white"} if reading == "extrapolated" else {}
-        text = f"{short(label)}, extrapolated" if reading == "extrapolated" else short(label)
-        axis.plot(rows.dt, rows.ratio, label=text, lw=1.1, ms=4.0, **look(label) | fill)
-    if axis.lines:
-        axis.axhline(1.0, color="0.5", lw=0.9, ls=":")

@@ -78,14 +78,6 @@ FINER_MODEL = (2 / 3, 2.0)
 SPAN = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 
 
-def _ranges(kind: Any, tokens: Sequence[Any]) -> dict[str, tuple[float, float]]:
-    def ends(text: str) -> tuple[float, float]:
-        low, high = map(float, text.split(":"))
-        return low, high
-
-    return common.named_values("--uncertain", tokens[0].value, ends, "path=low:high", "stiffness=270:330")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Doubt(Study):
     """How uncertain is each result of a run, and is it by rounding, scheme, mesh, data or time span?
@@ -98,13 +90,11 @@ class Doubt(Study):
     """
 
     scheme: Any = option(None, "scheme to examine; default: the case's first")
-    uncertain: Annotated[
-        Mapping[str, Any] | None, Parameter(converter=_ranges, n_tokens=1, accepts_keys=False, negative=())
-    ] = option(
-        None, "path=low:high,...; default: the ranges of the case file; in Python also scipy.stats distributions"
+    uncertain: Annotated[Mapping[str, Any] | None, Parameter(parse=False)] = option(
+        None, "(low, high) or a scipy.stats distribution by path; default: the ranges of the case file"
     )
     members: int = option(48, "number of systems with random parameters", least=8)
-    rng: int = option(1, "seed of the random systems, in Python also a generator of NumPy")
+    rng: int = option(1, "seed of the random systems", least=0)
     tolerance: float = option(0.05, "of the data horizon, relative to the largest |u|")
     form: str | None = common.form()
     contact: str = common.treatment()
@@ -292,11 +282,11 @@ def columns_of(
     """
 
     def distance(one: Array, other: Array) -> Column:
-        return mean_of(np.sqrt(np.mean((one - other) ** 2, axis=1)))
+        return Column(np.mean, np.sqrt(np.mean((one - other) ** 2, axis=1)))
 
     none, past = np.zeros(len(exact)), many.get("rounding")
     off = {name: distance(each.tip, exact.tip) for name, each in many.items()}
-    off["rounding"] = mean_of(none) if past is None else distance(past.tip, np.median(past.tip, axis=0))
+    off["rounding"] = Column(np.mean, none) if past is None else distance(past.tip, np.median(past.tip, axis=0))
     off["data"] = distance(exact.tip, np.median(exact.tip, axis=0))
     found = {"tip": (float(np.max(np.abs(exact.tip))), off)}
     values = {name: measured(each) for name, each in many.items()}
@@ -327,15 +317,11 @@ def _span(exact: Ensemble, contact: int) -> Column:
 # ---------------------------------------------------------------- intervals and the largest source
 
 
-def _means(x: Array, axis: int = 1) -> Array:
-    return np.mean(x, axis=axis)
-
-
-def _deviations(x: Array, axis: int = 1) -> Array:
+def _deviations(x: Array, axis: int = -1) -> Array:
     return np.std(x, axis=axis, ddof=1)
 
 
-def _roots(x: Array, axis: int = 1) -> Array:
+def _roots(x: Array, axis: int = -1) -> Array:
     return np.sqrt(np.mean(x**2, axis=axis))
 
 
@@ -350,22 +336,17 @@ class Column:
     @property
     def size(self) -> float:
         """|statistic| of all members, times its factor."""
-        return self.factors[0] * abs(float(self.statistic(self.sample[None])[0]))
+        return self.factors[0] * abs(float(self.statistic(self.sample)))
 
     def resampled(self) -> Array:
         """The statistic of RESAMPLES resamples, which are the same members in every column of that size."""
         draws = np.random.default_rng(1).integers(0, len(self.sample), (RESAMPLES, len(self.sample)))
-        return self.statistic(self.sample[draws])
-
-
-def mean_of(distances: Array) -> Column:
-    """The column of the mean of distances."""
-    return Column(_means, distances)
+        return self.statistic(self.sample[draws], axis=-1)
 
 
 def shift(values: Array, wanted: Array) -> Column:
     """The column of mean(values - wanted), member by member."""
-    return mean_of(np.asarray(values, float) - np.asarray(wanted, float))
+    return Column(np.mean, np.asarray(values, float) - np.asarray(wanted, float))
 
 
 def scatter(values: Array) -> Column:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..figures.chart import lines, shared_legend, short, signed_log
+from ..figures.chart import lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the energy balance is kept
-MOST = 100.0  # per cent: a larger share is a number at the edge, without a bar
+MOST = 100.0  # per cent: a larger share is a number at a bar that is as long as the longest of the others
 ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
 REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
@@ -142,25 +142,20 @@ def _shares(axis: Axes, runs: dict[Any, Table], names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
     lasts = {name: (runs[name].iloc[-1], _supplied(runs[name])) for name in names if name in runs}
     shares = {
-        part: [100.0 * lasts[x][0][part] / lasts[x][1] if x in lasts and lasts[x][1] > 0.0 else np.nan for x in names]
+        part: np.array([100.0 * row[part] / most if most > 0.0 else np.nan for row, most in lasts.values()])
         for part, *_ in PARTS
     }
-    reach = 1.35 * max([1.0, *(abs(x) for each in shares.values() for x in each if abs(x) <= MOST)])
-    look: dict[str, Any] = {"va": "center", "fontsize": 7.5, "color": "0.3"}
+    longest = max([1.0, *(abs(x) for each in shares.values() for x in each if abs(x) <= MOST)])
     for part, words, colour, place in PARTS:
-        for i, share in enumerate(shares[part]):
-            label = words if i == 0 else None
-            axis.barh(i + place, share if abs(share) <= MOST else np.nan, 0.3, color=colour, label=label)
-            if abs(share) <= MOST:
-                axis.text(share, i + place, f" {_percent(share)} ", ha="right" if share < 0.0 else "left", **look)
-            elif np.isfinite(share):
-                where, side = np.sign(share) * reach, "left" if share < 0.0 else "right"
-                axis.text(where, i + place, f" off scale: {_percent(share)} ", ha=side, fontweight="bold", **look)
+        at, share = place + np.array([names.index(x) for x in lasts], int), shares[part]
+        bars = axis.barh(at, np.clip(share, -longest, longest), 0.3, color=colour, label=words)
+        texts = [_percent(x) if abs(x) <= longest else f"off scale: {_percent(x)}" for x in share]
+        axis.bar_label(bars, texts, padding=3, fontsize=7.5, color="0.3")
     for name in (x for x in lasts if not lasts[x][0].sure):
-        axis.text(0.0, names.index(name), " not known", **look)
+        axis.text(0.0, names.index(name), " not known", va="center", fontsize=7.5, color="0.3")
     axis.axvline(0.0, color="0.5", lw=0.9)
-    axis.set(xlim=(-reach, reach), ylim=(len(names) - 0.4, -0.6))
-    axis.set_yticks(range(len(names)), [short(name) for name in names], fontsize=8.5)
+    axis.set_xlim(-1.4 * longest, 1.4 * longest)
+    name_lines(axis, [short(name) for name in names])
     if names:
         axis.legend(fontsize=8, loc="lower left")
 

@@ -20,7 +20,7 @@ from scipy.stats import t as student
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import integer
-from ..figures.chart import lines, log_scale, look, shared_legend, short, tip_symbol
+from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short, tip_symbol
 from ..figures.runs import OMEGA
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, part_of
@@ -65,7 +65,7 @@ class Ensemble(Study):
     form: str | None = common.form()
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
-    rng: int = option(1, "seed of the perturbations, in Python also a generator of NumPy")
+    rng: int = option(1, "seed of the perturbations", least=0)
     contact: str = common.treatment()
 
     smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "members": 8}
@@ -346,11 +346,6 @@ def _spread(values: Array, digits: int = 3) -> str:
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
 
 
-def _lines_of(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
-    axis.set_yticks(range(len(groups)), [short(method) + place for method, place, _ in groups], fontsize=8.5)
-    axis.set_ylim(len(groups) - 0.4, -0.6)
-
-
 def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale: float) -> None:
     """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
@@ -364,7 +359,7 @@ def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale
                 axis.axvline(mean, color="black", lw=0.9, ls=":")
     if quantity == "energy_lost":
         axis.axvline(0.0, color="black", lw=0.9, ls=":")
-    _lines_of(axis, groups)
+    name_lines(axis, [short(method) + place for method, place, _ in groups])
 
 
 def _peaks(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
@@ -376,4 +371,4 @@ def _peaks(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
                 axis.hlines(i, force[k], force[-1 - k], color=colour, lw=width)
             axis.plot(force[2], i, "o", mfc="white", color=colour)
     log_scale(axis, y=False)
-    _lines_of(axis, groups)
+    name_lines(axis, [short(method) + place for method, place, _ in groups])

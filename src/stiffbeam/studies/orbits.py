@@ -27,14 +27,7 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import (
-    EXACT,
-    PARAMETERS,
-    drive_period,
-    is_path,
-    named,
-    setup_of,
-)
+from .parameters import EXACT, PARAMETERS, drive_period, is_path, named, setup_of
 from .sweep import Sweep
 
 if TYPE_CHECKING:
@@ -147,7 +140,7 @@ class Orbits(Study):
         said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
         low, high = (pick(row[name] for row in first) for pick in (min, max))
         return Answer(
-            f"Orbits of {length:g} period{'s' if length != 1 else ''} over {named_plainly(name)} "
+            f"Orbits of {length:g} period{'s' if length != 1 else ''} over {name.replace('-', ' ')} "
             f"{low:g} to {high:g}: {said or first[0]['stability'] + ' all along'}.",
             pd.DataFrame(small),
             " ".join(f"The branch ends {reason}." for reason in ends),
@@ -313,8 +306,3 @@ def _rows(name: str, place: int, value: float, orbit: Orbit, length: int) -> lis
 def _said(row: Row) -> str:
     below, above = row["below"], row["above"]
     return f"{below} on both sides" if below == above else f"{below} below, {above} above"
-
-
-def named_plainly(name: str) -> str:
-    """A parameter in a sentence."""
-    return name if is_path(name) else name.replace("-", " ")

@@ -11,7 +11,7 @@ t_end at every value, with impacts per unit of time and without sections.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -20,17 +20,16 @@ import pandas as pd
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import InputError, near, number, one_of
+from ..basics.validation import InputError, near, number
 from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..march.integrate import Plan
 from ..measures.report import percent
 from ..model.members import paths_of
 from ..model.natural_modes import modes
 from ..model.system import System
 from ..model.time_functions import covered
-from ..references import best_reference, substitute
+from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
 from ..schemes import Scheme
@@ -56,13 +55,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOG_RANGE = 30.0  # ratio of the values of a map from which on its colours are logarithmic
+LOG_RANGE = 30.0  # ratio of values from which on their axis, or the colours of their map, are logarithmic
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
 BATCHES = 16  # points of a sweep
-STARTS = ("case", "last")
-LAST, WAYS = "last", ("there", "back")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +69,8 @@ class Sweep(Study):
     One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram. The
     ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
     case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
-    after 100. If several frequencies drive the system, the period is that of the drive whose parameter is varied. With
-    ``start`` "last" one process goes through the values in their order and back, each from the last state of the one
-    before: coexisting motions appear as two branches. Limitation: drives of other frequencies begin anew at every
-    value.
+    after 100. If several frequencies drive the system, the period is that of the drive whose parameter is varied.
+    Limitation: each motion starts as the case does; a coexisting motion is not seen (see orbits).
 
     Example: stiffbeam sweep table10 --parameter frequency --values 8:14:400
     """
@@ -96,23 +91,82 @@ class Sweep(Study):
     periods: int = option(60, "periods of the drive to record", least=1)
     transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
-    start: str = option(
-        "case", 'first state at each value: "case", or "last", that of the value before, through the values and back'
-    )
 
     smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
     named_by: ClassVar = ("parameter", "second")
     height: ClassVar = 8.2
 
     def points(self, case: Case) -> list[Row]:
-        """Batches of values that march together."""
-        return plan(self, case)
+        """Batches of values that march together, after the checks of the options."""
+        parameter, second, base = self.parameter, self.second, case.system(self.form)
+        method = self.method
+        if method is None:
+            runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
+            method = runs[0] if runs else EXACT
+        scheme = scheme_of(case, method)
+        method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
+        # Without a period of the drive, every value is one run from 0 to t_end, without sections.
+        period = drive_period(base, parameter)
+        once = period is None
+        self._check(case, scheme, method, once)
+        values = self.values
+        if values is None:
+            assert period is not None  # else refused
+            values = np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period
+        axes = {parameter: values} if second is None else {parameter: values, second: self.second_values}
+        for name, along in axes.items():
+            if along is None or not len(along):
+                raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
+        grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
+        transient = 0 if once else self.transient
+        shared = {
+            "parameter": parameter, "second": second, "method": method, "form": self.form or case.forms[0],
+            "contact": self.contact, "dt": None if method == EXACT else case.dt,
+            "periods": 1 if once else self.periods, "transient": transient,
+        } | ({"t_end": case.t_end} if once else {})  # fmt: skip
+        # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
+        ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
+        if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+            try:
+                refuse(ends[0].system, transient * ends[0].period)
+            except InputError as error:
+                remedy = "name a scheme as method, or transient=0: other solvers record contacts from the start only"
+                raise InputError(error.field, error.value, error.rule, remedy) from None
+        if second is not None and parameter in IN_STEP:  # what marches together stands together
+            wanted = [[x, y] for y in grid[1] for x in grid[0]]
+        else:
+            wanted = [list(value) for value in product(*grid)]
+        size = -(-len(wanted) // BATCHES)
+        return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+
+    def _check(self, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
+        """Raise InputError for options that do not go together; once: without a period of the drive."""
+        parameter, second, base = self.parameter, self.second, case.system(self.form)
+        if once:
+            covered(base.time_functions, case.t_end)
+            if self.values is None:
+                paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
+                remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
+                raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
+        elif self.values is None and parameter != "frequency":
+            raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
+        if second is None and self.second_values is not None:
+            remedy = "name the second parameter"
+            raise InputError("second_values", self.second_values, "be left out without second", remedy)
+        if second is not None and not case.has_stops:
+            remedy = "vary one parameter only, or give the case stops"
+            raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
+        if second == parameter:
+            raise InputError("second", second, "be another parameter", "give the grid two different parameters")
+        known = parameters_of(scheme)
+        for name in filter(None, (parameter, second)):
+            if name not in known and not is_path(name):
+                remedy = f"{near(name, known)}, or a path such as stops[0].upper"
+                raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
 
     def run(self, case: Case, values: list[list[float]], **point: Any) -> list[Row]:
         """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
-        if self.start == LAST:
-            return _continued(system, point, values, scheme)
         rows: list[Row] = []
         groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
         for value in values:
@@ -186,33 +240,27 @@ class Sweep(Study):
             axis.set(title=title, ylabel=with_unit(case.units, label, unit))
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
-        if _spaced_by_a_factor(table[self.parameter]):
+        if _decades(table[self.parameter]):
             log_scale(axes[-1], y=False)
 
     def _section(self, axis: Axes, sections: Table, case: Case) -> None:
         """The tip once a period. The fainter the more points there are, so that bands and curves can be told apart."""
-        colour = look(str(sections.method.iloc[0]))["color"]
-        colours = [colour, *(other for other in COLOURS if other != colour)]
+        dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
         alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
-        ways = list(_ways(sections))
-        for (way, rows), colour in zip(ways, colours, strict=False):
-            dots: dict[str, Any] = {"ms": 3.0, "mew": 0.0, "color": colour, "alpha": alpha, "rasterized": True}
-            axis.plot(rows[self.parameter], rows.tip, ".", label=way or None, **dots)
+        axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
         tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
-        if len(ways) > 1:
-            axis.legend(frameon=False, fontsize=8)
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, over: float) -> None:
         colour = look(str(contacts.method.iloc[0]))["color"]
         colours = [colour, *(other for other in COLOURS if other != colour)]
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
-        parts = [(f"{place} {way}".strip(), rows) for place, group in _places(contacts) for way, rows in _ways(group)]
+        parts = _places(contacts)
         for i, (label, rows) in enumerate(parts):
             rows = rows.sort_values(self.parameter)
             style: dict[str, Any] = {"lw": width, "marker": ".", "ms": 3.0 if width else 1.5, "ls": dashed(i)}
             y = rows[quantity] / (over if quantity == "count" else 1.0)
-            axis.plot(rows[self.parameter], y, color=colours[i % len(colours)], label=label, **style)
+            axis.plot(rows[self.parameter], y, color=colours[i % len(colours)], label=label.strip(), **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
@@ -230,14 +278,12 @@ class Sweep(Study):
             values = grid.to_numpy(float) / (over if quantity == "count" else 1.0)
             known = values[np.isfinite(values)]
             if len(known):
-                norm = LogNorm() if 0.0 < LOG_RANGE * np.min(known) < np.max(known) else None
+                norm = LogNorm() if _decades(known) else None
                 x, y = grid.columns.to_numpy(float), grid.index.to_numpy(float)
                 drawn = axis.pcolormesh(x, y, values, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
                 figure.colorbar(drawn, ax=axis, label=label)
             axis.set(title=label + place, xlabel=named(case, self.parameter), ylabel=named(case, str(self.second)))
-            log_scale(
-                axis, x=_spaced_by_a_factor(group[self.parameter]), y=_spaced_by_a_factor(group[str(self.second)])
-            )
+            log_scale(axis, x=_decades(group[self.parameter]), y=_decades(group[str(self.second)]))
 
     def _names(self) -> list[str]:
         return [self.parameter] if self.second is None else [self.parameter, self.second]
@@ -247,103 +293,6 @@ class Sweep(Study):
         if "t_end" not in table:
             return "impacts per period", float(table.periods.iloc[0])
         return f"impacts per {unit_of(case.units, 'time') or 'unit of time'}", float(table.t_end.iloc[0])
-
-
-def plan(study: Sweep, case: Case) -> list[Row]:
-    """Batches of values, after the checks of the options."""
-    parameter, second, base = study.parameter, study.second, case.system(study.form)
-    method = study.method
-    if method is None:
-        runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
-        method = runs[0] if runs else EXACT
-    scheme = scheme_of(case, method)
-    method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
-    # Without a period of the drive, every value is one run from 0 to t_end, without sections.
-    period = drive_period(base, parameter)
-    once = period is None
-    _check(study, case, scheme, method, once)
-    values = study.values
-    if values is None:
-        assert period is not None  # else refused
-        values = np.linspace(0.7, 1.3, study.count) * 2.0 * np.pi / period
-    axes = {parameter: values} if second is None else {parameter: values, second: study.second_values}
-    for name, along in axes.items():
-        if along is None or not len(along):
-            raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-    grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
-    transient = 0 if once else study.transient
-    shared = {
-        "parameter": parameter, "second": second, "method": method, "form": study.form or case.forms[0],
-        "contact": study.contact, "dt": None if method == EXACT else case.dt,
-        "periods": 1 if once else study.periods, "transient": transient,
-    } | ({"t_end": case.t_end} if once else {})  # fmt: skip
-    # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-    ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
-    if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
-        try:
-            refuse(ends[0].system, transient * ends[0].period)
-        except InputError as error:
-            remedy = "name a scheme as method, or transient=0: an adaptive solver records contacts from the start only"
-            raise InputError(error.field, error.value, error.rule, remedy) from None
-    if second is not None and parameter in IN_STEP:  # what marches together stands together
-        wanted = [[x, y] for y in grid[1] for x in grid[0]]
-    else:
-        wanted = [list(value) for value in product(*grid)]
-    if study.start == LAST:
-        return [{**shared, "values": [*wanted, *wanted[::-1]], "start": LAST}]
-    size = -(-len(wanted) // BATCHES)
-    return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
-
-
-def _check(study: Sweep, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
-    """Raise InputError for options that do not go together; once: without a period of the drive."""
-    parameter, second, base = study.parameter, study.second, case.system(study.form)
-    one_of("start", study.start, STARTS)
-    if once:
-        covered(base.time_functions, case.t_end)
-        if study.values is None:
-            paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
-            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
-            raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
-    elif study.values is None and parameter != "frequency":
-        raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
-    if second is None and study.second_values is not None:
-        remedy = "name the second parameter"
-        raise InputError("second_values", study.second_values, "be left out without second", remedy)
-    if second is not None and not case.has_stops:
-        remedy = "vary one parameter only, or give the case stops"
-        raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
-    if study.start == LAST and (second is not None or once or parameter == "cells"):
-        rule = "be used with one parameter of a driven case, on one grid"
-        raise InputError("start", study.start, rule, f"leave it out, or start={STARTS[0]}")
-    if second == parameter:
-        raise InputError("second", second, "be another parameter", "give the grid two different parameters")
-    known = parameters_of(scheme)
-    for name in filter(None, (parameter, second)):
-        if name not in known and not is_path(name):
-            remedy = f"{near(name, known)}, or a path such as stops[0].upper"
-            raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
-
-
-def _continued(system: System, point: Row, values: list[list[float]], scheme: Scheme | None) -> list[Row]:
-    """Rows of the values one after the other, each from the last state of the one before."""
-    rows: list[Row] = []
-    state: tuple[Array, Array] | None = None
-    for k, value in enumerate(values):
-        row: Row = dict(zip(names_of(point), value, strict=True)) | {"direction": WAYS[2 * k >= len(values)]}
-        try:
-            setup = setup_of(system, point, value, scheme)
-            # The state is that at the end of the value before; the first value starts as the case does.
-            if state is not None:
-                setup = replace(setup, system=replace(setup.system, q0=state[0], v0=state[1], origin=None))
-            row |= _facts(setup, point)
-            many = _march(point, [setup])
-            rows += _rows(point, row, many, 0)
-            if np.isnan(many.diverged[0]):
-                state = _last(point, setup, float(many.t[-1]))
-        except (InputError, SolverFailure) as error:
-            rows.append(row | {"lost": str(error)})
-    return rows
 
 
 def _facts(setup: Setup, point: Row) -> Row:
@@ -364,18 +313,6 @@ def _facts(setup: Setup, point: Row) -> Row:
     decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
     slowest = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
     return row | {"left": float(np.exp(-slowest * setup.period * point["transient"]))}
-
-
-def _last(point: Row, setup: Setup, end: float) -> tuple[Array, Array]:
-    """(q, q') at the end of the run of a setup."""
-    if setup.scheme is None:
-        state_at = best_reference(setup.system, end).state_at
-        assert state_at is not None
-        q, v = state_at(np.array([end]))
-        return q[0], v[0]
-    plan = Plan.of(setup.system, setup.scheme, setup.dt, end, point["contact"])
-    *_, (_, q, v, _) = plan.states(setup.system)
-    return q[-1], v[-1]
 
 
 def _march(point: Row, setups: list[Setup]) -> Ensemble:
@@ -418,13 +355,6 @@ def _places(contacts: Table) -> list[tuple[str, Table]]:
     return [("" if len(groups) == 1 else f" at contact {n:g}", rows) for n, rows in groups]
 
 
-def _ways(table: Table) -> list[tuple[str, Table]]:
-    """The rows of each direction of a continued sweep; all of them under "" otherwise."""
-    if "direction" not in table:
-        return [("", table)]
-    return [(way, table[table.direction == way]) for way in WAYS if way in set(table.direction)]
-
-
 def sections(table: Table, parameter: str) -> dict[float, Array]:
     """The section of every value of the parameter, in order of value."""
     rows = table[table.kind == "section"] if "kind" in table else table[:0]
@@ -448,15 +378,6 @@ def repeats_after(section: Array, size: float) -> int | None:
 
 def _periodicity(table: Table, parameter: str) -> list[str]:
     """Sentence with the number of values at which the tip repeats itself; empty without sections."""
-    if len(ways := _ways(table)) > 1:
-        up, down = (sections(rows, parameter) for _, rows in ways)
-        both = [value for value in up if value in down]
-        size = sizes(table, parameter)
-        apart = sum(_apart(up[value], down[value]) > SAME * size[value] for value in both)
-        words = f"there and back the last periods differ at {apart} of {len(both)} values"
-        each = (f"{way}: {text}" for way, rows in ways
-                for text in _periodicity(rows.drop(columns="direction"), parameter))  # fmt: skip
-        return [words, *each]
     by_value = sections(table, parameter)
     if not by_value:
         return []
@@ -472,16 +393,6 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     return words
 
 
-def _apart(one: Array, other: Array) -> float:
-    """Largest distance of a point of either section to the nearest of the other."""
-    distance = np.abs(one[:, None] - other)
-    return float(max(np.max(np.min(distance, axis=0)), np.max(np.min(distance, axis=1))))
-
-
-def _spaced_by_a_factor(values: Any) -> bool:
-    """True for values on a logarithmic grid."""
-    x = np.unique(values.dropna())
-    if len(x) < 3 or x[0] <= 0.0:
-        return False
-    ratios, steps = np.diff(np.log(x)), np.diff(x)
-    return bool(np.ptp(ratios) < 1e-6 * np.max(ratios) and np.ptp(steps) > 1e-3 * np.max(steps))
+def _decades(values: Any) -> bool:
+    """True for values far apart, which a logarithmic axis shows."""
+    return bool(0.0 < LOG_RANGE * values.min() < values.max())
