@@ -14,8 +14,24 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
 from ..kernels.contact import contact_forces
-from . import contact_law
-from .contact_law import G1, G2, LAW, LINEAR, Law
+from .contact_law import (
+    G1,
+    G2,
+    LAW,
+    LINEAR,
+    Law,
+    all_laws,
+    chord,
+    damps,
+    depth_holding,
+    depth_under,
+    elastic,
+    is_linear,
+    jumps,
+    pressure,
+    slopes,
+    stored,
+)  # fmt: skip
 from .time_functions import LoadFunction, TimeFunction, load_function, offset_rate, offset_values
 
 
@@ -184,17 +200,17 @@ class Stops:
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
-        return not self.rigid and contact_law.is_linear(self.coefficients)
+        return not self.rigid and is_linear(self.coefficients)
 
     @cached_property
     def dissipative(self) -> bool:
         """Return True where F depends on the velocity."""
-        return contact_law.damps(self.coefficients)
+        return damps(self.coefficients)
 
     @property
     def jumps(self) -> bool:
         """Return True where F jumps when the gap closes with a velocity other than zero."""
-        return contact_law.jumps(self.coefficients)
+        return jumps(self.coefficients)
 
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
@@ -232,12 +248,12 @@ class Stops:
         depth = np.asarray(depth, float)
         self.require_compliant("a law of force")
         law = self.coefficients
-        if not contact_law.damps(law):  # the velocity need not be known
-            return contact_law.elastic(depth, law)
+        if not damps(law):  # the velocity need not be known
+            return elastic(depth, law)
         if rate is None:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        return np.where(depth > 0.0, np.maximum(0.0, contact_law.pressure(depth, rate, law)), 0.0)
+        return np.where(depth > 0.0, np.maximum(0.0, pressure(depth, rate, law)), 0.0)
 
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
@@ -252,25 +268,32 @@ class Stops:
     def secant(self, depth: float) -> float:
         """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
         self.require_compliant("a law of force")
-        return float(contact_law.chord(depth, self.coefficients))
+        return float(chord(depth, self.coefficients))
+
+    def depth_under(self, force: ArrayLike) -> Array:
+        """The depth at which the stop holds a force >= 0 at rest, 0 of a rigid stop."""
+        return np.zeros(np.shape(force)) if self.rigid else depth_under(np.asarray(force, float), self.coefficients)
+
+    def depth_holding(self, energy: float) -> float:
+        """The depth at which the stop holds an energy >= 0, 0 of a rigid stop."""
+        return 0.0 if self.rigid else float(depth_holding(energy, self.coefficients))
 
     def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
         """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
         self.require_compliant("a law of force")
         inside, closed = self.penetration(v), self.state(v, velocity) != 0
-        rate = np.sign(inside) * np.asarray(velocity, float)
-        to_depth, to_rate = contact_law.slopes(np.abs(inside), rate, self.coefficients)
+        to_depth, to_rate = slopes(np.abs(inside), np.sign(inside) * np.asarray(velocity, float), self.coefficients)
         return np.where(closed, to_depth, 0.0), np.where(closed, to_rate, 0.0)
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
         if self.rigid:
             return np.zeros(np.shape(v))
-        return contact_law.stored(self.penetration(v), self.coefficients)
+        return stored(self.penetration(v), self.coefficients)
 
     def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
         """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
-        return self.force(v, velocity) + contact_law.elastic(self.penetration(v), self.coefficients)
+        return self.force(v, velocity) + elastic(self.penetration(v), self.coefficients)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
@@ -409,7 +432,7 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     g1, g2 = law[..., G1], law[..., G2]
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
     side = upper * 1.0 - lower * 1.0
-    damped = contact_law.damps(contact_law.all_laws(law))
+    damped = damps(all_laws(law))
     if np.any(damped):  # a damped stop may have let go before the gap opens
         pressed = -np.sign(contact_forces(u0, v0, law))
         on = (u0 == g2) | (u0 == g1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from .contact import Contact
-from .contact_law import depth_holding, depth_under, stored
+from .contact_law import stored
 from .modes import undamped_modes
 from .sampled import Sampled
 from .system import System
@@ -129,7 +129,7 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
             towards = side * along * f > 0.0
             if np.isfinite(gap) and np.any(towards):
                 pressed = np.abs(f[towards] / along[towards])
-                depth = depth_under(pressed, stops.coefficients)
+                depth = stops.depth_under(pressed)
                 held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
                 square[towards] = np.minimum(square[towards], 2.0 * (pressed * (max(float(gap), 0.0) + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
@@ -151,8 +151,7 @@ def _contact_rate(system: System, contact: Contact, speed: float) -> float:
     stops = contact.stops
     if stops.rigid:
         return np.inf
-    depth = float(depth_holding(0.5 * speed**2, stops.coefficients))
-    return float(np.sqrt(stops.secant(depth) * _share(system, contact)))
+    return float(np.sqrt(stops.secant(stops.depth_holding(0.5 * speed**2)) * _share(system, contact)))
 
 
 def _sizes(function: LoadFunction | None, t_end: float) -> tuple[float, float, float, float]:

@@ -27,6 +27,7 @@ from .beam import BENDING, MASS, MEAN, POINTS, SLOPE, WEIGHTS, free_unknowns, in
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, PointLoad
+from .stencils import bending_stencil, velocity_curvature_matrices
 from .system import Origin, System
 from .time_functions import LoadFunction, combined, derivative
 
@@ -219,32 +220,13 @@ def _displacement(problem: BeamProblem, M: int) -> Grid:
     )
 
 
-def bending_stencil(M: int) -> Array:
-    """-h^4 D H, whole numbers: 7, -4, 1 at the clamp, 1, -4, 6, -4, 1 inside, 5, -2 and 1 at the tip."""
-    bands = {0: 6.0, 1: -4.0, -1: -4.0, 2: 1.0, -2: 1.0}
-    stencil = sum((weight * np.eye(M, k=k) for k, weight in bands.items()), np.zeros((M, M)))
-    stencil[0, 0] = 7.0
-    stencil[-2:, -2:] = [[5.0, -2.0], [-2.0, 1.0]]
-    return stencil
-
-
-def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Array, Array, Array]:
-    """P, Q, L, R of (3.12), each (M, M): w_0..w_{M-1} = L s-integrated, P R = L^T Q."""
-    h = length / M
-    interior = np.eye(M - 1) * 4.0 / 3.0 - (np.eye(M - 1, k=1) + np.eye(M - 1, k=-1)) / 6.0
-    P = h * np.asarray(scipy.linalg.block_diag(interior, 1.0 / 3.0))
-    Q = h * np.asarray(scipy.linalg.block_diag(1.0 / 3.0, interior))
-    L = np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2)  # acts on s_1..s_M, s_0 = 0
-    L[0, :2] = (4.0, -0.5)  # (3.9)
-    R = np.eye(M) - 2.0 * np.eye(M, k=1) + np.eye(M, k=2)  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
-    R[-1, -2:] = (-0.5, 4.0)  # (3.10)
-    return P, Q, L / h**2, R / h**2
-
-
 def curvature_stencil(M: int) -> Array:
     """24 h^3 L^T Q L of (3.12), whole numbers, so that every machine makes the same matrix of it."""
-    _, Q, L, _ = velocity_curvature_matrices(M, float(M))  # h = 1
-    return np.rint(24.0 * L.T @ Q @ L) + 0.0  # no signed zeros
+    second = 2.0 * (np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2))
+    second[0, :2] = (8.0, -1.0)  # (3.9)
+    weights = 8.0 * np.eye(M) - np.eye(M, k=1) - np.eye(M, k=-1)
+    weights[0, :2], weights[1, 0] = (2.0, 0.0), 0.0
+    return second.T @ weights @ second
 
 
 def _velocity_curvature(problem: BeamProblem, M: int) -> Grid:

@@ -16,7 +16,7 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 from .contact import Contact
-from .semidiscretisation import bending_stencil, velocity_curvature_matrices
+from .stencils import bending_stencil, velocity_curvature_matrices
 from .time_functions import LoadFunction, offset_rate, offset_values
 
 if TYPE_CHECKING:

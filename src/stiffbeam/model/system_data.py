@@ -17,7 +17,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from .members import AS_GIVEN, value_at, with_values
+from .members import value_at, with_values
 from .sampled import Sampled
 from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, parts, require_closed_form
@@ -28,6 +28,7 @@ ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
 ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0]), np.array([3.0, -1.5, 1.0 / 3.0, 0.0])  # orders 4 and 3
 EXACT = 1e-12  # relative: differences that agree to that are taken
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
+VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,18 +136,25 @@ def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemDa
     parameter in which its data have no derivative.
     """
     base = data_of(system)
-    made: list[tuple[str, SystemData, float]] = []
+    names: list[str] = []
+    columns: list[SystemData] = []
+    bounds: list[float] = []
     for path in wrt:
         # Initial data: the derivative is a unit vector, exact.
-        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", AS_GIVEN.get(path, path))
+        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
         if start and (start[2] is None or int(start[2]) < system.size):
             for i in range(system.size) if start[2] is None else [int(start[2])]:
                 unit = base.zeros()
                 getattr(unit, start[1])[i] = 1.0
-                made.append((f"{start[1]}[{i}]", unit, 0.0))
+                names.append(f"{start[1]}[{i}]")
+                columns.append(unit)
+                bounds.append(0.0)
         else:
-            made.append((path, *_slope(system, base, path)))
-    return [name for name, _, _ in made], [column for _, column, _ in made], np.array([bound for *_, bound in made])
+            column, bound = _slope(system, base, path)
+            names.append(path)
+            columns.append(column)
+            bounds.append(bound)
+    return names, columns, np.array(bounds)
 
 
 def _value(system: System, path: str) -> tuple[float, bool]:
