@@ -14,7 +14,8 @@ from stiffbeam.trajectory.records import COLUMNS, Impacts
 METHODS = ["exact", "multiprecision", "cvode", "dop853", "scheme"]
 
 
-def test_rows_are_taken_and_put_together_and_kept_by_files_and_ensembles(system, tmp_path):
+def test_rows_are_taken_and_put_together_and_kept_by_files_and_ensembles(tmp_path):
+    system = sb.semidiscretise(sb.paper_case(10).problem, 10)
     run = sb.integrate(system, sb.HHT(alpha=-0.1), 1e-3, 0.6)
     impacts = run.impacts
     again = Impacts.concatenate([impacts.take(slice(0, 3)), impacts.take(np.arange(impacts.count) >= 3)])
