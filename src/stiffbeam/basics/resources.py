@@ -47,22 +47,32 @@ class OutOfTime(Exception):
         self.t = t
 
 
-_DEADLINE: ContextVar[float] = ContextVar("deadline", default=float("inf"))
+_DEADLINE: ContextVar[tuple[float, float]] = ContextVar("deadline", default=(float("inf"), 1.0))
 
 
 @contextmanager
-def deadline(seconds: float) -> Generator[None, None, None]:
-    """Context in which ``in_time`` raises OutOfTime once this process has computed for so many CPU seconds."""
-    token = _DEADLINE.set(clock() + seconds)
+def deadline(seconds: float, passes: float) -> Generator[None, None, None]:
+    """Context of the first of several passes alike, in which ``in_time`` raises OutOfTime once this process has
+    computed for its share of the CPU seconds of all."""
+    token = _DEADLINE.set((clock() + seconds / passes, passes))
     try:
         yield
     finally:
         _DEADLINE.reset(token)
 
 
+@contextmanager
+def once() -> Generator[None, None, None]:
+    """Context of work that no later pass repeats, such as compiling: it takes its time from all of them."""
+    begun = clock()
+    yield
+    end, passes = _DEADLINE.get()
+    _DEADLINE.set((end + (1.0 - 1.0 / passes) * (clock() - begun), passes))
+
+
 def in_time(t: float) -> None:
     """Raise OutOfTime past the ``deadline``: solvers call it at the times t that they have reached."""
-    if clock() > _DEADLINE.get():
+    if clock() > _DEADLINE.get()[0]:
         raise OutOfTime(t)
 
 

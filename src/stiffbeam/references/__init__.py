@@ -117,7 +117,7 @@ def reference(
     with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
         try:
-            with deadline(seconds / PASSES):
+            with deadline(seconds, PASSES):
                 solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
         except OutOfTime as late:
             whole = t_end

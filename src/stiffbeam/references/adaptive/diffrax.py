@@ -14,6 +14,7 @@ import scipy.linalg
 
 from ...basics import storage
 from ...basics.arrays import Array
+from ...basics.resources import once
 from ...basics.validation import InputError
 from ...model.contact import linear
 from ...model.right_hand_side import RightHandSide
@@ -40,8 +41,9 @@ def solve(request: Request) -> Reference:
     the solution counts; JAX keeps it on disk for later processes. Takes time functions made of Harmonic, Constant and
     Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth of a time unit.
     """
-    import diffrax
-    import jax
+    with once():
+        import diffrax
+        import jax
 
     system, method = request.system, request.method
     require_closed_form(system.time_functions, method)
@@ -87,7 +89,8 @@ class Program:
         with float64_on_the_processor():
             self._kind, numbers = numbers_of(rhs.equations)
             self._numbers = jax.device_put(numbers)
-        self(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0)  # compiles
+        with once():
+            self(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0)  # compiles
 
     def __call__(
         self, t: float, z: Array, length: float, end: float, outputs: Array, max_step: float, count: int
