@@ -46,7 +46,7 @@ REFUSED = {
     "a million cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 1_000_000),
     "ten thousand cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 10_000),
     "a sparse matrix of 1e6 unknowns": lambda: sb.System.from_matrices(scipy.sparse.eye_array(10**6), np.eye(3)),
-    "a span of 1e30": lambda: sb.reference(mass(), 1e30, seconds=5.0),
+    "a span of 1e30": lambda: sb.reference(mass(), 1e30),
     "a span of 1e30, exponents": lambda: sb.lyapunov(mass(), 1e30),
     "atol of 1e-300": lambda: sb.reference(mass(), 0.5, "cvode", atol=1e-300),
     "atol of 1e-300, kvaerno": lambda: sb.reference(mass(), 0.5, "kvaerno5", atol=1e-300),
