@@ -18,6 +18,7 @@ from .validation import InputError
 
 Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
+LOOK = 0.05  # s between two looks at the displays that wait
 
 
 @dataclass
@@ -48,12 +49,11 @@ class Display:
 
     def __init__(self, what: str, wait: float, noted: bool) -> None:
         self.now, self.noted, self.bar, self.begun = (what, 0, -1), noted, None, time.perf_counter()
-        self.timer = threading.Timer(wait, self.open)
-        self.timer.daemon = True
+        self.opens = self.begun + wait
         if TALK.verbose or not (wait or noted):
             self.open()
         else:
-            self.timer.start()
+            _WATCH.add(self)
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -72,9 +72,7 @@ class Display:
 
     def close(self) -> None:
         """End the display."""
-        self.timer.cancel()
-        if self.timer.is_alive():  # it may be opening the display
-            self.timer.join()
+        _WATCH.remove(self)
         if self.bar is not None:
             self.bar.stop()
 
@@ -97,6 +95,41 @@ class Display:
             print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
 
 
+class Watch:
+    """Displays that wait for their time. Short calls one after the other share one thread, which ends with them."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Display] = []
+        self._lock, self._runs = threading.Lock(), False
+
+    def add(self, display: Display) -> None:
+        """Open the display at its time, unless it is removed before."""
+        with self._lock:
+            self._waiting.append(display)
+            starts, self._runs = not self._runs, True
+        if starts:
+            threading.Thread(target=self._look, daemon=True).start()
+
+    def remove(self, display: Display) -> None:
+        """Forget a display whose call has ended."""
+        with self._lock:
+            if display in self._waiting:
+                self._waiting.remove(display)
+
+    def _look(self) -> None:
+        while True:
+            time.sleep(LOOK)
+            with self._lock:
+                self._runs = bool(self._waiting)
+                if not self._runs:
+                    return
+                due = [display for display in self._waiting if time.perf_counter() >= display.opens]
+                self._waiting = [display for display in self._waiting if display not in due]
+            for display in due:
+                display.open()
+
+
+_WATCH = Watch()
 _LOCK = threading.Lock()
 _calls: list[tuple[Any, Show]] = []  # calls in progress; the first has the display and the limit on BLAS
 
