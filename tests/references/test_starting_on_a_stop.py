@@ -244,3 +244,24 @@ def test_chains_at_rest_on_their_stops_have_an_exact_motion(seed):
     other = sb.reference(system, 3.0, "cvode", rtol=1e-9)
     near = run.t <= min(run.horizon, other.horizon)
     assert np.max(np.abs(run.tip - other.tip)[near]) <= 1e-3 * np.max(np.abs(run.tip))
+
+
+@pytest.mark.parametrize("seed", range(120))
+@pytest.mark.fast(12)
+def test_chains_at_rest_on_their_stops_in_many_digits(seed):
+    """The same motion or a refusal at once: events of rounding came back for ever, also where records begin."""
+    system = resting_chain(seed)
+    if system.rigid:
+        return
+    exact = sb.reference(system, 3.0)
+    refused = ""
+    try:
+        run = sb.reference(system, 3.0, "multiprecision", seconds=30.0)
+    except sb.SolverFailure as failure:
+        refused = str(failure)
+    if refused:
+        assert "float64 cannot place" in refused
+        return
+    near = run.t <= exact.horizon
+    assert run.horizon == 3.0
+    assert np.max(np.abs(run.tip - exact.tip)[near]) <= 1e-3 * np.max(np.abs(exact.tip))

@@ -1515,6 +1515,7 @@ static Int run(Motion *x)
     Output *o = x->out;
     Int n = f->n;
     if (!c->begun) {
+        room_for(x, x->t_end); /* moves on to the piece at t */
         c->waits = start(x, &c->hit), c->begun = 1;
         if (!c->waits) mark(x);
     }

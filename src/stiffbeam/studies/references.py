@@ -26,7 +26,7 @@ def shipped() -> Path | None:
 
 
 def check(folder: Path, progress: Show = silent) -> dict[str, str]:
-    """What is wrong with each file that the manifest lists, "" where its hash, its system and its events are good."""
+    """Faults of each file that the manifest lists, "" where its hash, its system and its events are good."""
     entries = _entries(folder)
     problems = {}
     for done, entry in enumerate(entries):

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
-from ...basics.resources import afford
 from ...kernels.exact import REBOUND
 from ...model.system import System
 from ...model.time_functions import offset_values
@@ -189,39 +188,6 @@ def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArr
     last = np.concatenate([first[1:], [len(side)]]) - 1
     closed = side[first] != 0
     return starts[first][closed], ends[last][closed], side[first][closed]
-
-
-def panels(
-    longest: float, starts: Array, ends: Array, decay: float = 0.0, events: Array | None = None
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """Panels no longer than half of ``longest``, since products have twice the frequency, of the intervals
-    [starts, ends]: owner, left end and width of each.
-
-    The first of an interval is cut at 1/decay from the event before it, and at twice, four times that and so on: on
-    each part exp(-decay s) is smooth or nothing. events: the times of these, by default the starts.
-    """
-    # Equal panels in every interval, refused first if there are too many.
-    count = np.maximum(1, np.ceil(2.0 * (ends - starts) / longest))
-    total = float(np.sum(count))
-    afford("t_end", float(np.max(ends, initial=0.0)), "shorten t_end", floats=8.0 * total)
-    count = count.astype(int)
-    index = np.repeat(np.arange(len(starts)), count)
-    inside = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
-    width = ((ends - starts) / count)[index]
-    left = starts[index] + inside * width
-    # Without fast decay in a panel they suffice.
-    longest_first = float(np.max((ends - starts) / count, initial=0.0))
-    if decay * longest_first <= 1.0:
-        return index, left, width
-    passed = np.zeros(len(starts)) if events is None else starts - events
-    cuts = 2.0 ** np.arange(np.ceil(np.log2(decay * (longest_first + np.max(passed))))) / decay
-    owners, cut = (x.ravel() for x in np.broadcast_arrays(np.arange(len(starts))[:, None], cuts - passed[:, None]))
-    inner = (cut > 0.0) & (cut < ((ends - starts) / count)[owners])
-    index, left = np.append(index, owners[inner]), np.append(left, (starts[owners] + cut)[inner])
-    order = np.lexsort((left, index))
-    index, left = index[order], left[order]
-    last = np.append(index[1:] != index[:-1], True)
-    return index, left, np.where(last, ends[index], np.append(left[1:], 0.0)) - left
 
 
 def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:

@@ -283,16 +283,6 @@ class Motion:
         """A bound of the shortest period of all motions and drives."""
         return 2.0 * np.pi / max(self._fastest, *self.drive.frequencies, 1e-300)
 
-    @cached_property
-    def fastest_decay(self) -> float:
-        """A bound of the decay rates of all modes and dashpots, 1/time."""
-        free = self.made.free
-        rates = float(np.max(-free.poles[0], initial=0.0))
-        if free.coupling == 2:
-            rates = max(rates, float(np.linalg.norm(free.damping, 2)))
-        pressed = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
-        return rates + float(np.sum((free.laws[:, 1] * np.diag(free.meet))[pressed]))
-
     def piece_at(self, t: Array) -> NDArray[np.int64]:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)

@@ -299,7 +299,8 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
         # Next event before the next sample, by float64.
         edge = drive.next_edge(begun, t_end)
         known_sides = None if resting else np.array(chi, np.int64)
-        found, resting = solver.first_event(begun, known_sides, fresh, np.split(state, 2), edge), False
+        found, decided = solver.first_event(begun, known_sides, fresh, np.split(state, 2), edge), resting
+        resting = False
         if found is not None and found[0] < edge:
             start, contact, side = found
             # Refine the event to all digits, and go on from there in the new regime.
@@ -308,10 +309,14 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
             look = partial(_at, pieces[-1], gap)
             tau, shift, ahead = _locate(look, start - begun, fastest, 2.0 * np.pi / turning, begun)
             when = (t + tau + shift).mid()
+            if decided and when == t and start > begun:  # back to where the sides are known: float64's rounding
+                t, z, fresh = arb(start), pieces[-1].state(start), 0 * fresh
+                continue
             # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
             if not drive.records or t <= when < edge:
                 after = [side if i == contact else x for i, x in enumerate(chi)]
-                if when != t:  # at once, a state at rest stays as it is: its rounding would bring it back
+                resting = when == t  # the state stays as it is: its rounding would bring the event back
+                if not resting:
                     z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
                 t, fresh, chi = when, fresh_after(system, chi, after), after
                 continue
