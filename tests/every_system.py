@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from systems import one_mass
@@ -12,6 +13,17 @@ import stiffbeam as sb
 Bench = tuple[sb.System, float, float]  # system, dt, t_end
 GRAVITY = 9.81
 BENCHES: dict[str, Callable[[], Bench]] = {}
+
+
+def at_rest_on_its_stops(bench: Bench) -> Bench:
+    """A bench with every gap closed, by its upper stop where there is one, and every body at rest."""
+    system, dt, t_end = bench
+    contacts = []
+    for contact in system.contacts:
+        side = "upper" if np.isfinite(contact.stops.upper_bound) else "lower"
+        contacts.append(replace(contact, stops=replace(contact.stops, **{side: 0.0})))
+    still = np.zeros(system.size)
+    return replace(system, contacts=tuple(contacts), q0=still, v0=still), dt, t_end
 
 
 def bench(name: str) -> Callable[[Callable[[], Bench]], Callable[[], Bench]]:

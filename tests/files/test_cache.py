@@ -144,8 +144,8 @@ def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
 
 
 def test_threads_that_ask_for_one_reference_leave_one_good_file(folder, system):
-    with ThreadPoolExecutor(8) as pool:
-        tips = list(pool.map(lambda _: sb.cached_reference(system, 0.02, "cvode-adams", TIMES[:41]).tip, range(8)))
+    with ThreadPoolExecutor(4) as pool:
+        tips = list(pool.map(lambda _: sb.cached_reference(system, 0.02, "cvode-adams", TIMES[:41]).tip, range(4)))
     for tip in tips:
         np.testing.assert_array_equal(tip, tips[0])
     [file] = folder.iterdir()

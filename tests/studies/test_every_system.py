@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from every_system import BENCHES
+from every_system import BENCHES, at_rest_on_its_stops
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -43,8 +43,19 @@ def cells() -> list:
 
 @pytest.mark.parametrize(("study", "name"), cells())
 def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
-    system, dt, t_end = BENCHES[name]()
-    allowed = REFUSED.get(study, "(?!)") + ("" if system.contacts else "|have stops")
+    answers_or_refuses(study, *BENCHES[name]())
+
+
+@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow) for x in BENCHES])
+def test_every_study_of_bodies_at_rest_on_their_stops(name):
+    """``orbits`` of these takes half a minute each."""
+    for study in NAMES:
+        if study != "orbits":
+            answers_or_refuses(study, *at_rest_on_its_stops(BENCHES[name]()), "|must move, got")
+
+
+def answers_or_refuses(study: str, system: sb.System, dt: float, t_end: float, more: str = "") -> None:
+    allowed = REFUSED.get(study, "(?!)") + more + ("" if system.contacts else "|have stops")
     options = smoke_options(find_study(study), case_of(system, dt, t_end)) | OPTIONS.get(study, {})
     refused = ""
     try:

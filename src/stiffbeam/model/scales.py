@@ -103,9 +103,10 @@ def _speed(system: System, held: Array, t_end: float) -> float:
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
             gained = np.multiply(force, reach, out=np.zeros_like(force), where=force > 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
-                signs = _signs(function)
-                fall = np.min([_fall(system, basis.force(vector), amplitude, sign) for sign in signs], axis=0)
-                gained = np.minimum(gained, fall)
+                falls = [_fall(system, basis.force(vector), amplitude, sign) for sign in _signs(function)]
+                # What lies on a stop is lifted by a load of both signs.
+                fall = np.min(falls, axis=0)
+                gained = np.minimum(gained, np.where(fall > 0.0, fall, np.max(falls, axis=0)))
             driven += gained
     # Speeds that stops give: by the energy in them at the start, and by their own motion.
     stored = float(system.contact_energy(np.zeros(()), system.q0))

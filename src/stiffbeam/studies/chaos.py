@@ -145,9 +145,12 @@ class Chaos(Study):
             return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
         none = [method for method, known in means.items() if known is None]
         unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
+        short_of = [method for method in table.method.unique() if method not in means]
+        few = f"Fewer than {SURE} pairs could be followed long enough for {', '.join(short_of)}." if short_of else ""
         known = {method: pair for method, pair in means.items() if pair is not None}
         if not known:
-            return Answer(f"{unseen}: most pairs do not diverge or approach threefold in the second half of the span.")
+            reason = "most pairs do not diverge or approach threefold in the second half of the span"
+            return Answer(f"{unseen}: {reason}.", notes=few)
         rate, notes = with_unit(units, "lambda", "rate"), "Means over the starts, ± 95 % by their scatter."
         if "tangent flow" in known:
             mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
@@ -163,7 +166,7 @@ class Chaos(Study):
                 [{"neighbours diverge like exp(lambda t)": method, rate: f"{mean:.3g} ± {interval:.2g}"}
                  for method, (mean, interval) in known.items()]
             ),
-            notes + (f" {unseen}." if unseen else ""),
+            " ".join(filter(None, [notes, f"{unseen}." if unseen else "", few])),
         )  # fmt: skip
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

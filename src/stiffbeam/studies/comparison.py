@@ -121,7 +121,6 @@ def compare_case(
         main = next(solutions, None)
         if main is None:
             continue
-        keep(main)
         for run in of_form[form]:
             progress(f"measuring {run.label}", 0, 0)
             _measure(result, run, main)
@@ -132,6 +131,7 @@ def compare_case(
         further.append((main, solutions))
     measured(result, None)
     for main, solutions in further:
+        keep(main)  # its energy, which is saved with it, may take longer than the table
         for one in solutions:
             keep(one)
             _measure(result, one, main)

@@ -218,7 +218,8 @@ class Ensemble(Study):
         _peaks(axis, groups)
         axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
         axis = figure.add_subplot(grid[1, 2:4])
-        for (label, _), rows in table[table.kind == "quantile"].groupby(["method", "stop"], sort=False):
+        ended = table[table.kind == "quantile"]
+        for (label, _), rows in ended.groupby(["method", "stop"], sort=False) if len(ended) else ():
             style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
             axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
         log_scale(axis, y=False)

@@ -452,7 +452,16 @@ class Reference(Trajectory):
 
     def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
         """Contact in [start, end]. Only exact solutions on compliant stops have it."""
-        return None if self.contact_by_events is None else self.contact_by_events(start, end, contact)
+        if self.contact_by_events is None:
+            return None
+        asked = (start, end, contact)  # every run of a comparison asks for the same
+        if asked not in self._between:
+            self._between[asked] = self.contact_by_events(*asked)
+        return self._between[asked]
+
+    @cached_property
+    def _between(self) -> dict[tuple[float, float, int], ContactRecord | None]:
+        return {}
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""

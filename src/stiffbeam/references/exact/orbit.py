@@ -38,6 +38,8 @@ ROUNDING = 1e-13  # relative: below it shooting is not improved
 REPEATS = 1e-9  # of a turn, by which a load may miss the period
 NEAR_GRAZE = 1e3  # times the closure: a graze of a rigid or damped stop that is closer is one
 ALONE = 1e-9  # distance of a multiplier from 1 below which an orbit has neighbours of its period, or is none
+NOT_ALONE = "a multiplier is 1 but for rounding: a fold, a free (rigid-body) motion, or a drive in resonance"
+FREE = "hold what is free, damp or change the system"
 START = "the period starts on a stop, where the flow has no derivative"
 SETTLE = 60  # periods that are run for a guess where none is stated
 
@@ -232,8 +234,7 @@ def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
     multipliers = np.linalg.eigvals(tangent.monodromy)
     # At a fold the defect is quadratic in the distance from the orbit, and the multiplier linear.
     if np.min(np.abs(multipliers - 1.0)) < max(ALONE, closure**0.5):
-        reason = "a multiplier is 1 but for rounding: a fold, a free (rigid-body) motion, or a drive in resonance"
-        raise SolverFailure("periodic_orbit", mapping.period, reason, "hold what is free, damp or change the system")
+        raise SolverFailure("periodic_orbit", mapping.period, NOT_ALONE, FREE)
 
 
 def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float) -> Orbit:
@@ -286,24 +287,28 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
             reason = f"neighbouring motions diverge by {growth:.0e} in a period, more than float64 has digits"
             raise SolverFailure("periodic_orbit", mapping.period, reason, "damp the system, or drive it faster")
         # Unknowns in units of the motion, since positions and velocities differ in size.
-        step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
+        try:
+            step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
+        except np.linalg.LinAlgError as error:
+            raise SolverFailure("periodic_orbit", mapping.period, NOT_ALONE, FREE) from error
         best = None
         for halving in range(HALVINGS):
             trial = z + step * 0.5**halving
             try:
-                ahead, slope, other = mapping.flow(trial)
+                new = float(np.max(np.abs(mapping.ahead(trial, 1) - trial) / scale))
             except SolverFailure:
                 continue
-            new = float(np.max(np.abs(ahead - trial) / np.maximum(scale, mapping.sizes(other))))
             if best is None or new < best[0]:
-                best = new, trial, ahead, slope, other
+                best = new, trial
             if new < defect:
                 break
         # A closed orbit that does not improve is at rounding. Before that even a worse trial may lead on.
         if best is None or (best[0] >= defect and defect < CLOSED):
             break
-        defect, z, end, D, tangent = best
+        z = best[1]
+        end, D, tangent = mapping.flow(z)
         scale = mapping.sizes(tangent)
+        defect = float(np.max(np.abs(end - z) / scale))
     if not defect < CLOSED:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")
