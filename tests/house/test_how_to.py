@@ -15,7 +15,17 @@ import pytest
 import stiffbeam as sb
 
 SCRIPTS = Path(__file__).parents[2] / "studies" / "how-to"
-SHORT = ("noise", "massless_contact", "round_hole", "hammer", "base_motion", "hermite_model", "identify", "basins")
+SHORT = (
+    "noise",
+    "massless_contact",
+    "round_hole",
+    "hammer",
+    "base_motion",
+    "hermite_model",
+    "identify",
+    "basins",
+    "rotor",
+)
 CLAMPED_FREE = np.array([1.8751040687119611, 4.694091132974175, 7.854757438237613])  # cos x cosh x = -1
 
 

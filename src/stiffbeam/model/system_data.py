@@ -12,11 +12,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError
+from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
 from .sampled import Sampled
 from .system import System
@@ -128,18 +129,23 @@ def _structure(system: System) -> list[object]:
     return [*kinds, *sides, system.size]
 
 
-def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemData], Array]:
+def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemData], Array]:
     """Names of the columns, derivatives of the data in each, and their relative bounds (columns,).
 
     wrt: paths as ``varied_members`` takes them; "initial_displacement" and "initial_velocity" alone are all their n
-    entries, named q0[i] and v0[i]. Raises InputError for a path that the system does not have, and for a
-    parameter in which its data have no derivative.
+    entries, named q0[i] and v0[i]; a pair ("stiffness", dK) is a direction in which a matrix changes. Raises InputError
+    for a path that the system does not have, and for a parameter in which its data have no derivative.
     """
     base = data_of(system)
     names: list[str] = []
     columns: list[SystemData] = []
     bounds: list[float] = []
     for path in wrt:
+        if not isinstance(path, str):
+            names.append(f"{path[0]} along a direction")
+            columns.append(_along(system, base, *path))
+            bounds.append(0.0)
+            continue
         # Initial data: the derivative is a unit vector, exact.
         start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
         if start and (start[2] is None or int(start[2]) < system.size):
@@ -155,6 +161,18 @@ def slopes(system: System, wrt: Sequence[str]) -> tuple[list[str], list[SystemDa
             columns.append(column)
             bounds.append(bound)
     return names, columns, np.array(bounds)
+
+
+def _along(system: System, base: SystemData, name: str, direction: Any) -> SystemData:
+    """Derivative of the data ``base`` as a matrix of the system changes along a direction (n, n)."""
+    one_of("wrt", name, ("mass", "damping", "stiffness"))
+    matrix = numbers("wrt", direction)
+    if matrix.shape != base.mass.shape or not (name == "damping" or np.array_equal(matrix, matrix.T)):
+        rule = f"be along a matrix {system.size} x {system.size}, symmetric but for damping"
+        raise InputError("wrt", f"{name} along shape {matrix.shape}", rule, 'for example ("stiffness", K1 - K0)')
+    column = base.zeros()
+    getattr(column, name)[:] = matrix
+    return column
 
 
 def _value(system: System, path: str) -> tuple[float, bool]:

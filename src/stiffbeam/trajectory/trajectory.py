@@ -360,7 +360,7 @@ class Reference(Trajectory):
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
     contact_by_events: Callable[[float, float, int], ContactRecord | None] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
-    derive: Callable[[Reference, Sequence[str], Array], Any] | None = field(
+    derive: Callable[[Reference, Sequence[Any], Array], Any] | None = field(
         default=None, repr=False
     )  # see ``derivative``
 
@@ -402,14 +402,15 @@ class Reference(Trajectory):
         seen = self.evaluate(np.minimum(t, end), channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
 
-    def derivative(self, wrt: Sequence[str], t: ArrayLike | None = None) -> Any:
+    def derivative(self, wrt: Sequence[Any], t: ArrayLike | None = None) -> Any:
         """Return the derivatives of an exact solution in parameters and initial data, all in one pass.
 
         Parameters
         ----------
-        wrt : sequence of str
+        wrt : sequence of str or pairs
             Paths as ``varied_members`` takes them: "stops[0].stiffness", "stops.upper", "loads[0].time.amplitude",
             "viscosity", "q0[2]", "v0[0]"; "initial_displacement" and "initial_velocity" are all their n entries.
+            A pair ("stiffness", dK) is the derivative along the matrix dK (n, n), of "mass" and "damping" likewise.
         t : (k,) array, optional
             Increasing times in [0, t_end]; the output times by default.
 
@@ -440,7 +441,7 @@ class Reference(Trajectory):
             rule = 'be of method "exact" and solved in this process for a derivative'
             raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
         paths = (wrt,) if isinstance(wrt, str) else tuple(sequence("wrt", wrt, "name parameters"))
-        if not paths or not all(isinstance(path, str) for path in paths):
+        if not paths or not all(isinstance(x, str) or (isinstance(x, tuple) and len(x) == 2) for x in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
         times = self.t if t is None else np.atleast_1d(numbers("t", t))
         end = float(self.provenance["t_end"])

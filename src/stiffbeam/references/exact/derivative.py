@@ -332,7 +332,7 @@ def chatter_ends(solution: Motion) -> list[float]:
     return ends
 
 
-def derivative(reference: Reference, wrt: Sequence[str], t: Array) -> Derivative:
+def derivative(reference: Reference, wrt: Sequence[Any], t: Array) -> Derivative:
     """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution
     assert system is not None
