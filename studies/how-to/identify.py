@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize
 import stiffbeam as sb
 
 PATHS, WINDOWS = ("stops.stiffness", "stops.upper"), (0.053, 0.06, 0.08)
-SAMPLE, NOISE, GRID = 2e-4, 1e-3, 61  # between entries of the record; over the largest tip; stiffnesses of the grid
+SAMPLE, NOISE, GRID = 2e-4, 1e-3, 31  # between entries of the record; over the largest tip; stiffnesses of the grid
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)

@@ -424,7 +424,7 @@ def test_an_interrupted_study_goes_on(number, tmp_path):
         "sweep",
         "table10",
         "--count",
-        "200",
+        "80",
         "--jobs",
         "2",
         "--out",

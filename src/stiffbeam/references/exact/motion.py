@@ -205,7 +205,7 @@ class Solver:
         def check(t: float, marks: int, events: int) -> None:
             in_time(t)
             floats = 2.0 * marks * (self.system.size + 1)
-            if floats > 2**25:  # a small part tells nothing of the whole
+            if floats > 2**22:  # a small part tells nothing of the whole
                 afford("t_end", t_end, "shorten t_end", floats=floats / max((t - begun) / (t_end - begun), 1e-12))
             if self.system.rigid and events > MOST_IMPACTS:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
