@@ -33,12 +33,13 @@ FAST = {("modes", "feeder"), ("converge", "feeder"), ("chaos", "feeder"), ("ener
 
 def cells() -> list:
     """Every study times every system: FAST, else every third one slow, the others in campaigns."""
-    return [
-        pytest.param(study, name, id=f"{study}-{name.replace(' ', '-')}",
-                     marks=[] if (study, name) in FAST else [pytest.mark.campaign if (i + j) % 3 - 1 else pytest.mark.slow])
-        for i, study in enumerate(NAMES)
-        for j, name in enumerate(BENCHES)
-    ]  # fmt: skip
+    found = []
+    for i, study in enumerate(NAMES):
+        for j, name in enumerate(BENCHES):
+            rarely = pytest.mark.campaign if (i + j) % 3 - 1 else pytest.mark.slow
+            marks = () if (study, name) in FAST else (rarely,)
+            found.append(pytest.param(study, name, id=f"{study}-{name.replace(' ', '-')}", marks=marks))
+    return found
 
 
 @pytest.mark.parametrize(("study", "name"), cells())
