@@ -13,7 +13,11 @@ import numpy as np
 from wild_values import near, wild
 
 import stiffbeam as sb
+from stiffbeam.measures.amplification import Amplification
+from stiffbeam.model.members import EnsembleMembers
 from stiffbeam.references import METHODS
+from stiffbeam.references.horizon import PerturbationGrowth
+from stiffbeam.trajectory.ensemble import Ensemble
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,7 @@ CONSTRUCTORS = [
     Surface("Trajectory.from_arrays", sb.Trajectory.from_arrays,
             {"t": np.linspace(0.0, 1.0, 11), "tip": np.zeros(11), "tip_velocity": np.zeros(11), "system": mass(),
              "name": "mine"}),
-    Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, sb.EnsembleMembers(**x)),
+    Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, EnsembleMembers(**x)),
             {"system": beam(), "parameter": "start", "values": [1.0, 2.0], "fields": {"q0": [np.zeros(4)] * 2}}),
 ]  # fmt: skip
 
@@ -196,11 +200,11 @@ def numbers_in(found: Any, seen: frozenset[int] = frozenset()) -> Any:
             yield from ((f"energy.{x.name}", getattr(found.energy, x.name)) for x in fields(found.energy))
     elif isinstance(found, sb.System):
         yield from ((name, getattr(found, name)) for name in ("mass", "stiffness", "damping", "q0", "v0"))
-    elif isinstance(found, sb.Ensemble):
+    elif isinstance(found, Ensemble):
         whole = np.isnan(found.diverged)
         yield from (("fraction", c.fraction[whole]) for c in found.contacts)
         yield from (("peak_force", c.peak_force[whole]) for c in found.contacts)
-    elif isinstance(found, sb.Amplification):
+    elif isinstance(found, Amplification):
         yield "spectral_radius", found.spectral_radius
-    elif isinstance(found, sb.PerturbationGrowth):
+    elif isinstance(found, PerturbationGrowth):
         yield "log_growth", found.log_growth

@@ -20,6 +20,7 @@ from vibro_precise import precise
 import stiffbeam as sb
 from stiffbeam.references import best_reference
 from stiffbeam.references.registry import REFERENCES
+from stiffbeam.trajectory.records import Impacts
 
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 OUTPUTS = 401
@@ -204,7 +205,7 @@ def _totals(ref: sb.Reference, truth: Truth, i: int, deviation: float) -> str:
 
 
 def _peaks(
-    impacts: sb.Impacts, clear: list[Episode], deviation: np.ndarray, truth: Truth, i: int, window: tuple, method: str
+    impacts: Impacts, clear: list[Episode], deviation: np.ndarray, truth: Truth, i: int, window: tuple, method: str
 ) -> str:
     """Peaks and impulses where the motions agree well enough to tell."""
     kappa, tolerance = truth.case.contacts[i].kappa, truth.time_tolerance

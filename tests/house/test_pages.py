@@ -22,6 +22,7 @@ from browser import browse
 from processes import passed
 
 import stiffbeam as sb
+from stiffbeam.measures.comparison import Comparison
 from stiffbeam.references import REFERENCES, registry
 from stiffbeam.testset.problem import VERSION
 
@@ -204,7 +205,7 @@ def test_records_are_as_documented(command, name, arguments):
     assert list(found)[:2] == ["stiffbeam", "command"]
     assert set(list(found)[2:]) == set(re.findall(r"`(\w+)`", line.partition(": a list of")[0]))
     if name == "`compare`":
-        held = {field.name for field in fields(sb.Comparison)} - {"error", "times", "pair"}
+        held = {field.name for field in fields(Comparison)} - {"error", "times", "pair"}
         assert set(found["comparisons"][0]) == held
     if name == "a study":
         assert [line["scheme"] for line in found["table"]] == ["HHT(alpha=-0.1)", "BDF2"]

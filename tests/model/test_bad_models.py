@@ -14,6 +14,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
+from stiffbeam.model.members import EnsembleMembers
 
 TIP = sb.Stops(-0.1, 0.1, stiffness=2e5)
 ONE, EYE, T = [[1.0]], np.eye(2), [0.0, 1.0, 2.0]
@@ -164,8 +165,8 @@ NO_FUNCTION = [
     (lambda: sb.Constant(Fraction(10) ** 400), "range of float64"),
 ]  # fmt: skip
 NO_MEMBER = [
-    (lambda: sb.EnsembleMembers(one_mass(1.0, TIP), "form", [1.0], {"form": ["hermite"]}), "differ in"),
-    (lambda: sb.EnsembleMembers(one_mass(1.0, TIP), "contacts", [1.0], {"contacts": [(sb.Contact([2.0], TIP),)]}),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), "form", [1.0], {"form": ["hermite"]}), "differ in"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), "contacts", [1.0], {"contacts": [(sb.Contact([2.0], TIP),)]}),
      "contact rows"),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),

@@ -13,8 +13,10 @@ from scipy.integrate import solve_ivp
 from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
+from stiffbeam.model.members import EnsembleMembers
 from stiffbeam.references import solve
 from stiffbeam.studies.sweep import sections
+from stiffbeam.trajectory.ensemble import Ensemble
 
 RECORD = sb.Sampled(np.linspace(0.0, 0.5, 51), 4.0 * np.sin(44.0 * np.linspace(0.0, 0.5, 51)), "cubic")
 HHT = sb.HHT(-0.1)
@@ -35,7 +37,7 @@ def tube(bending: float = 300.0, kappa: tuple[float, float] = (1e4, 2e4), level:
     return sb.semidiscretise(problem, 6)
 
 
-def assert_alike(many: sb.Ensemble, i: int, run: sb.Trajectory, rtol: float) -> None:
+def assert_alike(many: Ensemble, i: int, run: sb.Trajectory, rtol: float) -> None:
     """Member i is the run of a system built by hand."""
     for seen, record in zip(many.contacts, run.contacts, strict=True):
         assert seen.impact_count[i] == record.impacts.count
@@ -79,7 +81,7 @@ def test_members_with_functions_of_their_own_are_their_single_runs():
 def test_members_with_noise_of_their_own_are_their_single_runs(moving):
     """To the bit, ledger included; of schemes and of the exact solution; listed, or made by hand."""
     members, t = [shaken(seed, moving) for seed in range(3)], np.linspace(0.0, 1.0, 11)
-    made = sb.EnsembleMembers(members[0], "noise", [0, 1, 2], {
+    made = EnsembleMembers(members[0], "noise", [0, 1, 2], {
         name: [getattr(x, name) for x in members] for name in ("loads", "contacts")})  # fmt: skip
     exact = sb.reference_ensemble(members[0], 1.0, members, t_eval=t)
     for given in (members, made):
