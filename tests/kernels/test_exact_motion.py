@@ -131,7 +131,7 @@ def test_peaks_and_impulses_are_those_of_many_samples(damping):
     system, motion = pressed_often(damping)
     changed = np.abs(motion.sides[:, 0]) == 1
     starts, ends = motion.times[changed][:4], np.append(motion.times, 2.0)[1:][changed][:4]
-    peaks, impulses = motion.press(system, 0, starts, ends, motion.sides[changed, 0])
+    peaks, impulses = motion.press(0, starts, ends)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     for a, b, peak, impulse in zip(starts, ends, peaks, impulses, strict=True):
         t = np.concatenate([0.5 * (a + b) + 0.5 * (b - a) * nodes, np.linspace(a, b, 4001)[1:-1]])

@@ -23,7 +23,7 @@ from ..model.system import System, require_system
 from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
+from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, within_float64
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
 from .exact.tangent import Tangent, path_of_solution
@@ -66,10 +66,10 @@ def watched(run: Trajectory) -> Watched:
     return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
 
 
-def _watched_motion(system: System, motion: Motion, t: Array) -> Watched:
+def _watched_motion(motion: Motion, t: Array) -> Watched:
     """The same of an exact motion, at any times t (k,)."""
-    end, contacts = float(t[-1]), range(len(system.contacts))
-    paths = tuple(path_of(system, motion, t, i)[0] for i in (system.tip_channel, *contacts))
+    system, end, contacts = motion.system, float(t[-1]), range(len(motion.system.contacts))
+    paths = tuple(motion.path(t, i)[0] for i in (system.tip_channel, *contacts))
     impacts = tuple(entries(motion, i, end) for i in contacts)
     if not system.rigid:
         return Watched(t, paths, impacts)
@@ -176,7 +176,7 @@ def copies_agree_until(
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
             part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(system, motion, part), other, tolerance, scales, PART, system.rigid)
+        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, system.rigid)
         horizon = min(horizon, agreed)
     return horizon
 
@@ -185,7 +185,7 @@ def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
     """The times of t (k,) up to the first behind ``until``, and the motion of a copy there."""
     part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
     with within_float64("exact", float(part[-1])):
-        return part, _watched_motion(copy.system, copy.solve(float(part[-1]), stations=part), part)
+        return part, _watched_motion(copy.solve(float(part[-1]), stations=part), part)
 
 
 def exact_horizon(
@@ -200,7 +200,7 @@ def exact_horizon(
     motion, t, scales = reference.solution, reference.t, scales_of(reference)
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
-        _, kept = withheld(system, motion, t_end)
+        _, kept = withheld(motion, t_end)
         rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
         scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
     # Outputs that begin late show nothing of the time before.
@@ -373,7 +373,7 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
         if not system.rigid:
-            audit(system, solution, t_end)
+            audit(solution, t_end)
         tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
         # Vectors that held contacts leave nothing of drop out.
         dz = _unit(tangent, _on_stops(tangent, 0, tangent.into(np.vstack(_vectors(system, rng)))))

@@ -36,7 +36,6 @@ from ..exact.motion import (
     Solver,
     fresh_after,
     pressed,
-    require_short,
     switched_by_force,
 )
 from ..exact.solution import reference_of, refuse
@@ -49,11 +48,9 @@ BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
 GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
 KNOWN_BITS = 28  # precision of a time between two events in float64
-CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the events
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
 
 Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
-Sampler = Callable[..., tuple[Array, Array]]  # positions and velocities (k, channels) at any times
 
 
 def solve(request: Request) -> Reference:
@@ -62,9 +59,8 @@ def solve(request: Request) -> Reference:
     "auto" estimates the digits from the growth of tangent vectors along the float64 solution, and goes
     on until both runs agree to t_end. A fixed number gives the horizon to which both
     agree. Positions and velocities at the output times are evaluated in that many digits and rounded
-    once. Any other time, the peaks and the energy ledger are evaluated in float64 from the rounded states at the
-    switches, or where that is off by more than ``CANCELLED`` in many digits too: provenance["between"] is how far
-    what is used is off at the output times, relative to max |u|. Takes what the exact solution takes: any damping,
+    once, and so at any other time. Peaks, impulses and work are integrated in float64 from the rounded states at the
+    switches. Takes what the exact solution takes: any damping,
     any number of contacts, time functions made of Harmonic, Constant and Sampled; raises InputError otherwise and for
     rigid stops, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
@@ -93,21 +89,12 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, sample, unrounded = carry(system, t_end, wanted, guard, known)
-        try:
-            require_short(solution.made.free, t_end)
-        except SolverFailure:  # float64 has no way between the states
-            solution = unrounded
-        run = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
-        run = _sampled(run, *sample(run.t))
+        solution = carry(system, t_end, wanted, guard, known)
+        run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
             horizon = _agreement(previous, run)
             # A fixed number of digits is confirmed once: the horizon tells how far it is good.
             if horizon >= t_end or digits != "auto":
-                # Sums of float64 cancel between the events: evaluate there in many digits as well.
-                if run.provenance["between"] > CANCELLED:
-                    run = reference_of(system, unrounded, t_end, t_eval, begun, "multiprecision", notes)
-                    run = _sampled(run, *sample(run.t))
                 notes = {
                     "digits_confirmed_with": previous.provenance["digits"],
                     "horizon": horizon,
@@ -122,9 +109,8 @@ def solve(request: Request) -> Reference:
 
 def carry(
     system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None
-) -> tuple[Motion, Sampler, Motion]:
-    """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
-    float64, what samples its channels before that, and the first again by sums that do not cancel.
+) -> PreciseMotion:
+    """The solution with ``digits`` at the start beside the ``guard`` bits that the outputs need.
 
     Those also pay for cancellation: between modes, between the motion and its response to the drive, and
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
@@ -136,30 +122,6 @@ def carry(
         return follow(system, t_end, full, guard, {} if known is None else known)
     finally:
         ctx.prec = before
-
-
-def _sampled(run: Reference, positions: Array, velocities: Array) -> Reference:
-    """``run`` with its outputs (k, channels) as they were before the states were rounded."""
-    assert run.system is not None
-    tip = run.system.tip_channel
-    scale = float(np.max(np.abs(positions[:, tip]))) or 1.0
-    contacts = tuple(
-        replace(
-            record,
-            position=positions[:, i],
-            velocity=velocities[:, i],
-            force=record.stops.force(positions[:, i], velocities[:, i]),
-        )
-        for i, record in enumerate(run.contacts)
-    )
-    between = float(np.max(np.abs(run.tip - positions[:, tip]))) / scale
-    return replace(
-        run,
-        tip=positions[:, tip],
-        tip_velocity=velocities[:, tip],
-        contacts=contacts,
-        provenance=run.provenance | {"between": between},
-    )
 
 
 def _estimate(system: System, t_end: float) -> int:
@@ -246,26 +208,49 @@ class Piece(NamedTuple):
         """z (N, 1) at time t."""
         return (self.regime.split.V * self.ahead(t)).mid()
 
+    def channels(self, t: float) -> Any:
+        """Positions of all channels at time t, and their velocities, (2 channels, 1)."""
+        return self.regime.channels * self.ahead(t)
+
 
 @dataclass(frozen=True, eq=False)
-class Unrounded(Motion):
-    """A motion with the states of its ``precise`` pieces, for motions that are small differences of
-    large amplitudes: of these only the values are rounded."""
+class PreciseMotion(Motion):
+    """A motion with the states of its ``precise`` pieces, one of every mark: of what is read only the values are
+    rounded."""
 
-    precise: list[Piece] = field(default_factory=list)  # of every mark
+    precise: list[Piece] = field(default_factory=list)
+    sampled: list[Array] = field(default_factory=list)  # the last times of ``path``, and all channels there
 
     def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
-        where = self.piece_at(t) if piece is None else piece
-        n, z = self.system.size, np.empty((len(t), self.precise[0].regime.flow.N))
-        for i, (k, when) in enumerate(zip(self.mark_at(t, where).tolist(), t.tolist(), strict=True)):
+        # The last times that were read are kept, as those of other motions are.
+        if piece is None and self.last and np.array_equal(self.last[0][0], t):
+            return self.last[0][1:]
+        z = self._rounded(t, self.piece_at(t) if piece is None else piece, Piece.state)
+        n = self.system.size
+        found = *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
+        if piece is None:
+            self.last[:] = [(np.array(t), *found)]
+        return found
+
+    def path(self, t: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel at any times, (k,) each: no sum of float64 has cancelled in them."""
+        if not self.sampled or not np.array_equal(self.sampled[0], t):
+            self.sampled[:] = np.array(t), self._rounded(t, self.piece_at(t), Piece.channels)
+        seen = self.sampled[1]
+        return seen[:, channel], seen[:, len(self.system.channels) + channel]
+
+    def _rounded(self, t: Array, piece: NDArray[np.int64], read: Callable[[Piece, float], Any]) -> Array:
+        """What is read of the pieces at times t (k,), as the given segments have it."""
+        found = []
+        for k, when in zip(self.mark_at(t, piece).tolist(), t.tolist(), strict=True):
             with carried(self.precise[k].bits):
-                z[i] = [float(x) for x in self.precise[k].state(when).entries()]
-        return *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
+                found.append([float(x) for x in read(self.precise[k], when).entries()])
+        return np.array(found)
 
 
-def follow(system: System, t_end: float, full: int, guard: int, known: Known) -> tuple[Motion, Sampler, Unrounded]:
-    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
-    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
+def follow(system: System, t_end: float, full: int, guard: int, known: Known) -> PreciseMotion:
+    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end; ctx.prec has room
+    to spare.
 
     known: see ``PreciseRegime``.
     """
@@ -331,23 +316,10 @@ def follow(system: System, t_end: float, full: int, guard: int, known: Known) ->
     times, at = np.array([float(x.t) for x in pieces]), np.array(sides, np.int64).reshape(len(sides), len(chi))
     marks = Marks(times, *solver.made.start(q, v), at)
     places = np.array(first)
-    motion = (
+    return PreciseMotion(
         system, solver.made, solver.radians, times[places], at[places], places, marks, len(sides), NO_EVENTS, NO_BLOWS,
+        precise=pieces,
     )  # fmt: skip
-    return Motion(*motion), partial(_sample, times.tolist(), pieces), Unrounded(*motion, precise=pieces)
-
-
-def _sample(
-    times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
-) -> tuple[Array, Array]:
-    """Positions and velocities (k, channels) at any times, ``rounded``."""
-    states = []
-    for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
-        with carried(pieces[k].bits):
-            seen = pieces[k].regime.channels * pieces[k].ahead(when)
-            states.append([rounded(x) for x in seen.entries()])
-    u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
-    return u, v
 
 
 def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
