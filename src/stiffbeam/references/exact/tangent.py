@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
@@ -55,6 +56,16 @@ class Path:
     def ends(self) -> Array:
         """Times (k,) at which the segments end."""
         return np.append(self.times[1:], self.t_end)
+
+    @property
+    def changed(self) -> NDArray[np.bool_]:
+        """True for the contacts that open, close or are hit where each segment but the first begins, (k - 1, m)."""
+        changed = self.sides[1:] != self.sides[:-1]
+        # Impacts that hold nothing change no side.
+        for segment, contacts in self.hits.items():
+            for contact in contacts:
+                changed[segment - 1, contact] |= segment > 0 and self.sides[segment - 1][contact] == 0
+        return changed
 
     @property
     def units(self) -> Array:

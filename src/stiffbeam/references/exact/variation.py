@@ -25,7 +25,7 @@ from ...model.sampled import Sampled, moved
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
 from ...model.time_functions import Constant, Drive, Harmonic
-from .free import free_system
+from .free import free_system, pressed_modes
 
 TERMS = 33  # of a series over RADIANS: 4^33/33! is below rounding
 RADIANS = 4.0  # of the fastest motion of a regime in a step
@@ -180,10 +180,7 @@ class Regime:
     @cached_property
     def vibrations(self) -> tuple[Array, Array]:
         """Frequencies (n,) and modes (n, n) of the regime without damping, of pressed springs."""
-        # Singular values of a factor are as exact as the largest frequency, not as its square.
-        factor = np.vstack([np.diag(np.sqrt(self.variation.free.w2)), np.sqrt(self.kappa)[:, None] * self.rows])
-        _, w, modes = np.linalg.svd(factor, full_matrices=False)
-        return w, modes
+        return pressed_modes(self.variation.free.w2, self.rows, self.kappa)
 
     @cached_property
     def fastest(self) -> float:
