@@ -119,7 +119,7 @@ def carry(
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        return follow(system, t_end, full, guard, {} if known is None else known)
+        return follow(PreciseSolver(system, t_end, full, guard, {} if known is None else known))
     finally:
         ctx.prec = before
 
@@ -193,18 +193,20 @@ class PreciseRegime:
 
 
 class Piece(NamedTuple):
-    """A regime from time t on, the coordinates y there and the bits carried."""
+    """A regime from time t on: the coordinates y there, the bits carried, q and q' (2n,) rounded, sides of contacts."""
 
     regime: PreciseRegime
     t: Any
     y: Any
     bits: int
+    state: Array
+    sides: list[int]
 
     def ahead(self, t: float) -> Any:
         """y at time t."""
         return self.regime.split.ahead(self.y, arb(t) - self.t)
 
-    def state(self, t: float) -> Any:
+    def whole(self, t: float) -> Any:
         """z (N, 1) at time t."""
         return (self.regime.split.V * self.ahead(t)).mid()
 
@@ -225,7 +227,7 @@ class PreciseMotion(Motion):
         # The last times that were read are kept, as those of other motions are.
         if piece is None and self.last and np.array_equal(self.last[0][0], t):
             return self.last[0][1:]
-        z = self._rounded(t, self.piece_at(t) if piece is None else piece, Piece.state)
+        z = self._rounded(t, self.piece_at(t) if piece is None else piece, Piece.whole)
         n = self.system.size
         found = *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
         if piece is None:
@@ -248,78 +250,93 @@ class PreciseMotion(Motion):
         return np.array(found)
 
 
-def follow(system: System, t_end: float, full: int, guard: int, known: Known) -> PreciseMotion:
-    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end; ctx.prec has room
-    to spare.
+class PreciseSolver:
+    """Regimes in many digits, and events that float64 finds, on [0, t_end].
 
-    known: see ``PreciseRegime``.
+    ``full`` bits are carried at the start and ``guard`` at the end; ctx.prec has room to spare. known: see
+    ``PreciseRegime``.
     """
-    room, drive, solver = ctx.prec, Drive.of(system), Solver(system)
-    # The flow in many digits; the events are found by float64.
-    flow, regimes = LinearFlow(system), dict[tuple[int, ...], PreciseRegime]()
-    t, z, chi, resting = arb(0), flow.start(), list[int](), True  # resting: a gap may be zero, and opens or closes
-    sides, states, first = list[list[int]](), list[Array](), list[int]()  # of marks, and the marks of events
-    fresh, pieces = np.zeros(len(system.contacts), np.int64), list[Piece]()
-    fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
-    while True:
-        state, begun = np.array([float(x) for x in z.entries()[: 2 * flow.n]]), float(t)
+
+    def __init__(self, system: System, t_end: float, full: int, guard: int, known: Known) -> None:
+        self.system, self.t_end, self.full, self.guard, self.known = system, t_end, full, guard, known
+        self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
+        self.regimes: dict[tuple[int, ...], PreciseRegime] = {}
+
+    def begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
+        """The piece that begins with z at t. resting: a gap may be zero, and opens or closes."""
+        state, begun = np.array([float(x) for x in z.entries()[: 2 * self.flow.n]]), float(t)
         if resting:
-            chi = solver.sides_at(begun, np.split(state, 2)).tolist()
+            sides = self.solver.sides_at(begun, np.split(state, 2)).tolist()
         # The regime of these contacts, refined where it is first met.
-        key = tuple(pressed(chi).tolist())
-        if key not in regimes:
-            with carried(room):
-                regimes[key] = PreciseRegime(flow, key, known)
-            fastest = max(fastest, float(np.max(np.abs(regimes[key].rates))))
-            turning = max(turning, float(np.max(np.abs(regimes[key].rates.imag))))
+        key = tuple(pressed(sides).tolist())
+        if key not in self.regimes:
+            with carried(self.room):
+                self.regimes[key] = PreciseRegime(self.flow, key, self.known)
+        regime, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
-        regime = regimes[key]
-        ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
-        if not sides or chi != sides[-1]:
-            first.append(len(sides))
-        sides.append(list(chi))
-        states.append(state)
-        pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
-        afford("t_end", t_end, "shorten t_end", floats=len(sides) * (full / 32.0 + 20.0) * system.size)
+        ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
+        return Piece(regime, t, (regime.split.L * z).mid(), ctx.prec, state, sides)
+
+    def place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
+        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
+        last step of it with the coordinates there."""
+        rates, begun = np.concatenate([x.rates for x in self.regimes.values()]), float(piece.t)
+        fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
+        turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
+        before = piece.sides[contact]
+        gap = piece.regime.gap(contact, int(np.sign(side or before)), switched_by_force(before, side))
+        tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
+        return (piece.t + tau + shift).mid(), shift, y
+
+    def motion(self, pieces: list[Piece]) -> PreciseMotion:
+        """The motion of these pieces, whose marks float64 stores."""
+        times, states = np.array([float(x.t) for x in pieces]), np.array([x.state for x in pieces])
+        sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), len(self.system.contacts))
+        first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
+        marks = Marks(times, *self.solver.made.start(*np.split(states, 2, axis=1)), sides)
+        return PreciseMotion(
+            self.system, self.solver.made, self.solver.radians, times[first], sides[first], first, marks, len(pieces),
+            NO_EVENTS, NO_BLOWS, precise=pieces,
+        )  # fmt: skip
+
+
+def follow(solver: PreciseSolver) -> PreciseMotion:
+    """The solution from event to event."""
+    system, t_end, pieces = solver.system, solver.t_end, list[Piece]()
+    none = fresh = np.zeros(len(system.contacts), np.int64)
+    t, z, sides, resting = arb(0), solver.flow.start(), list[int](), True
+    while True:
+        piece = solver.begin(t, z, resting, sides)
+        pieces.append(piece)
+        begun, sides, split = float(t), piece.sides, piece.regime.split
+        afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (solver.full / 32.0 + 20.0) * system.size)
         # Next event before the next sample, by float64.
-        edge = drive.next_edge(begun, t_end)
-        known_sides = None if resting else np.array(chi, np.int64)
-        found, decided = solver.first_event(begun, known_sides, fresh, np.split(state, 2), edge), resting
-        resting = False
+        edge = solver.drive.next_edge(begun, t_end)
+        known_sides = None if resting else np.array(sides, np.int64)
+        found = solver.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), edge)
+        decided, resting = resting, False
         if found is not None and found[0] < edge:
             start, contact, side = found
-            # Refine the event to all digits, and go on from there in the new regime.
             in_time(begun)
-            gap = regime.gap(contact, int(np.sign(side or chi[contact])), switched_by_force(chi[contact], side))
-            look = partial(_at, pieces[-1], gap)
-            tau, shift, ahead = _locate(look, start - begun, fastest, 2.0 * np.pi / turning, begun)
-            when = (t + tau + shift).mid()
+            # Refine the event to all digits, and go on from there in the new regime.
+            when, shift, y = solver.place(piece, start, contact, side)
             if decided and when == t and start > begun:  # back to where the sides are known: float64's rounding
-                t, z, fresh = arb(start), pieces[-1].state(start), 0 * fresh
+                t, z, fresh = arb(start), piece.whole(start), none
                 continue
             # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
-            if not drive.records or t <= when < edge:
-                after = [side if i == contact else x for i, x in enumerate(chi)]
+            if not solver.drive.records or t <= when < edge:
+                after = [side if i == contact else x for i, x in enumerate(sides)]
                 resting = when == t  # the state stays as it is: its rounding would bring the event back
                 if not resting:
-                    z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
-                t, fresh, chi = when, fresh_after(system, chi, after), after
+                    z = (split.V * split.ahead(y, shift)).mid()
+                t, fresh, sides = when, fresh_after(system, sides, after), after
                 continue
             if when < t:
                 raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
         # No event before the sample: the same regime goes on with the next polynomials of the records.
         if edge >= t_end:
-            break
-        t, z, fresh = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), 0 * fresh
-    # The motion as float64 stores it: the states at all marks.
-    q, v = np.split(np.array(states), 2, axis=1)
-    times, at = np.array([float(x.t) for x in pieces]), np.array(sides, np.int64).reshape(len(sides), len(chi))
-    marks = Marks(times, *solver.made.start(q, v), at)
-    places = np.array(first)
-    return PreciseMotion(
-        system, solver.made, solver.radians, times[places], at[places], places, marks, len(sides), NO_EVENTS, NO_BLOWS,
-        precise=pieces,
-    )  # fmt: skip
+            return solver.motion(pieces)
+        t, z, fresh = arb(edge), solver.flow.at_edge(piece.whole(edge), arb(edge)), none
 
 
 def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
