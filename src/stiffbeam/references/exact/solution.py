@@ -2,7 +2,7 @@
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
 system with a solution in closed form. The search for the next event uses steps that provably contain none
-(search.py).
+(kernels/exact.c).
 """
 
 from __future__ import annotations
