@@ -7,6 +7,8 @@ already inside, where its force would be > 0 again; a pressed one is left where 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -33,27 +35,34 @@ def stops_of(rng: np.random.Generator, law: str) -> sb.Stops:
 
 def random_system(seed: int) -> sb.System:
     """One to four unknowns, one or two contacts, with loads, damping and moving stops now and then."""
-    return _system(np.random.default_rng([seed, 1302]), [LAWS[(seed + c) % len(LAWS)] for c in range(1 + seed % 2)])
+    laws = [LAWS[(seed + c) % len(LAWS)] for c in range(1 + seed % 2)]
+    return driven(np.random.default_rng([seed, 1302]), [partial(stops_of, law=law) for law in laws])
 
 
 def kelvin_voigt_system(seed: int) -> sb.System:
     """The same with damped linear stops."""
-    return _system(np.random.default_rng([seed, 77]), ["kelvin-voigt"] * (1 + seed % 2))
+    return driven(np.random.default_rng([seed, 77]), [partial(stops_of, law="kelvin-voigt")] * (1 + seed % 2))
 
 
-def _system(rng: np.random.Generator, laws: list[str]) -> sb.System:
-    n = int(rng.integers(1, 5))
+def driven(
+    rng: np.random.Generator, stops: list[Any], most: int = 4, phase: float = 0.0, pressed: bool = False
+) -> sb.System:
+    """A driven system of up to ``most`` unknowns, with no more contacts than these.
+
+    stops: functions of rng. pressed: by a constant load.
+    """
+    n = int(rng.integers(1, most + 1))
     A, B = rng.normal(size=(2, n, n))
     mass, stiffness = np.eye(n) + 0.1 * A @ A.T, 4.0 * np.eye(n) + B @ B.T
     damping = rng.choice([0.0, 0.05]) * mass + rng.choice([0.0, 0.02]) * stiffness
     contacts = []
-    for c, law in enumerate(laws[:n]):
+    for c, make in enumerate(stops[:n]):
         offset = sb.Harmonic(0.03, float(rng.uniform(1.0, 4.0)), 0.3) if rng.random() < 0.25 else None
-        contacts.append(sb.Contact(np.eye(n)[c], stops_of(rng, law), offset))
-    loads = [(rng.normal(size=n), sb.Harmonic(float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.5, 5.0))))]
-    return sb.System.from_matrices(
-        mass, stiffness, damping, loads, contacts, initial_displacement=np.zeros(n), initial_velocity=rng.normal(size=n)
-    )
+        contacts.append(sb.Contact(np.eye(n)[c], make(rng), offset))
+    loads = [(rng.normal(size=n), sb.Harmonic(float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.5, 5.0)), phase))]
+    if pressed:
+        loads.append((rng.normal(size=n) * 3.0, sb.Constant(1.0)))
+    return sb.System.from_matrices(mass, stiffness, damping, loads, contacts, initial_velocity=rng.normal(size=n))
 
 
 def free_system(seed: int) -> sb.System:
@@ -80,74 +89,92 @@ def free_system(seed: int) -> sb.System:
 
 
 class Witness:
-    """The motion of such a system."""
+    """The motion of such a system, from event to event."""
+
+    rtol, atol, longest = 1e-12, 1e-13, 0.02
 
     def __init__(self, system: sb.System) -> None:
-        self.system, self.n = system, len(system.mass)
-        self.inverse = np.linalg.inv(system.mass)
-        self.sides = []
-        for contact in system.contacts:
-            for sign, stop in ((1.0, contact.stops.upper), (-1.0, contact.stops.lower)):
-                if stop is not None:
-                    self.sides.append((contact, sign, float(stop)))
+        self.system, self.n, self.inverse = system, system.size, np.linalg.inv(system.mass)
+        stops = [contact.stops for contact in system.contacts]
+        pairs = [(c, sign, stop) for c, x in enumerate(stops) for sign, stop in ((1.0, x.upper), (-1.0, x.lower))]
+        self.sides = [(c, sign, float(stop)) for c, sign, stop in pairs if stop is not None]
         self.pressed = [False] * len(self.sides)
 
+    def offset(self, c, t, order=0):
+        """The offset of a contact, or its derivative."""
+        o = self.system.contacts[c].offset
+        phase = 0.0 if o is None else o.frequency * t + o.phase + order * np.pi / 2
+        return 0.0 if o is None else o.amplitude * o.frequency**order * np.sin(phase)
+
+    def speed(self, c, t, y):
+        return self.system.contacts[c].row @ y[self.n :] + self.offset(c, t, 1)
+
     def depth(self, k, t, y):
-        contact, sign, stop = self.sides[k]
-        o = contact.offset
-        shift = 0.0 if o is None else o.amplitude * np.sin(o.frequency * t + o.phase)
-        rate = 0.0 if o is None else o.amplitude * o.frequency * np.cos(o.frequency * t + o.phase)
-        return sign * (contact.row @ y[: self.n] + shift - stop), sign * (contact.row @ y[self.n :] + rate)
+        """How far side k is beyond its stop, and its rate."""
+        c, sign, stop = self.sides[k]
+        u = self.system.contacts[c].row @ y[: self.n] + self.offset(c, t)
+        return sign * (u - stop), sign * self.speed(c, t, y)
 
-    def force(self, k, t, y):
-        stops, (d, rate) = self.sides[k][0].stops, self.depth(k, t, y)
-        size = np.sign(d) * abs(d) ** float(stops.exponent)
-        return stops.stiffness * size * (1.0 + stops.dissipation * rate) + stops.damping * rate
-
-    def rhs(self, t, y):
+    def outer_force(self, t, y):
+        """All forces but those of the stops."""
         s = self.system
         f = -s.stiffness @ y[: self.n] - s.damping @ y[self.n :]
         for vector, load in s.loads:
             level = getattr(load, "level", None)
             f = f + vector * (load.amplitude * np.sin(load.frequency * t + load.phase) if level is None else level)
-        for k, (contact, sign, _) in enumerate(self.sides):
+        return f
+
+    def force(self, k, t, y):
+        stops, (d, rate) = self.system.contacts[self.sides[k][0]].stops, self.depth(k, t, y)
+        size = np.sign(d) * abs(d) ** float(stops.exponent)
+        return stops.stiffness * size * (1.0 + stops.dissipation * rate) + stops.damping * rate
+
+    def rhs(self, t, y):
+        f = self.outer_force(t, y)
+        for k, (c, sign, _) in enumerate(self.sides):
             if self.pressed[k]:
-                f = f - sign * contact.row * self.force(k, t, y)
+                f = f - sign * self.system.contacts[c].row * self.force(k, t, y)
         return np.concatenate([y[self.n :], self.inverse @ f])
 
     def switch(self, k, t, y):
         """> 0 where the side presses: beyond the stop, and with a force that is no pull."""
-        stops, (d, rate) = self.sides[k][0].stops, self.depth(k, t, y)
+        stops, (d, rate) = self.system.contacts[self.sides[k][0]].stops, self.depth(k, t, y)
         return min(d, 1.0 + stops.dissipation * rate if stops.damping == 0.0 else self.force(k, t, y))
 
-    def solve(self, times, rtol=1e-12):
-        """(tip, switches): the first contact's position at ``times`` and how often a side was entered or left."""
-        t, y, out, switches = 0.0, np.concatenate([self.system.q0, self.system.v0]), [], 0
-        end, floors = times[-1], np.zeros(len(self.sides))
-        for k in range(len(self.sides)):
-            self.pressed[k] = self.switch(k, t, y) > 0.0
-        while True:
+    def start(self, y):
+        self.pressed = [self.switch(k, 0.0, y) > 0.0 for k in range(len(self.sides))]
+
+    def events(self, t, y):
+        """What may end a piece: (function that falls through zero, what happens then: (t, y) to y)."""
+        found = []
+        for k, closed in enumerate(self.pressed):
             # A switch just made is looked for a little past where it was.
-            for k, closed in enumerate(self.pressed):
-                here = self.switch(k, t, y)
-                floors[k] = min(here, 0.0) - 1e-14 if closed else max(here, 0.0) + 1e-14
-            events = []
-            for k, closed in enumerate(self.pressed):
-                event = lambda t, y, k=k: self.switch(k, t, y) - floors[k]  # noqa: E731
-                event.terminal, event.direction = True, -1.0 if closed else 1.0
-                events.append(event)
-            due = times[len(out) :]
+            here, sign = self.switch(k, t, y), 1.0 if closed else -1.0
+            floor = min(here, 0.0) - 1e-14 if closed else max(here, 0.0) + 1e-14
+            event = lambda t, y, k=k, sign=sign, floor=floor: sign * (self.switch(k, t, y) - floor)  # noqa: E731
+            found.append((event, lambda t, y, k=k: self.toggle(k, y)))
+        return found
+
+    def toggle(self, k, y):
+        self.pressed[k] = not self.pressed[k]
+        return y
+
+    def solve(self, times):
+        """(tip, switches): the first contact's position at ``times``, without its offset, and how many events."""
+        t, y, out, switches = 0.0, np.concatenate([self.system.q0, self.system.v0]), [], 0
+        self.start(y)
+        while True:
+            found = self.events(t, y)
+            for event, _ in found:
+                event.terminal, event.direction = True, -1.0
             path = solve_ivp(
-                self.rhs, (t, end), y, "DOP853", t_eval=due, events=events, rtol=rtol, atol=1e-13, max_step=0.02
-            )
+                self.rhs, (t, times[-1]), y, "DOP853", t_eval=times[len(out) :], events=[event for event, _ in found],
+                rtol=self.rtol, atol=self.atol, max_step=self.longest,
+            )  # fmt: skip
             assert path.success
-            if np.size(path.y):
-                out += list(path.y.T)
+            out += list(path.y.T) if np.size(path.y) else []
             if path.status != 1:
-                break
+                return np.array(out)[:, : self.n] @ self.system.contacts[0].row, switches
             k = next(k for k, found in enumerate(path.t_events) if len(found))
             t, y = float(path.t_events[k][0]), path.y_events[k][0]
-            self.pressed[k] = not self.pressed[k]
-            switches += 1
-        row = self.system.contacts[0].row
-        return np.array(out)[:, : self.n] @ row, switches
+            y, switches = found[k][1](t, y), switches + 1

@@ -63,48 +63,6 @@ def exact_linear(
     return y[:, :n], y[:, n : 2 * n]
 
 
-def damped_bounces(w2, c, kappa, stops, load, frequency, x, v, t_end, digits=60):
-    """Switches (t, side) of x'' + c x' + w2 x = load sin(frequency t) between two stops, with mpmath.
-
-    The textbook underdamped oscillator piece by piece; a crossing is bracketed on a grid of a
-    thousandth of a time unit and found by mpmath in ``digits`` digits.
-    """
-    import mpmath as mp
-
-    def path(y, m, t, W, level, s, r, A, B, beta, damped):
-        """x at t + y, with the functions of m: mpmath or NumPy."""
-        free = m.exp(-beta * y) * (A * m.cos(damped * y) + B * m.sin(damped * y))
-        return level + s * m.sin(W * (t + y)) + r * m.cos(W * (t + y)) + free
-
-    with mp.workdps(digits):
-        w2, c, kappa, load, W, x, v = (mp.mpf(y) for y in (w2, c, kappa, load, frequency, x, v))
-        t, side, found, grid = mp.mpf(0), 0, [], np.arange(1, 40_000) * 1e-3
-        while True:
-            k2 = w2 + (kappa if side else 0)
-            level = kappa * mp.mpf(stops[side > 0]) / k2 if side else mp.mpf(0)
-            beta, damped = c / 2, mp.sqrt(k2 - c**2 / 4)
-            D = (k2 - W**2) ** 2 + (c * W) ** 2
-            s, r = load * (k2 - W**2) / D, -load * c * W / D
-            A = x - level - s * mp.sin(W * t) - r * mp.cos(W * t)
-            B = (v - W * (s * mp.cos(W * t) - r * mp.sin(W * t)) + beta * A) / damped
-            law = (t, W, level, s, r, A, B, beta, damped)
-            u = path(grid, np, *map(float, law))
-            crossings = []
-            for other in (1, -1) if side == 0 else (side,):
-                change = np.flatnonzero((other * (u - stops[other > 0]) > 0) == (side == 0))
-                crossings += [(change[0], other)] if len(change) else []
-            index, other = min(crossings)
-            bracket = (max(grid[index] - 1e-3, 1e-9), grid[index])
-            stop = mp.mpf(stops[other > 0])
-            gap = lambda y, law=law, stop=stop: path(y, mp, *law) - stop  # noqa: E731
-            root = mp.findroot(gap, bracket, solver="anderson")
-            if t + root >= t_end:
-                return found
-            x, v = path(root, mp, *law), mp.diff(gap, root)
-            t, side = t + root, other if side == 0 else 0
-            found.append((float(t), side))
-
-
 def harmonic_piece(w2, a, w, phase, t_end):
     """What ``between_rigid_walls`` takes of the load a sin(w t + phase) on an undamped oscillator."""
     import mpmath as mp

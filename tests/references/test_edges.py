@@ -70,9 +70,9 @@ def test_a_missed_event_is_a_failure_with_its_time(damped, table10):
     """The audit names a time behind the event that a motion drops, which goes on in the regime of its fifth segment."""
     system = sb.semidiscretise(dataclasses.replace(table10, viscosity=0.02 if damped else 0.0), 8)
     solution, k = Solver(system).solve(0.2), 5
-    audit(system, solution, 0.2)
+    audit(solution, 0.2)
     with pytest.raises(sb.SolverFailure, match="energy balance is open") as failure:
-        audit(system, solution.first(k), 0.2)
+        audit(solution.first(k), 0.2)
     assert solution.times[k] < failure.value.t <= 0.2
 
 

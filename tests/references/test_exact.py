@@ -10,10 +10,8 @@ from oracles import exact_linear
 from systems import linear_part
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED
 from stiffbeam.model.modes import modes
 from stiffbeam.references import solve
-from stiffbeam.references.exact.motion import Solver
 
 
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
@@ -92,16 +90,6 @@ def test_frequencies_from_the_curvature_factor_lose_less_than_from_the_stiffness
     assert abs(by_factor[0] / exact[0] - 1) < 1e-12
     assert abs(by_factor[0] / exact[0] - 1) < 0.1 * abs(by_stiffness[0] / exact[0] - 1) + 1e-13
     assert np.max(np.abs(by_factor / exact - 1)) < 1e-12
-
-
-def test_both_exact_solutions_are_one_where_both_apply(table10_system):
-    times = np.linspace(0.0, 0.1, 101)
-    real = solve(table10_system, 0.1, "exact", times, 0.0, None)
-    solver = Solver(table10_system)
-    solver.made = solver.made._replace(pressed=NONE_PRESSED, free=solver.made.free.changed(kind=0))  # series alone
-    general = solver.solve(0.1)
-    assert np.max(np.abs(general.states(times)[0] - real.states[0])) < 1e-12
-    assert np.allclose(general.times[1:], real.solution.times[1:], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rigid_chain import chain as rigid_chain
+from rigid_loops import chain as rigid_chain
 from systems import one_mass
 
 import stiffbeam as sb

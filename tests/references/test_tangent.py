@@ -14,6 +14,8 @@ from test_rigid_neighbours import system_of as rigid_system
 import stiffbeam as sb
 from stiffbeam.references import horizon, solve
 from stiffbeam.references.exact.motion import Solver
+from stiffbeam.references.exact.tangent import Tangent, path_of_solution
+from stiffbeam.references.exact.variation import Variation
 
 
 def table(number: int) -> sb.System:
@@ -61,13 +63,15 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which):
     make, t_end, step, error, always = PARTING[which]
     system = make()
     growth = sb.lyapunov(system, t_end, rng=3)
-    dq, dv = horizon._vectors(system, 3)
+    base = Solver(system).solve(t_end)
+    variation = Variation(system)
+    vectors = horizon._vectors(Tangent(variation, path_of_solution(system, base, t_end)), 3)
+    dq, dv = (variation.X @ x.T for x in np.split(vectors, 2, axis=1))
 
     def size(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.sqrt(np.sum(v * (system.mass @ v), axis=0) + np.sum(q * (system.stiffness @ q), axis=0))
 
     dq, dv = (x / size(dq, dv) for x in (dq, dv))
-    base = Solver(system).solve(t_end)
     assert len(base.times) > 1
     t, logs = (x if always else x[-1:] for x in (growth.t, growth.log_growth))
     here = base.states(t)

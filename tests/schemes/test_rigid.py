@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rigid_chain import INF, chain
-from rigid_loops import Loop
+from rigid_loops import INF, Loop, chain
 from systems import one_mass
 
 import stiffbeam as sb

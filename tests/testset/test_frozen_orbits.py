@@ -60,9 +60,6 @@ def test_a_periodic_orbit_found_anew_is_the_one_of_the_file(name):
     for one, other in zip((orbit.q, orbit.v), start, strict=True):
         assert np.max(np.abs(one - other)) < near * max(np.max(np.abs(other)), 1e-3)
     assert np.allclose(orbit.events, numbers(name, "event_times"), rtol=0.0, atol=1e-10 * period)
-    assert [(c, new) for c, _, new in FILES[name]["answers"]["itinerary"]] == [
-        *zip(orbit.event_contacts, orbit.event_sides, strict=True)
-    ]
     frozen = multipliers(name)
     assert np.allclose(np.sort_complex(orbit.multipliers), np.sort_complex(frozen), atol=1e-8 * abs(frozen[0]))
 

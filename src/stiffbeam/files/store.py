@@ -120,7 +120,7 @@ def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_ev
     t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
     # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
-    return replace(reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
+    return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
 
 
 def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
@@ -129,9 +129,7 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
     sides = solution.sides.astype(np.int8)
     # A single contact needs no second dimension.
     sides = sides[:, 0] if sides.shape[1] == 1 else sides
-    q, v = (np.empty((len(stored), reference.system.size)) for _ in range(2))
-    for row, piece in enumerate(stored):
-        q[row], v[row] = (x[0] for x in solution.state_at_start(piece))
+    q, v = solution.states_in(solution.times[stored], stored)
     keep = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
             "python-flint", "numpy")  # fmt: skip
     attributes = {

@@ -104,9 +104,4 @@ API Int exact_work(const Free *f, const Free *up, const Free *low, const double 
                    const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
                    const double *edges, double *work);
 
-/* Squares of the pressed frequencies of one spring, w2[near[k]] + shift[k], and V (n, n): its rows are their modes in
- * the free ones. w2, row, shift, near, r (n,); r is scratch. */
-API void exact_pressed_modes(Int n, const double *w2, const double *row, double kappa, double *shift, Int *near, double *V,
-                             double *r);
-
 #endif

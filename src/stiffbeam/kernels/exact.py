@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..basics.arrays import Array, IntArray
 from .library import INTEGER, Address, Int, Real, address, library
@@ -58,8 +57,6 @@ def _functions() -> ctypes.CDLL:
     lib.exact_work.argtypes = [*flown, Real, *marks, Int, Address, Address]
     for function in (lib.exact_follow, lib.exact_read, lib.exact_press, lib.exact_work):
         function.restype = Int
-    lib.exact_pressed_modes.argtypes = [Int, Address, Address, Real, *[Address] * 4]
-    lib.exact_pressed_modes.restype = None
     return lib
 
 
@@ -331,14 +328,3 @@ def work(free: Free, pressed: Pressed, marks: Marks, edges: Array, radians: floa
         *pressed.arguments(free), radians, *marks.arguments(free), len(at), at.ctypes.data, found.ctypes.data
     ))  # fmt: skip
     return found
-
-
-def pressed_modes(w2: Array, row: Array, kappa: float) -> tuple[Array, NDArray[np.int64], Array]:
-    """Shifts (n,) and poles (n,) of the squared frequencies w2[near] + shift with a spring on a row, and modes V."""
-    n = len(w2)
-    shift, near, V, scratch = np.empty(n), np.empty(n, np.int64), np.empty((n, n)), np.empty(n)
-    _functions().exact_pressed_modes(
-        n, address(w2, (n,)), address(row, (n,)), kappa, shift.ctypes.data,
-        near.ctypes.data, V.ctypes.data, scratch.ctypes.data,
-    )  # fmt: skip
-    return shift, near, V

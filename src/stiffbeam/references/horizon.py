@@ -20,10 +20,9 @@ from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
-from ..model.time_functions import offset_rate
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .exact.contacts import DUST, audit, entries, largest_momentum, path_of, withheld, within_float64
+from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, within_float64
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
 from .exact.tangent import Tangent, path_of_solution
@@ -66,10 +65,10 @@ def watched(run: Trajectory) -> Watched:
     return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
 
 
-def _watched_motion(system: System, motion: Motion, t: Array) -> Watched:
+def _watched_motion(motion: Motion, t: Array) -> Watched:
     """The same of an exact motion, at any times t (k,)."""
-    end, contacts = float(t[-1]), range(len(system.contacts))
-    paths = tuple(path_of(system, motion, t, i)[0] for i in (system.tip_channel, *contacts))
+    system, end, contacts = motion.system, float(t[-1]), range(len(motion.system.contacts))
+    paths = tuple(motion.path(t, i)[0] for i in (system.tip_channel, *contacts))
     impacts = tuple(entries(motion, i, end) for i in contacts)
     if not system.rigid:
         return Watched(t, paths, impacts)
@@ -176,7 +175,7 @@ def copies_agree_until(
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
             part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(system, motion, part), other, tolerance, scales, PART, system.rigid)
+        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, system.rigid)
         horizon = min(horizon, agreed)
     return horizon
 
@@ -185,7 +184,7 @@ def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
     """The times of t (k,) up to the first behind ``until``, and the motion of a copy there."""
     part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
     with within_float64("exact", float(part[-1])):
-        return part, _watched_motion(copy.system, copy.solve(float(part[-1]), stations=part), part)
+        return part, _watched_motion(copy.solve(float(part[-1]), stations=part), part)
 
 
 def exact_horizon(
@@ -200,7 +199,7 @@ def exact_horizon(
     motion, t, scales = reference.solution, reference.t, scales_of(reference)
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
-        _, kept = withheld(system, motion, t_end)
+        _, kept = withheld(motion, t_end)
         rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
         scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
     # Outputs that begin late show nothing of the time before.
@@ -373,10 +372,10 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
         if not system.rigid:
-            audit(system, solution, t_end)
+            audit(solution, t_end)
         tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
         # Vectors that held contacts leave nothing of drop out.
-        dz = _unit(tangent, _on_stops(tangent, 0, tangent.into(np.vstack(_vectors(system, rng)))))
+        dz = _unit(tangent, _on_stops(tangent, 0, _vectors(tangent, rng)))
         if not len(dz):
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
         times = tangent.path.times
@@ -424,28 +423,15 @@ def _carried(tangent: Tangent, segment: int, tau: float, dz: Array, log: Array, 
     raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
 
 
-def _vectors(system: System, rng: Rng) -> tuple[Array, Array]:
-    """Tangent vectors (n, vectors): random with the energy spread over all modes, and (q', q'')."""
-    basis = undamped_modes(system)
-    noise = generator(rng).standard_normal((2, system.size, RANDOM))
-    slowest = np.min(
-        basis.omega, where=basis.omega > 0.0, initial=np.max(basis.omega) or 1.0
-    )  # also for a rigid motion
+def _vectors(tangent: Tangent, rng: Rng) -> Array:
+    """Tangent vectors (vectors, 2n) in modes: random with the energy spread over all of them, and (q', q'')."""
+    omega = np.sqrt(tangent.variation.free.w2)
+    noise = generator(rng).standard_normal((2, len(omega), RANDOM))
+    slowest = np.min(omega, where=omega > 0.0, initial=np.max(omega) or 1.0)  # also for a rigid motion
     # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
-    scale = np.where(basis.omega > 0.0, np.maximum(basis.omega, 1e-8 * basis.omega[-1]), slowest)[:, None]
-    # The direction of the motion needs q'' at t = 0, with the forces of the stops.
-    force = system.load(0.0) - system.stiffness @ system.q0 - system.damping @ system.v0
-    compliant = [contact for contact in system.contacts if not contact.stops.rigid]
-    for contact, u in zip(compliant, system.positions(0.0, system.q0), strict=False):
-        speed = (
-            float(contact.row @ system.v0) + offset_rate(contact.offset, np.zeros(1))[0]
-            if contact.stops.dissipative
-            else 0.0
-        )
-        force = force + contact.row * contact.stops.force(u, speed)
-    dq = np.column_stack([basis.shapes @ (noise[0] / scale), system.v0])
-    dv = np.column_stack([basis.shapes @ noise[1], np.linalg.solve(system.mass, force)])
-    return dq, dv
+    scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * np.max(omega)), slowest)
+    eta = tangent.at_start(0).eta[:, 0, 0]
+    return np.vstack([np.hstack([noise[0].T / scale, noise[1].T]), np.append(eta[1], 2.0 * eta[2])])
 
 
 def _unit(tangent: Tangent, dz: Array) -> Array:

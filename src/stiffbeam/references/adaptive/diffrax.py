@@ -72,6 +72,18 @@ class Modal(NamedTuple):
     rates: Any
 
 
+class Span(NamedTuple):
+    """Up to ``count`` steps from (t, z) towards ``end``, the first of this ``length``, one to each of the outputs."""
+
+    t: Any
+    z: Any
+    length: Any
+    end: Any
+    outputs: Any
+    max_step: Any
+    count: Any
+
+
 class Program:
     """The compiled march of a solver of diffrax for one right-hand side, whose regime and window change."""
 
@@ -90,18 +102,16 @@ class Program:
             self._kind, numbers = numbers_of(rhs.equations)
             self._numbers = jax.device_put(numbers)
         with once():
-            self(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0)  # compiles
+            self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles
 
-    def __call__(
-        self, t: float, z: Array, length: float, end: float, outputs: Array, max_step: float, count: int
-    ) -> tuple[Any, ...]:
+    def __call__(self, span: Span) -> tuple[Any, ...]:
         """``_march`` in the regime of now, with up to CAPACITY outputs."""
         with float64_on_the_processor():
             arguments = self._arguments()
             ahead = np.full(CAPACITY, np.inf)
-            ahead[: len(outputs)] = outputs
+            ahead[: len(span.outputs)] = span.outputs
             march = _compiled(self.name, self._kind, self._twice)
-            found = march(arguments, t, z, length, end, ahead, self.rtol, self.atol, max_step, count)
+            found = march(arguments, (self.rtol, self.atol), span._replace(outputs=ahead))
             return tuple(map(np.asarray, found))
 
     def _arguments(self) -> tuple[Any, Modal | None]:
@@ -172,9 +182,8 @@ class Stepper:
         first = int(np.searchsorted(self._outputs, self.t, "right"))
         outputs = self._outputs[first : first + CAPACITY]
         end = float(outputs[-1]) if len(outputs) == CAPACITY else self.t_bound
-        times, states, made, tried, length = self._program(
-            self.t, self.y, self._length, end, outputs, self._max_step, self._count
-        )
+        span = Span(self.t, self.y, self._length, end, outputs, self._max_step, self._count)
+        times, states, made, tried, length = self._program(span)
         self._times, self._states, self._next = times[:made], states[:made], 0
         self._length, self._count = float(length), min(CAPACITY, 2 * self._count)
         # A rejected step takes as many stages as an accepted one.
@@ -207,17 +216,17 @@ def _modal(jacobian: Array) -> tuple[Modal | None, float]:
 
 
 def _march(
-    name: str, kind: Kind, twice: bool, arguments: Any, t: Any, z: Any, dt: Any, end: Any, outputs: Any, rtol: Any,
-    atol: Any, max_step: Any, count: Any,
-) -> tuple[Any, Any, Any, Any, Any]:  # fmt: skip
-    """Up to ``count`` accepted steps from (t, z) towards ``end``, one to each of the ``outputs``: their times and
-    states, the numbers of accepted and of tried steps, and the length of the next."""
+    name: str, kind: Kind, twice: bool, arguments: Any, tolerances: tuple[Any, Any], span: Span
+) -> tuple[Any, Any, Any, Any, Any]:
+    """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
+    of the next. arguments: of the right-hand side, and ``Modal`` or None."""
     import diffrax
     import jax
     import jax.numpy as jnp
     import optimistix
     from jax import lax
 
+    (rtol, atol), (t, z, dt, end, outputs, max_step, count) = tolerances, span
     term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x[0]))
     # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
     finder: Any = diffrax.VeryChord if arguments[1] is None else partial(_chord(), twice=twice)

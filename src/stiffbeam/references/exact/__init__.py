@@ -4,7 +4,7 @@ free           a system in its free modes, as the kernel takes it
 motion         solver, perturbed copies, and a motion at any time
 contacts       records of contacts and the energy balance of a motion
 solution       checks, and the solution as a Reference
-generator      generators of regimes, with their derivatives in parameters
+variation      Taylor series of derivatives in parameters, regime by regime
 tangent        derivatives along a motion
 derivative     derivatives of a Reference
 orbit          periodic orbits

@@ -21,23 +21,10 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...kernels.exact import REBOUND
-from ...model.system import System
-from ...model.time_functions import offset_values
+from ...model.time_functions import offset_rate, offset_values
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
 from .motion import EPS, REMEDY, Motion, pressed
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
-
-
-def path_of(system: System, solution: Motion, times: Array, channel: int) -> tuple[Array, Array]:
-    """Position and velocity of a channel at any times."""
-    row, offset = system.channels[channel]
-    u, v = solution.observed(times, row)
-    if offset is not None:
-        shift, shift_rate = solution.offset(system, channel)(times)
-        u, v = u + shift, v + shift_rate
-    return solution.settled(channel, times, u, v)
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
@@ -56,23 +43,20 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
 
 
 def contact_between(
-    system: System, solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord],
-    start: float, end: float, i: int,
-) -> ContactRecord:  # fmt: skip
+    solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord], start: float, end: float, i: int
+) -> ContactRecord:
     """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
     if (start, end) == span:
         return records[i]
     pieces, t = solution.first(max(1, int(np.searchsorted(solution.times, end)))), np.array([start, end])
-    return record_of(system, pieces, i, (t, *path_of(system, pieces, t, i)), end, start)
+    return record_of(pieces, i, (t, *pieces.path(t, i)), end, start)
 
 
-def record_of(
-    system: System, solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
-) -> ContactRecord:
+def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float) -> ContactRecord:
     """Contact history in [since, t_end] by events; seen: output times, position and velocity there. Impacts are the
     events from free to a stop."""
-    contact = system.contacts[i]
-    if contact.stops.rigid:
+    stops = solution.system.contacts[i].stops
+    if stops.rigid:
         return _rigid_record(solution, i, seen, t_end, since)
     # Spans of contact in [since, t_end].
     starts, ends, sides = _closed(solution, i, t_end)
@@ -82,15 +66,15 @@ def record_of(
     # A contact that exists at t = 0 has a row too, flagged as open at the start.
     listed = counted | (starts == 0.0)
     starts = np.maximum(starts, since)
-    peaks, impulses = solution.press(system, i, starts, ends, sides) if len(starts) else np.zeros((2, 0))
+    peaks, impulses = solution.press(i, starts, ends) if len(starts) else np.zeros((2, 0))
     # A span that t_end cuts has no peak and impulse yet.
     ended = ends < t_end
     _, position, velocity = seen
     return ContactRecord(
-        stops=contact.stops,
+        stops=stops,
         position=position,
         velocity=velocity,
-        force=contact.stops.force(position, velocity),
+        force=stops.force(position, velocity),
         impacts=Impacts(
             times=starts[listed],
             ends=np.where(ended, ends, np.nan)[listed],
@@ -190,7 +174,7 @@ def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArr
     return starts[first][closed], ends[last][closed], side[first][closed]
 
 
-def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
+def exact_ledger(solution: Motion, times: Array) -> Ledger:
     """Energy balance of the exact flow at increasing times, with what impacts take as loss in the stops.
 
     input = int (sum_k f_k p_k^T q' - sum_c F_c o_c') dt and viscous = int q'^T C q' dt are exact to
@@ -199,25 +183,17 @@ def exact_ledger(system: System, solution: Motion, times: Array) -> Ledger:
     # From t = 0, where the balance starts.
     edges = np.unique(np.concatenate([solution.times[solution.times < times[-1]], times, [0.0]]))
     where = np.searchsorted(edges, times)
-    works = solution.work(system, edges)
+    works, system = solution.work(edges), solution.system
     given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
     moved, struck = impulsive_work(solution)
     so_far = np.searchsorted(solution.blows.t, times, side="right")
     given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
     energies = system.energies(times, *solution.states(times))
-    loss = (
-        system.energy(np.zeros(1), system.q0[None], system.v0[None])[0]
-        if system.rigid
-        else _energy_at_start(system, solution)
-    )
-    loss = loss - sum(energies) + given - taken - stops
+    # Between rigid stops with a blow at the start, which the motion has behind it.
+    start = (system.q0[None], system.v0[None]) if system.rigid else solution.states(np.zeros(1))
+    loss = system.energy(np.zeros(1), *start)[0] - sum(energies) + given - taken - stops
     none = np.zeros(len(times))
     return Ledger(times, *energies, given, taken, loss, none, loss, stops, none)
-
-
-def _energy_at_start(system: System, solution: Motion) -> Array:
-    start = np.zeros(1)
-    return system.energy(start, *solution.states(start))[0]
 
 
 def impulsive_work(solution: Motion) -> tuple[Array, Array]:
@@ -229,7 +205,7 @@ def impulsive_work(solution: Motion) -> tuple[Array, Array]:
     speeds = np.zeros(len(blows.t))
     for i in np.unique(blows.contact).tolist():
         here = blows.contact == i
-        speeds[here] = solution.offset(solution.system, i)(blows.t[here])[1]
+        speeds[here] = offset_rate(solution.system.contacts[i].offset, blows.t[here])
     return -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
 
 
@@ -255,32 +231,29 @@ def within_float64(solver: str, t_end: float) -> Generator[None, None, None]:
         raise SolverFailure(solver, t_end, reason, "use the method multiprecision") from None
 
 
-def audit(system: System, solution: Motion, t_end: float, start: tuple[Array, Array] | None = None) -> None:
+def audit(solution: Motion, t_end: float) -> None:
     """Raise SolverFailure with the first time at which a contact is not in the regime of its segment.
 
     Inside a segment the motion is that of its regime: what may fail is an event that was missed. Then the energy of the
     regime's springs is not that of the stops, by more than rounding, and SEEN of the largest energy so far. Looked at
-    are the outputs, or the middles of segments where these are more. start: q, q' (n,) at t = 0, of the system by
-    default.
+    are the outputs, or the middles of segments where these are more.
     """
     _answered(solution, t_end)
-    q, v = solution.starts
+    system, (q, v) = solution.system, solution.starts
     kinetic, elastic = system.free_energies(q, v)
     energy = kinetic + elastic
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
     seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
     t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
-    piece, q0 = solution.piece_at(t), system.q0 if start is None else start[0]
-    wrong, held = np.zeros((2, len(t)))
+    piece, (wrong, held) = solution.piece_at(t), np.zeros((2, len(t)))
     for i, contact in enumerate(system.contacts):
-        shift, stops, chi = solution.offset(system, i), contact.stops, solution.sides[piece, i]
-        u = solution.observed(t, contact.row)[0] + shift(t)[0]
+        stops, chi, u = contact.stops, solution.sides[piece, i], solution.path(t, i)[0]
         stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
         law = stops.energy(u)
         wrong += np.abs(np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0) * (u - stop) ** 2 - law)
         held += law
-        given = float(contact.row @ q0 + shift(np.zeros(1))[0][0])
-        begun = float(contact.row @ q[0] + shift(np.zeros(1))[0][0])
+        shift = offset_values(contact.offset, np.zeros(1))[0]
+        given, begun = float(contact.row @ system.q0 + shift), float(contact.row @ q[0] + shift)
         if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
@@ -313,21 +286,21 @@ def audit_rigid(solution: Motion, ledger: Ledger, t_end: float) -> None:
     opened = np.max(np.abs(ledger.loss))
     scale = np.max(np.abs(ledger.energy)) + np.max(np.abs(ledger.input))
     # Bodies at rest on their stops move by rounding alone, which is no fault of the energy balance.
-    rounding, kept = withheld(solution.system, solution, t_end)
+    rounding, kept = withheld(solution, t_end)
     if opened > BALANCE * scale + rounding:
         reason = f"the energy balance is open, by {opened / scale:.2g} of the energy"
         raise SolverFailure("exact", t_end, reason, REMEDY)
-    beyond = _beyond(solution.system, solution, ledger.t, kept)
+    beyond = _beyond(solution, ledger.t, kept)
     if beyond > BALANCE:
         reason = f"the motion is beyond a stop, by {beyond:.2g} of its largest displacement"
         raise SolverFailure("exact", t_end, reason, REMEDY)
 
 
-def withheld(system: System, solution: Motion, t_end: float) -> tuple[float, Array]:
+def withheld(solution: Motion, t_end: float) -> tuple[float, Array]:
     """The rounding of what held contacts withhold: of the energy and of the positions (n,) that forces would give the
     system in one stretch, were it free. A body that is pressed on its stop at rest has none of its own. A load that
     rises from zero is looked at where the last stretch ends, too."""
-    segments = np.arange(len(solution.times))
+    system, segments = solution.system, np.arange(len(solution.times))
     times, segments = np.append(solution.times, t_end), np.append(segments, segments[-1])
     q, v = solution.states_in(np.append(solution.times, solution.times[-1]), segments)
     force = system.load(times) - q @ system.stiffness - v @ system.damping
@@ -338,12 +311,12 @@ def withheld(system: System, solution: Motion, t_end: float) -> tuple[float, Arr
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
 
 
-def _beyond(system: System, solution: Motion, t: Array, kept: Array) -> float:
+def _beyond(solution: Motion, t: Array, kept: Array) -> float:
     """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
     or displacement, also at the times t (k,)."""
     times, worst = solution.times, 0.0
     (q, v), (q_between, _) = solution.states_in(times, np.arange(len(times))), solution.states(t)
-    for contact in system.contacts:
+    for contact in solution.system.contacts:
         shift, stops = offset_values(contact.offset, times), contact.stops
         u = q @ contact.row + shift
         between = q_between @ contact.row + offset_values(contact.offset, t)

@@ -138,13 +138,7 @@ class Derivative:
     @cached_property
     def _events(self) -> list[tuple[int, int]]:
         """(segment, contact) of every opening and closing, in order."""
-        path = self.tangent.path
-        changed = path.sides[1:] != path.sides[:-1]
-        # Impacts that hold nothing change no side.
-        for segment, contacts in path.hits.items():
-            for contact in contacts:
-                changed[segment - 1, contact] |= segment > 0 and path.sides[segment - 1][contact] == 0
-        return [(int(k) + 1, int(contact)) for k, contact in zip(*np.nonzero(changed), strict=True)]
+        return [(int(k) + 1, int(contact)) for k, contact in zip(*np.nonzero(self.tangent.path.changed), strict=True)]
 
     @property
     def events(self) -> Array:

@@ -3,7 +3,7 @@ the modes have them.
 
     real pairs      eta_j'' + d_j eta_j' + w_j^2 eta_j = f_j              where damping does not couple the modes
     complex modes   (w eta, eta') = Re V z,  z_k' = lambda_k z_k + b_k    where it does, or where a mode is overdamped
-    pressed         mu: 1/kappa + sum_j row_j^2/(w_j^2 - mu) = 0          one spring on undamped modes: rank one
+    pressed         w^2 + kappa row^T row = V^T w_p^2 V                   one spring: other modes
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
-from ...kernels.exact import NONE_PRESSED, Free, Pressed, pressed_modes
+from ...kernels.exact import NONE_PRESSED, Free, Pressed
 from ...model.modes import modes, undamped_modes
 from ...model.system import System
 from ...model.time_functions import Drive, parts
@@ -213,6 +213,14 @@ def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | N
     return s, out, np.ascontiguousarray(np.stack([np.real(back), np.imag(back)])), answer
 
 
+def pressed_modes(w2: Array, rows: Array, kappa: Array) -> tuple[Array, Array]:
+    """Angular frequencies (n,) with springs kappa (m,) on rows (m, n), increasing, and as rows the modes (n, n)."""
+    # Singular values of a factor are as exact as the largest frequency, not as its square.
+    factor = np.vstack([np.diag(np.sqrt(w2)), np.sqrt(kappa)[:, None] * rows])
+    _, w, V = np.linalg.svd(factor, full_matrices=False)
+    return w[::-1], np.ascontiguousarray(V[::-1])
+
+
 def pressed_system(free: Free) -> Pressed:
     """The system with its only contact pressed, where that is a spring without a dashpot.
 
@@ -224,15 +232,7 @@ def pressed_system(free: Free) -> Pressed:
     (kappa, c, _), row, w2 = free.laws[0], free.rows[0], free.w2
     if not np.isfinite(kappa) or c != 0.0 or (n <= FEW and np.max(np.abs(free.drag)) <= 2.0 * np.sqrt(np.max(w2))):
         return NONE_PRESSED
-    largest = float(np.max(np.abs(row), initial=0.0))
-    if np.all(np.diff(w2) > 1e-12 * w2[-1]) and np.all(np.abs(row) > 1e-9 * largest):
-        shift, near, V = pressed_modes(w2, row, float(kappa))
-        mu = w2[near] + shift
-    elif damped:
-        mu, V = np.linalg.eigh(np.diag(w2) + kappa * np.outer(row, row))
-        mu, V = np.maximum(mu, 0.0), np.ascontiguousarray(V.T)
-    else:
-        return NONE_PRESSED
+    w, V = pressed_modes(w2, free.rows, free.laws[:, 0])
     D = V @ free.damping @ V.T if damped else np.zeros((n, n))
     sides: list[Free | None] = []
     for g in free.stops[0, ::-1]:
@@ -244,7 +244,7 @@ def pressed_system(free: Free) -> Pressed:
         stated: dict[str, Any] = {
             x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
         }
-        stated |= {"w2": mu, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
+        stated |= {"w2": w**2, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
         stated |= {"rows": np.ascontiguousarray(free.rows @ V.T), "loads": np.ascontiguousarray(loads @ V.T)}
         sides.append(closed_form(stated))
         if sides[-1].kind == 0:  # type: ignore[union-attr]

@@ -10,7 +10,7 @@ computed again, without a search.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -35,7 +35,6 @@ from ...kernels.exact import (
     read,
     work,
 )  # fmt: skip
-from ...model.contact import Contact
 from ...model.system import System
 from ...model.time_functions import Drive, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -320,19 +319,25 @@ class Motion:
         """q, q' (k, n) where the segments begin."""
         return self.marks.eta[self.first_mark] @ self.made.X.T, self.marks.rate[self.first_mark] @ self.made.X.T
 
-    def state_at_start(self, piece: int) -> tuple[Array, Array]:
-        """q, q' (1, n) where a segment begins, from that segment."""
-        return self.states_in(self.times[piece : piece + 1], np.array([piece]))
-
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
         eta, rate, _ = self._read(t)
         row = row @ self.made.X
         return eta @ row, rate @ row
 
-    def press(
-        self, system: System, contact: int, starts: Array, ends: Array, sides: NDArray[np.int64]
-    ) -> tuple[Array, Array]:
+    def path(self, t: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
+        row, function = self.system.channels[channel]
+        u, v = self.observed(t, row)
+        if function is not None:
+            u, v = u + offset_values(function, t), v + offset_rate(function, t)
+        if not self.system.rigid or channel >= len(self.system.contacts):
+            return u, v
+        stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
+        u = np.where(side > 0, stops.upper_bound, np.where(side < 0, stops.lower_bound, u))
+        return u, np.where(side != 0, 0.0, v)
+
+    def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
         return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends, self.radians)
 
@@ -344,39 +349,16 @@ class Motion:
         ends = np.append(self.times[1:], t_end)
         held = np.flatnonzero((self.sides[:, contact] != 0) & (ends > np.maximum(self.times, since)))
         starts = np.maximum(self.times[held], since)
-        impulses = self.press(self.system, contact, starts, ends[held], self.sides[held, contact])[1]
+        impulses = self.press(contact, starts, ends[held])[1]
         mine = self.blows.contact == contact
         blows = zip(self.blows.t[mine].tolist(), self.blows.outward[mine].tolist(), strict=True)
         return list(zip(starts.tolist(), ends[held].tolist(), np.abs(impulses).tolist(), strict=True)), list(blows)
-
-    def offset(self, system: System, channel: int) -> Callable[[Array], tuple[Array, Array]]:
-        """o(t) and o'(t) of a channel."""
-        function = system.channels[channel][1]
-        return lambda t: (offset_values(function, t), offset_rate(function, t))
-
-    def settled(self, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
-        """Position u and velocity v of a channel at times t, (k,) each; of a held contact those of its stop."""
-        if channel >= len(self.system.contacts) or not self.system.contacts[channel].stops.rigid:
-            return u, v
-        stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
-        u = np.where(side > 0, stops.upper_bound, np.where(side < 0, stops.lower_bound, u))
-        return u, np.where(side != 0, 0.0, v)
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
         return self._read(t)[2]
 
-    def force(self, contact: Contact, i: int, t: Array, piece: NDArray[np.int64]) -> Array:
-        """Force of stop i on its contact, without that of a damper, at times t (k,) in the given segments."""
-        if contact.stops.rigid:
-            return self._read(t, piece)[2][:, i]
-        u, sigma = self.observed(t, contact.row)[0] + self.offset(self.system, i)(t)[0], 0.0
-        for side in (-1, 1):
-            kappa, constant = contact.stops.spring(side)
-            sigma = sigma + np.where(self.sides[piece, i] == side, constant - kappa * u, 0.0)
-        return np.asarray(sigma)
-
-    def work(self, system: System, edges: Array) -> tuple[Array, Array, Array]:
+    def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
         which include every event."""
         span = float(edges[-1] - edges[0])

@@ -60,12 +60,8 @@ class Orbit:
         Floquet multipliers, the largest first; those below 1e-14 of the largest are rounding.
     monodromy : array (2n, 2n)
         Derivative of (q, q') after a period with respect to (q, q') at its start.
-    event_times : array (k,)
-        In [0, period).
-    event_contacts, event_sides : array (k,)
-        The contact that changes, and the side that it changes to.
-    log_determinant : float
-        ln |det| of the monodromy, summed over the segments; -inf where a rigid contact is held.
+    events : array (k,)
+        Times in [0, period) at which a contact opens, closes or is hit.
     path : Path
         The events and segments of one period.
     """
@@ -77,14 +73,11 @@ class Orbit:
     closure: float
     multipliers: NDArray[np.complex128]
     monodromy: Array
-    event_times: Array
-    event_contacts: NDArray[np.int64]
-    event_sides: NDArray[np.int64]
-    log_determinant: float
+    events: Array
     path: Path = field(repr=False)
 
     def __repr__(self) -> str:
-        first, events = self.multipliers[0], several(len(self.event_times), "event")
+        first, events = self.multipliers[0], several(len(self.events), "event")
         kind = "marginal" if abs(abs(first) - 1.0) <= ALONE else "stable" if self.stable else "unstable"
         return (f"<Orbit, {kind}: period {self.period:.6g}, {events}, largest multiplier {first:.6g}, "
                 f"closed to {self.closure:.1e}>")  # fmt: skip
@@ -93,11 +86,6 @@ class Orbit:
     def stable(self) -> bool:
         """Return True where all multipliers lie inside the unit circle, by more than rounding."""
         return bool(np.abs(self.multipliers[0]) < 1.0 - ALONE)
-
-    @property
-    def events(self) -> Array:
-        """Event times in [0, period), (k,)."""
-        return self.event_times
 
     @cached_property
     def peak_forces(self) -> Array:
@@ -242,35 +230,8 @@ def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float) -> 
     n, D, path = mapping.system.size, tangent.monodromy, tangent.path
     multipliers = np.asarray(np.linalg.eigvals(D), complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
-    times, contacts, sides = [], [], []
-    # Contacts that change their side, and impacts, which change none.
-    for i in range(1, len(path.times)):
-        changed = set(np.flatnonzero(path.sides[i] != path.sides[i - 1]).tolist()) | set(path.hits.get(i, ()))
-        for c in sorted(changed):
-            times.append(path.times[i])
-            contacts.append(c)
-            sides.append(int(path.sides[i][c]))
-    events = np.array(times, float), np.array(contacts, np.int64), np.array(sides, np.int64)
-    return Orbit(
-        mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, *events,
-        log_determinant(tangent), path,
-    )  # fmt: skip
-
-
-def log_determinant(tangent: Tangent) -> float:
-    """ln |det| of the monodromy, by Liouville's formula tr(A) tau of every segment and e^2 of every impact.
-
-    Of the matrix itself it is lost where a mode dies out below float64.
-    """
-    total, restitution = 0.0, tangent.variation.data.restitution
-    for i, (regime, tau) in enumerate(zip(tangent.regimes, tangent.lengths.tolist(), strict=True)):
-        if regime.held:
-            return -np.inf
-        total -= float(np.trace(regime.damping)) * tau
-        for c in tangent.path.hits.get(i, ()):
-            e = float(restitution[c])
-            total += 2.0 * float(np.log(e)) if e > 0.0 else -np.inf
-    return total
+    events = np.repeat(path.times[1:], np.sum(path.changed, axis=1))
+    return Orbit(mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, events, path)
 
 
 def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:

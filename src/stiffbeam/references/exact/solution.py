@@ -2,12 +2,11 @@
 
 With linear compliance every contact is free or on one of its stops, and each combination is a linear
 system with a solution in closed form. The search for the next event uses steps that provably contain none
-(search.py).
+(kernels/exact.c).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,11 +16,11 @@ from ...basics.validation import InputError, positive
 from ...model.sampled import Sampled
 from ...model.system import System
 from ...model.time_functions import covered, parts_of, require_closed_form
-from ...trajectory.records import ContactRecord, as_it_starts
+from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
 from ..rigid_stops import require_rigid
-from .contacts import audit, audit_rigid, contact_between, exact_ledger, path_of, record_of, within_float64
+from .contacts import audit, audit_rigid, contact_between, exact_ledger, record_of, within_float64
 from .derivative import derivative
 from .motion import Motion, Solver
 
@@ -50,33 +49,15 @@ def solve_exact(system: System, t_end: float, t_eval: Array | None = None, since
         solution = Solver(system).solve(t_end, stations=output_times(t_eval, t_end))
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         if not system.rigid:
-            audit(system, solution, t_end)
+            audit(solution, t_end)
         frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-        reference = reference_of(system, solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
+        reference = reference_of(solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
         if system.rigid:
             audit_rigid(solution, reference.energy, t_end)
         return reference
 
 
-def observed_paths(
-    system: System, solution: Motion, t: Array, start: tuple[Array, Array] | None = None
-) -> list[tuple[Array, Array]]:
-    """Position and velocity of every channel at the times t (k,), with those of the ``start`` at t = 0."""
-    channels = range(len(system.channels))
-    return [as_it_starts(system, i, t, *path_of(system, solution, t, i), start) for i in channels]
-
-
-def observations(
-    system: System, solution: Motion, t: Array, t_end: float, since: float, start: tuple[Array, Array] | None = None
-) -> tuple[Array, Array, tuple[ContactRecord, ...]]:
-    """Tip and tip velocity at the times t (k,), and the records of the contacts; start: see ``as_it_starts``."""
-    seen = observed_paths(system, solution, t, start)
-    contacts = (record_of(system, solution, i, (t, *seen[i]), t_end, since) for i in range(len(system.contacts)))
-    return *seen[system.tip_channel], tuple(contacts)
-
-
 def reference_of(
-    system: System,
     solution: Motion,
     t_end: float,
     t_eval: Array | None,
@@ -84,11 +65,13 @@ def reference_of(
     method: str,
     notes: dict[str, Any],
     since: float = 0.0,
-    observe: Callable[..., Any] = observations,
 ) -> Reference:
     """A piecewise solution as a Reference; ``begun`` is the clock when the work on it began."""
-    t = output_times(t_eval, t_end)
-    tip, velocity, contacts = observe(system, solution, t, t_end, since)
+    system, t = solution.system, output_times(t_eval, t_end)
+    # Position and velocity of every channel; outputs at t = 0 are those of the start.
+    seen = [as_it_starts(system, i, t, *solution.path(t, i)) for i in range(len(system.channels))]
+    contacts = tuple(record_of(solution, i, (t, *seen[i]), t_end, since) for i in range(len(system.contacts)))
+    tip, velocity = seen[system.tip_channel]
     seconds = clock() - begun
     return Reference(
         t=t,
@@ -102,11 +85,11 @@ def reference_of(
         ),
         provenance=provenance_of(system, method, t_end, notes),
         system=system,
-        evaluate=partial(path_of, system, solution),
+        evaluate=solution.path,
         state_at=solution.states,
         # Ledger and measures of parts of the motion are computed on demand.
-        ledger=partial(exact_ledger, system, solution, t),
-        contact_by_events=partial(contact_between, system, solution, (since, t_end), contacts),
+        ledger=partial(exact_ledger, solution, t),
+        contact_by_events=partial(contact_between, solution, (since, t_end), contacts),
         solution=solution,
         derive=derivative,
     )

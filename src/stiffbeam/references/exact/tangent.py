@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
@@ -31,7 +32,7 @@ GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
 TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
 LEAST = 0.01  # of the position or velocity that one turn in the time of a path gives: its least unit
-CHUNK = 400_000  # numbers of a series at once
+CHUNK = 1_000_000  # numbers of a series at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,16 @@ class Path:
     def ends(self) -> Array:
         """Times (k,) at which the segments end."""
         return np.append(self.times[1:], self.t_end)
+
+    @property
+    def changed(self) -> NDArray[np.bool_]:
+        """True for the contacts that open, close or are hit where each segment but the first begins, (k - 1, m)."""
+        changed = self.sides[1:] != self.sides[:-1]
+        # Impacts that hold nothing change no side.
+        for segment, contacts in self.hits.items():
+            for contact in contacts:
+                changed[segment - 1, contact] |= segment > 0 and self.sides[segment - 1][contact] == 0
+        return changed
 
     @property
     def units(self) -> Array:
@@ -176,8 +187,7 @@ class Tangent:
         owner, t, _, z = (x[used] for x in self.steps)
         whole = np.concatenate([z[:, None], dz[used]], axis=1)
         found = np.empty((len(late), *whole.shape[1:]))
-        # The kernel keeps no coefficients: only those of the functions of time take memory.
-        for regime, part in self._parts(owner, (TERMS + 1) * whole.shape[1] * (len(self.variation.leaves) + 1)):
+        for regime, part in self._parts(owner, (TERMS + 1) * whole.shape[1] * self.variation.n):
             here = np.flatnonzero(np.isin(step, used[part]))
             of = np.searchsorted(used[part], step[here])
             found[here] = regime.later(t[part], self.since[owner[part]], whole[part], of, late[here])

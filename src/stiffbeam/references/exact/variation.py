@@ -20,12 +20,11 @@ import numpy as np
 from scipy.linalg import expm
 
 from ...basics.arrays import Array, IntArray
-from ...kernels import variation as kernel
 from ...model.sampled import Sampled, moved
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
 from ...model.time_functions import Constant, Drive, Harmonic
-from .free import free_system
+from .free import free_system, pressed_modes
 
 TERMS = 33  # of a series over RADIANS: 4^33/33! is below rounding
 RADIANS = 4.0  # of the fastest motion of a regime in a step
@@ -150,25 +149,14 @@ class Regime:
         self.inverse = np.linalg.inv(self.H @ self.H.T)
 
     @cached_property
-    def _kernel(self) -> kernel.Regime:
-        variation, free, on = self.variation, self.variation.free, np.isin(np.arange(self.variation.m), self.on)
-        data, slopes = variation.data, variation.slopes
-        upper = np.array([side > 0 for side in self.sides], bool)
-        changes: dict[str, Array | None] = {
-            f"{x}_by": slopes[x] if np.any(slopes[x]) else None for x in ("mass", "stiffness", "rows", "loads")
-        }
-        changes["damping_by"] = slopes["damping"].swapaxes(1, 2) if np.any(slopes["damping"]) else None
-        for name, of, by in (
-            ("kappa", data.kappa, slopes["kappa"]),
-            ("c", data.c, slopes["c"]),
-            ("stop", np.where(upper, data.upper, data.lower), np.where(upper, slopes["upper"], slopes["lower"])),
-        ):
-            changes |= {name: np.where(on, of, 0.0), f"{name}_by": np.where(on, by, 0.0)}
-        return kernel.Regime(
-            np.array(self.held, np.int64), w2=free.w2, rows=free.rows, loads=data.loads, inverse=self.inverse,
-            drag=free.drag if free.coupling == 1 else None, damping=free.damping.T if free.coupling == 2 else None,
-            **changes,
-        )  # fmt: skip
+    def _changing(self) -> dict[str, Array]:
+        """The derivatives of the matrices that have any."""
+        names = "mass", "stiffness", "damping", "rows", "loads"
+        return {x: self.variation.slopes[x] for x in names if np.any(self.variation.slopes[x])}
+
+    def _by(self, name: str, x: Array) -> Array | float:
+        """The derivatives (P, j, i) of a matrix times x (S, i), (S, P, j); 0 for none."""
+        return np.einsum("pji,si->spj", self._changing[name], x) if name in self._changing else 0.0
 
     @cached_property
     def damping(self) -> Array:
@@ -180,10 +168,7 @@ class Regime:
     @cached_property
     def vibrations(self) -> tuple[Array, Array]:
         """Frequencies (n,) and modes (n, n) of the regime without damping, of pressed springs."""
-        # Singular values of a factor are as exact as the largest frequency, not as its square.
-        factor = np.vstack([np.diag(np.sqrt(self.variation.free.w2)), np.sqrt(self.kappa)[:, None] * self.rows])
-        _, w, modes = np.linalg.svd(factor, full_matrices=False)
-        return w, modes
+        return pressed_modes(self.variation.free.w2, self.rows, self.kappa)
 
     @cached_property
     def fastest(self) -> float:
@@ -218,18 +203,68 @@ class Regime:
 
         since: see ``Variation.drive``. Without derivatives D is 0.
         """
-        return Series(*(np.moveaxis(x, 1, 0) for x in self._kernel.series(K, *self._driven(t, since, z, K), z)))
+        variation, (S, wide, _) = self.variation, z.shape
+        n, m, by = variation.n, variation.m, min(variation.P, wide - 1)
+        f = variation.drive(t, since, K)
+        shift = np.moveaxis(variation.offsets(f[..., variation.loads :], wide - 1), 1, 0)
+        loads = np.moveaxis(f[..., : variation.loads], 1, 0)
+        eta, u, force = np.empty((K + 1, S, wide, n)), np.empty((K + 1, S, wide, m)), np.zeros((K - 1, S, wide, m))
+        eta[0], eta[1] = z[..., :n], z[..., n:]
+        for k in range(K + 1):
+            if k > 1:
+                eta[k] = self._term(k - 2, eta, u, force, loads[k - 2], shift[k])
+            u[k] = shift[k] + eta[k] @ variation.free.rows.T
+            if by:
+                u[k][:, 1 : 1 + by] += self._by("rows", eta[k][:, 0])
+        return Series(eta, u, force)
+
+    def _term(self, k: int, eta: Array, u: Array, force: Array, loads: Array, shift: Array) -> Array:
+        """Coefficient k + 2 (S, 1 + D, n), from those before it; that of the force is filled in.
+
+        loads (S, 1 + P, L): coefficient k of the functions of time. shift (S, 1 + D, m): k + 2 of the offsets.
+        """
+        variation, on, own, rates = self.variation, self.on, eta[k], eta[k + 1]
+        by, two = min(variation.P, own.shape[1] - 1), (k + 1.0) * (k + 2.0)
+        right = -variation.free.w2 * own
+        if variation.free.coupling:
+            right -= (k + 1.0) * variation.damped(rates)
+        right[:, : 1 + by] += loads[:, : 1 + by] @ variation.data.loads
+        if on:
+            gap = u[k][..., on] if k else variation.gap(u[0][..., on], on, [self.sides[i] for i in on])
+            force[k][..., on] = -variation.pressure(gap, (k + 1.0) * u[k + 1][..., on], on)
+            right += force[k] @ variation.free.rows
+        self._react(right[:, :1], two * shift[:, :1], force[k][:, :1])
+        if by:
+            mine, motion = right[:, 1 : 1 + by], right[:, 0]
+            mine -= self._by("stiffness", own[:, 0]) + (k + 1.0) * self._by("damping", rates[:, 0])
+            if "loads" in self._changing:
+                mine += np.einsum("sl,pln->spn", loads[:, 0], self._changing["loads"])
+            if "rows" in self._changing:
+                mine += np.einsum("sm,pmn->spn", force[k][:, 0], self._changing["rows"])
+            mine -= self._by("mass", motion)
+        if self.held:
+            curve = two * shift[:, 1:]
+            if by:
+                curve[:, :by] += self._by("rows", right[:, 0])
+            self._react(right[:, 1:], curve, force[k][:, 1:])
+        return right / two
+
+    def _react(self, right: Array, curve: Array, force: Array) -> None:
+        """Add the reactions by which held contacts keep their places to ``right`` and to their forces; curve: second
+        derivatives of the offsets."""
+        # The second time takes what rounding left: a body at rest stays at rest.
+        for _ in range(2 if self.held else 0):
+            more = -(right @ self.H.T + curve[..., self.held]) @ self.inverse.T
+            right += more @ self.H
+            force[..., self.held] += more
 
     def later(self, t: Array, since: Array, z: Array, of: IntArray, late: Array) -> Array:
-        """Motion and derivatives (E, 1 + D, 2n) at times ``late`` (E,) behind t[of]; of: (E,) increasing."""
-        until = np.searchsorted(of, np.arange(len(t)), "right")
-        return self._kernel.later(TERMS, *self._driven(t, since, z, TERMS), z, until, late)
-
-    def _driven(self, t: Array, since: Array, z: Array, K: int) -> tuple[Array, Array]:
-        """Taylor coefficients of the functions of time of the loads, and of the offsets."""
-        variation, f = self.variation, self.variation.drive(t, since, K)
-        offsets = variation.offsets(f[..., variation.loads :], z.shape[1] - 1)
-        return np.ascontiguousarray(f[..., : variation.loads]), offsets
+        """Motion and derivatives (E, 1 + D, 2n) at times ``late`` (E,) behind t[of]; of: (E,)."""
+        eta, s = self.series(t, since, z).eta, late[:, None, None]
+        q, v = np.zeros((2, len(late), *eta.shape[2:]))
+        for a in eta[::-1]:
+            v, q = v * s + q, q * s + a[of]
+        return np.concatenate([q, v], axis=-1)
 
 
 def _waves(w: float, x: Array, K: int) -> tuple[Array, Array]:

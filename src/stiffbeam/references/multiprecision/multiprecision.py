@@ -36,7 +36,6 @@ from ..exact.motion import (
     Solver,
     fresh_after,
     pressed,
-    require_short,
     switched_by_force,
 )
 from ..exact.solution import reference_of, refuse
@@ -49,11 +48,9 @@ BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
 GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the outputs
 KNOWN_BITS = 28  # precision of a time between two events in float64
-CANCELLED = 1e-10  # of max |u|: more than that is lost by float64 sums between the events
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
 
 Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
-Sampler = Callable[..., tuple[Array, Array]]  # positions and velocities (k, channels) at any times
 
 
 def solve(request: Request) -> Reference:
@@ -62,9 +59,8 @@ def solve(request: Request) -> Reference:
     "auto" estimates the digits from the growth of tangent vectors along the float64 solution, and goes
     on until both runs agree to t_end. A fixed number gives the horizon to which both
     agree. Positions and velocities at the output times are evaluated in that many digits and rounded
-    once. Any other time, the peaks and the energy ledger are evaluated in float64 from the rounded states at the
-    switches, or where that is off by more than ``CANCELLED`` in many digits too: provenance["between"] is how far
-    what is used is off at the output times, relative to max |u|. Takes what the exact solution takes: any damping,
+    once, and so at any other time. Peaks, impulses and work are integrated in float64 from the rounded states at the
+    switches. Takes what the exact solution takes: any damping,
     any number of contacts, time functions made of Harmonic, Constant and Sampled; raises InputError otherwise and for
     rigid stops, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
@@ -93,21 +89,12 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, sample, unrounded = carry(system, t_end, wanted, guard, known)
-        try:
-            require_short(solution.made.free, t_end)
-        except SolverFailure:  # float64 has no way between the states
-            solution = unrounded
-        run = reference_of(system, solution, t_end, t_eval, begun, "multiprecision", notes)
-        run = _sampled(run, *sample(run.t))
+        solution = carry(system, t_end, wanted, guard, known)
+        run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
             horizon = _agreement(previous, run)
             # A fixed number of digits is confirmed once: the horizon tells how far it is good.
             if horizon >= t_end or digits != "auto":
-                # Sums of float64 cancel between the events: evaluate there in many digits as well.
-                if run.provenance["between"] > CANCELLED:
-                    run = reference_of(system, unrounded, t_end, t_eval, begun, "multiprecision", notes)
-                    run = _sampled(run, *sample(run.t))
                 notes = {
                     "digits_confirmed_with": previous.provenance["digits"],
                     "horizon": horizon,
@@ -122,9 +109,8 @@ def solve(request: Request) -> Reference:
 
 def carry(
     system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None
-) -> tuple[Motion, Sampler, Motion]:
-    """Follow the solution with ``digits`` at the start beside the ``guard`` bits that the outputs need: rounded to
-    float64, what samples its channels before that, and the first again by sums that do not cancel.
+) -> PreciseMotion:
+    """The solution with ``digits`` at the start beside the ``guard`` bits that the outputs need.
 
     Those also pay for cancellation: between modes, between the motion and its response to the drive, and
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
@@ -133,33 +119,9 @@ def carry(
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        return follow(system, t_end, full, guard, {} if known is None else known)
+        return follow(PreciseSolver(system, t_end, full, guard, {} if known is None else known))
     finally:
         ctx.prec = before
-
-
-def _sampled(run: Reference, positions: Array, velocities: Array) -> Reference:
-    """``run`` with its outputs (k, channels) as they were before the states were rounded."""
-    assert run.system is not None
-    tip = run.system.tip_channel
-    scale = float(np.max(np.abs(positions[:, tip]))) or 1.0
-    contacts = tuple(
-        replace(
-            record,
-            position=positions[:, i],
-            velocity=velocities[:, i],
-            force=record.stops.force(positions[:, i], velocities[:, i]),
-        )
-        for i, record in enumerate(run.contacts)
-    )
-    between = float(np.max(np.abs(run.tip - positions[:, tip]))) / scale
-    return replace(
-        run,
-        tip=positions[:, tip],
-        tip_velocity=velocities[:, tip],
-        contacts=contacts,
-        provenance=run.provenance | {"between": between},
-    )
 
 
 def _estimate(system: System, t_end: float) -> int:
@@ -231,123 +193,150 @@ class PreciseRegime:
 
 
 class Piece(NamedTuple):
-    """A regime from time t on, the coordinates y there and the bits carried."""
+    """A regime from time t on: the coordinates y there, the bits carried, q and q' (2n,) rounded, sides of contacts."""
 
     regime: PreciseRegime
     t: Any
     y: Any
     bits: int
+    state: Array
+    sides: list[int]
 
     def ahead(self, t: float) -> Any:
         """y at time t."""
         return self.regime.split.ahead(self.y, arb(t) - self.t)
 
-    def state(self, t: float) -> Any:
+    def whole(self, t: float) -> Any:
         """z (N, 1) at time t."""
         return (self.regime.split.V * self.ahead(t)).mid()
 
+    def channels(self, t: float) -> Any:
+        """Positions of all channels at time t, and their velocities, (2 channels, 1)."""
+        return self.regime.channels * self.ahead(t)
+
 
 @dataclass(frozen=True, eq=False)
-class Unrounded(Motion):
-    """A motion with the states of its ``precise`` pieces, for motions that are small differences of
-    large amplitudes: of these only the values are rounded."""
+class PreciseMotion(Motion):
+    """A motion with the states of its ``precise`` pieces, one of every mark: of what is read only the values are
+    rounded."""
 
-    precise: list[Piece] = field(default_factory=list)  # of every mark
+    precise: list[Piece] = field(default_factory=list)
+    sampled: list[Array] = field(default_factory=list)  # the last times of ``path``, and all channels there
 
     def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
-        where = self.piece_at(t) if piece is None else piece
-        n, z = self.system.size, np.empty((len(t), self.precise[0].regime.flow.N))
-        for i, (k, when) in enumerate(zip(self.mark_at(t, where).tolist(), t.tolist(), strict=True)):
+        # The last times that were read are kept, as those of other motions are.
+        if piece is None and self.last and np.array_equal(self.last[0][0], t):
+            return self.last[0][1:]
+        z = self._rounded(t, self.piece_at(t) if piece is None else piece, Piece.whole)
+        n = self.system.size
+        found = *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
+        if piece is None:
+            self.last[:] = [(np.array(t), *found)]
+        return found
+
+    def path(self, t: Array, channel: int) -> tuple[Array, Array]:
+        """Position and velocity of a channel at any times, (k,) each: no sum of float64 has cancelled in them."""
+        if not self.sampled or not np.array_equal(self.sampled[0], t):
+            self.sampled[:] = np.array(t), self._rounded(t, self.piece_at(t), Piece.channels)
+        seen = self.sampled[1]
+        return seen[:, channel], seen[:, len(self.system.channels) + channel]
+
+    def _rounded(self, t: Array, piece: NDArray[np.int64], read: Callable[[Piece, float], Any]) -> Array:
+        """What is read of the pieces at times t (k,), as the given segments have it."""
+        found = []
+        for k, when in zip(self.mark_at(t, piece).tolist(), t.tolist(), strict=True):
             with carried(self.precise[k].bits):
-                z[i] = [float(x) for x in self.precise[k].state(when).entries()]
-        return *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
+                found.append([float(x) for x in read(self.precise[k], when).entries()])
+        return np.array(found)
 
 
-def follow(system: System, t_end: float, full: int, guard: int, known: Known) -> tuple[Motion, Sampler, Unrounded]:
-    """The solution on [0, t_end] carried with ``full`` bits at the start and ``guard`` at the end, rounded to
-    float64, what samples its channels before it is rounded, and itself unrounded; ctx.prec has room to spare.
+class PreciseSolver:
+    """Regimes in many digits, and events that float64 finds, on [0, t_end].
 
-    known: see ``PreciseRegime``.
+    ``full`` bits are carried at the start and ``guard`` at the end; ctx.prec has room to spare. known: see
+    ``PreciseRegime``.
     """
-    room, drive, solver = ctx.prec, Drive.of(system), Solver(system)
-    # The flow in many digits; the events are found by float64.
-    flow, regimes = LinearFlow(system), dict[tuple[int, ...], PreciseRegime]()
-    t, z, chi, resting = arb(0), flow.start(), list[int](), True  # resting: a gap may be zero, and opens or closes
-    sides, states, first = list[list[int]](), list[Array](), list[int]()  # of marks, and the marks of events
-    fresh, pieces = np.zeros(len(system.contacts), np.int64), list[Piece]()
-    fastest, turning = 1.0 / t_end, max(1.0 / t_end, *drive.frequencies, 0.0)  # of all regimes met
-    while True:
-        state, begun = np.array([float(x) for x in z.entries()[: 2 * flow.n]]), float(t)
+
+    def __init__(self, system: System, t_end: float, full: int, guard: int, known: Known) -> None:
+        self.system, self.t_end, self.full, self.guard, self.known = system, t_end, full, guard, known
+        self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
+        self.regimes: dict[tuple[int, ...], PreciseRegime] = {}
+
+    def begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
+        """The piece that begins with z at t. resting: a gap may be zero, and opens or closes."""
+        state, begun = np.array([float(x) for x in z.entries()[: 2 * self.flow.n]]), float(t)
         if resting:
-            chi = solver.sides_at(begun, np.split(state, 2)).tolist()
+            sides = self.solver.sides_at(begun, np.split(state, 2)).tolist()
         # The regime of these contacts, refined where it is first met.
-        key = tuple(pressed(chi).tolist())
-        if key not in regimes:
-            with carried(room):
-                regimes[key] = PreciseRegime(flow, key, known)
-            fastest = max(fastest, float(np.max(np.abs(regimes[key].rates))))
-            turning = max(turning, float(np.max(np.abs(regimes[key].rates.imag))))
+        key = tuple(pressed(sides).tolist())
+        if key not in self.regimes:
+            with carried(self.room):
+                self.regimes[key] = PreciseRegime(self.flow, key, self.known)
+        regime, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
-        regime = regimes[key]
-        ctx.prec = max(guard, math.ceil(full - (full - guard) * min(1.0, begun / t_end))) + 30
-        if not sides or chi != sides[-1]:
-            first.append(len(sides))
-        sides.append(list(chi))
-        states.append(state)
-        pieces.append(Piece(regime, t, (regime.split.L * z).mid(), ctx.prec))
-        afford("t_end", t_end, "shorten t_end", floats=len(sides) * (full / 32.0 + 20.0) * system.size)
+        ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
+        return Piece(regime, t, (regime.split.L * z).mid(), ctx.prec, state, sides)
+
+    def place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
+        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
+        last step of it with the coordinates there."""
+        rates, begun = np.concatenate([x.rates for x in self.regimes.values()]), float(piece.t)
+        fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
+        turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
+        before = piece.sides[contact]
+        gap = piece.regime.gap(contact, int(np.sign(side or before)), switched_by_force(before, side))
+        tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
+        return (piece.t + tau + shift).mid(), shift, y
+
+    def motion(self, pieces: list[Piece]) -> PreciseMotion:
+        """The motion of these pieces, whose marks float64 stores."""
+        times, states = np.array([float(x.t) for x in pieces]), np.array([x.state for x in pieces])
+        sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), len(self.system.contacts))
+        first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
+        marks = Marks(times, *self.solver.made.start(*np.split(states, 2, axis=1)), sides)
+        return PreciseMotion(
+            self.system, self.solver.made, self.solver.radians, times[first], sides[first], first, marks, len(pieces),
+            NO_EVENTS, NO_BLOWS, precise=pieces,
+        )  # fmt: skip
+
+
+def follow(solver: PreciseSolver) -> PreciseMotion:
+    """The solution from event to event."""
+    system, t_end, pieces = solver.system, solver.t_end, list[Piece]()
+    none = fresh = np.zeros(len(system.contacts), np.int64)
+    t, z, sides, resting = arb(0), solver.flow.start(), list[int](), True
+    while True:
+        piece = solver.begin(t, z, resting, sides)
+        pieces.append(piece)
+        begun, sides, split = float(t), piece.sides, piece.regime.split
+        afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (solver.full / 32.0 + 20.0) * system.size)
         # Next event before the next sample, by float64.
-        edge = drive.next_edge(begun, t_end)
-        known_sides = None if resting else np.array(chi, np.int64)
-        found, decided = solver.first_event(begun, known_sides, fresh, np.split(state, 2), edge), resting
-        resting = False
+        edge = solver.drive.next_edge(begun, t_end)
+        known_sides = None if resting else np.array(sides, np.int64)
+        found = solver.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), edge)
+        decided, resting = resting, False
         if found is not None and found[0] < edge:
             start, contact, side = found
-            # Refine the event to all digits, and go on from there in the new regime.
             in_time(begun)
-            gap = regime.gap(contact, int(np.sign(side or chi[contact])), switched_by_force(chi[contact], side))
-            look = partial(_at, pieces[-1], gap)
-            tau, shift, ahead = _locate(look, start - begun, fastest, 2.0 * np.pi / turning, begun)
-            when = (t + tau + shift).mid()
+            # Refine the event to all digits, and go on from there in the new regime.
+            when, shift, y = solver.place(piece, start, contact, side)
             if decided and when == t and start > begun:  # back to where the sides are known: float64's rounding
-                t, z, fresh = arb(start), pieces[-1].state(start), 0 * fresh
+                t, z, fresh = arb(start), piece.whole(start), none
                 continue
             # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
-            if not drive.records or t <= when < edge:
-                after = [side if i == contact else x for i, x in enumerate(chi)]
+            if not solver.drive.records or t <= when < edge:
+                after = [side if i == contact else x for i, x in enumerate(sides)]
                 resting = when == t  # the state stays as it is: its rounding would bring the event back
                 if not resting:
-                    z = (regime.split.V * regime.split.ahead(ahead, shift)).mid()
-                t, fresh, chi = when, fresh_after(system, chi, after), after
+                    z = (split.V * split.ahead(y, shift)).mid()
+                t, fresh, sides = when, fresh_after(system, sides, after), after
                 continue
             if when < t:
                 raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
         # No event before the sample: the same regime goes on with the next polynomials of the records.
         if edge >= t_end:
-            break
-        t, z, fresh = arb(edge), flow.at_edge(pieces[-1].state(edge), arb(edge)), 0 * fresh
-    # The motion as float64 stores it: the states at all marks.
-    q, v = np.split(np.array(states), 2, axis=1)
-    times, at = np.array([float(x.t) for x in pieces]), np.array(sides, np.int64).reshape(len(sides), len(chi))
-    marks = Marks(times, *solver.made.start(q, v), at)
-    places = np.array(first)
-    motion = (
-        system, solver.made, solver.radians, times[places], at[places], places, marks, len(sides), NO_EVENTS, NO_BLOWS,
-    )  # fmt: skip
-    return Motion(*motion), partial(_sample, times.tolist(), pieces), Unrounded(*motion, precise=pieces)
-
-
-def _sample(
-    times: list[float], pieces: list[Piece], t: Array, rounded: Callable[[Any], Any] = float
-) -> tuple[Array, Array]:
-    """Positions and velocities (k, channels) at any times, ``rounded``."""
-    states = []
-    for when, k in zip(t.tolist(), np.maximum(np.searchsorted(times, t, "right") - 1, 0).tolist(), strict=True):
-        with carried(pieces[k].bits):
-            seen = pieces[k].regime.channels * pieces[k].ahead(when)
-            states.append([rounded(x) for x in seen.entries()])
-    u, v = np.array(states).reshape(len(t), 2, -1).transpose(1, 0, 2)
-    return u, v
+            return solver.motion(pieces)
+        t, z, fresh = arb(edge), solver.flow.at_edge(piece.whole(edge), arb(edge)), none
 
 
 def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
