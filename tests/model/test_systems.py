@@ -38,7 +38,8 @@ def test_every_solver_sees_a_replaced_matrix(form, field):
     changed = replace(SYSTEMS[form], **{field: CHANGES[field](SYSTEMS[form])})
     fresh = sb.System.from_matrices(
         np.array(changed.mass), np.array(changed.stiffness), np.array(changed.damping), changed.loads,
-        changed.contacts, changed.observe, changed.q0, changed.v0,
+        changed.contacts,
+        observe=changed.observe, initial_displacement=changed.q0, initial_velocity=changed.v0,
     )  # fmt: skip
     assert np.allclose(modes(changed).omega, modes(fresh).omega, rtol=1e-6)
     t = np.linspace(0.0, 0.02, 21)

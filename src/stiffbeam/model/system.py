@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from uuid import uuid4
 from weakref import WeakValueDictionary
 
@@ -200,6 +200,15 @@ class Origin:
         return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
 
 
+class ModelData(TypedDict, total=False):
+    """Other keywords of a model of matrices."""
+
+    observe: ArrayLike | None
+    initial_displacement: ArrayLike | None
+    initial_velocity: ArrayLike | None
+    units: Units
+
+
 _PROCESS, _CALLABLES = uuid4().hex, {}
 
 
@@ -297,24 +306,18 @@ class System:
         damping: Any = None,
         loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
         contacts: Sequence[Contact] = (),
-        observe: ArrayLike | None = None,
-        initial_displacement: ArrayLike | None = None,
-        initial_velocity: ArrayLike | None = None,
-        units: Units = (),
+        **data: Unpack[ModelData],
     ) -> System:
-        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
-        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises
-        InputError as the class does."""
-        mass = square_matrix("mass", _diagonal(mass))
-        nothing = np.zeros(len(mass))
-        options: Any = {
-            "loads": loads, "contacts": contacts, "observe": observe,
-            "q0": nothing if initial_displacement is None else initial_displacement,
-            "v0": nothing if initial_velocity is None else initial_velocity, "units": units,
-        }  # fmt: skip
-        return cls(
-            mass=mass, damping=np.zeros_like(mass) if damping is None else damping, stiffness=stiffness, **options
-        )
+        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass.
+
+        data: observe and units as in the class; initial_displacement and initial_velocity, by default at rest at zero.
+        Raises InputError as the class does.
+        """
+        matrix = square_matrix("mass", _diagonal(mass))
+        start = {"q0": data.pop("initial_displacement", None), "v0": data.pop("initial_velocity", None)}
+        options: Any = {name: np.zeros(len(matrix)) if x is None else x for name, x in start.items()} | data
+        damping = np.zeros_like(matrix) if damping is None else damping
+        return cls(mass=matrix, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts, **options)  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
         parts = {"unknown": self.size, "load": len(self.loads), "contact": len(self.contacts)}
