@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .contact import channel_motion, channel_position, laws
 from .contact_law import pressure
 from .sampled import Sampled
 from .state_space import StateSpace, on_positions, on_velocities
-from .time_functions import Drive, LoadFunction, Term, TimeFunction, evaluate, in_closed_form, offset_rate, parts_of
+from .time_functions import Drive, LoadFunction, Term, evaluate, in_closed_form, parts_of
 
 
 class RightHandSide:
@@ -51,7 +51,7 @@ class RightHandSide:
         moving = [(units[i], c.offset) for i, c in enumerate(contacts) if c.offset is not None]
         offsets = _amplitudes(drive, called, moving, m)
         of_offsets = np.any(offsets[len(offsets) - len(called) :], axis=1)
-        self._called = [(f, _value_of(f), bool(moves)) for f, moves in zip(called, of_offsets, strict=True)]
+        self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
         # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
         rows = np.array([c.row for c in contacts]).reshape(m, system.size)
         velocities = on_velocities(rows)
@@ -116,9 +116,8 @@ class RightHandSide:
                 result = evaluate(function, inside)  # which says what is wrong
             given[0, k] = result
             if moves:
-                given[1, k] = offset_rate(function, inside)
-            if moves and self.damped and isinstance(function, TimeFunction):  # the rate of a damped stop's force
-                given[2, k] = function.acceleration(inside)
+                given[1, k] = function.rate(inside)
+                given[2, k] = function.acceleration(inside) if self.damped else 0.0  # the rate of a damped stop's force
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
@@ -174,7 +173,3 @@ def _amplitudes(drive: Drive, called: list[LoadFunction], terms: Iterable[Term],
         if not isinstance(function, Sampled):
             python[next(k for k, f in enumerate(called) if f is function)] += vector
     return np.concatenate([basis, records, python])
-
-
-def _value_of(function: LoadFunction) -> Callable[..., Any]:
-    return function.value if isinstance(function, TimeFunction) else function
