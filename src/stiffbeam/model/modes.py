@@ -64,13 +64,15 @@ class Modes:
         return vector @ self.shapes
 
 
-def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``. Those of a
-    system, which cannot change, are found once."""
+Springs = tuple[tuple[Array, float], ...]  # (row, stiffness)
+
+
+def undamped_modes(system: System, springs: Springs = ()) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``."""
     return _once(_undamped, system, springs)
 
 
-def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+def modes(system: System, springs: Springs = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
     rounding each entry of the matrices would do, however small that is beside the damping of other modes.
 
@@ -84,7 +86,7 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
 _RECENT: Recent[Any] = Recent(16)
 
 
-def _once(find: Callable[..., Any], system: System, springs: tuple[tuple[Array, float], ...]) -> Any:
+def _once(find: Callable[..., Any], system: System, springs: Springs) -> Any:
     """Modes that ``find`` returns; without springs those of a recent system with equal matrices."""
     if springs:
         return find(system, springs)
@@ -97,7 +99,7 @@ def matrices(system: System) -> tuple[bytes, ...]:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+def _damped(system: System, springs: Springs = ()) -> Modes | None:
     basis = undamped_modes(system, springs)
     damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
     # Couplings below the rounding of the entries are none.
@@ -128,7 +130,7 @@ def _proportional(system: System) -> bool:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
+def _undamped(system: System, springs: Springs = ()) -> Modes:
     into, back = _root(system.mass)
     name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
     # With a factor of K by singular values, which lose w_max/w_1 instead of its square.
@@ -226,9 +228,7 @@ def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     return zeta
 
 
-def graded_eigenpairs(
-    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array
-) -> tuple[Array, Array]:
+def graded_eigenpairs(mass: Array, stiffness: Array, springs: Springs, squares: Array, X: Array) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
     Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
@@ -246,7 +246,7 @@ def graded_eigenpairs(
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 
 
-def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) -> tuple[Array, Array]:
+def _refined(mass: Array, stiffness: Array, springs: Springs, X: Array) -> tuple[Array, Array]:
     """The pairs in the space of the columns of X (n, k)."""
     squares = rounding = np.zeros(X.shape[1])
     for _ in range(PASSES):
@@ -331,7 +331,7 @@ def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:
     diagonal scaled to ones: near one where S is graded.
     """
     rest = np.diag(S) <= least
-    size = np.sqrt(np.where(rest, least, np.diag(S)))
+    size = np.sqrt(np.maximum(np.diag(S), 1e-3 * least))  # less than any square that counts
     size = np.where(size > 0.0, size, 1.0)
     scaled = np.where(np.outer(rest, rest), 0.0, S / np.outer(size, size))
     np.fill_diagonal(scaled, 1.0)

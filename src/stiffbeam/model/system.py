@@ -19,7 +19,7 @@ from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
-from .beam import beam_field, beam_field_rate, beam_stress
+from .beam import beam_field, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
@@ -447,7 +447,7 @@ class System:
 
     def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
         """u_t(x, t) as ``displacement``, from v = q'."""
-        return beam_field_rate(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x)
+        return beam_field(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x, of="rate")
 
     def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
         """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""

@@ -72,7 +72,8 @@ def scales_of(system: System, t_end: float) -> Scales:
     mobility = _inverse(system.mass)
     lengths = np.array([np.sqrt(2.0 * energy * (c.row @ compliance @ c.row)) for c in system.contacts])
     speeds = np.array([np.sqrt(2.0 * energy * (c.row @ mobility @ c.row)) for c in system.contacts])
-    unknowns = np.sqrt(2.0 * energy * np.stack([np.diag(compliance), np.diag(mobility)], axis=1).ravel())
+    squares = 2.0 * energy * np.stack([np.diag(compliance), np.diag(mobility)], axis=1).ravel()
+    unknowns = np.sqrt(np.maximum(squares, 0.0))  # of an inverse that rounding may leave slightly negative
     # A tolerance must be positive, also for an unknown that cannot move.
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
