@@ -23,8 +23,8 @@ def one_mass(
     """m x'' + c x' + k x = load(t) between stops or without, from x = q and x' = v; ``offset`` moves the stops."""
     contacts = [] if stops is None else [sb.Contact([1.0], stops, offset)]
     loads = [] if load is None else [([1.0], load)]
-    observe = others.pop("observe", None if contacts else [1.0])
-    return sb.System.from_matrices([[mass]], [[stiffness]], [[damping]], loads, contacts, observe, [q], [v], **others)
+    others = {"observe": None if contacts else [1.0], "initial_displacement": [q], "initial_velocity": [v]} | others
+    return sb.System.from_matrices([[mass]], [[stiffness]], [[damping]], loads, contacts, **others)
 
 
 def with_stops(system: sb.System, *stops: sb.Stops) -> sb.System:
@@ -132,7 +132,7 @@ def system_of(case: Case) -> sb.System:
     contacts = [sb.Contact(c.row, s, function_of(c.offset)) for c, s in zip(case.contacts, stops, strict=True)]
     return sb.System.from_matrices(
         case.mass, case.stiffness, case.damping, [(p, function_of(wave)) for p, wave in case.loads], contacts,
-        case.observe, case.q0, case.v0,
+        observe=case.observe, initial_displacement=case.q0, initial_velocity=case.v0,
     )  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def random_chain(seed: int, laws: list[dict[str, float]] = LAWS, stiff: float = 
         contacts.append(sb.Contact(rng.normal(size=n), stops, offset))
     loads = [(size * rng.normal(size=n), function()) for _ in range(rng.integers(0, 4))]
     system = sb.System.from_matrices(
-        mass, stiffness, damping, loads, contacts, None if m else np.eye(n)[0], 0.5 * rng.normal(size=n),
-        rng.normal(size=n),
+        mass, stiffness, damping, loads, contacts, observe=None if m else np.eye(n)[0],
+        initial_displacement=0.5 * rng.normal(size=n), initial_velocity=rng.normal(size=n),
     )  # fmt: skip
     return system, slow

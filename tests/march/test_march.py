@@ -7,6 +7,7 @@ records are written out here: impacts, peaks, impulses and the energy balance of
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import plain_march
@@ -151,13 +152,19 @@ def systems():
         stops = sb.Stops(-0.002, 0.002, stiffness=1e5, **law)
         yield str(law), sb.semidiscretise(replace(BEAM, stops=stops), 6), 1e-3
     ends = [sb.Contact(row, sb.Stops(upper=0.05, stiffness=1e5)) for row in ([1.0, -1.0], [1.0, 1.0])]
-    bar = np.diag([1.0, 0.05]), np.diag([50.0, 5.0]), None, (), ends, None, [0.0, -0.001], [1.0, 0.0]
-    yield "one end of a bar closes the other", sb.System.from_matrices(*bar), 2e-3
+    bar, start = (np.diag([1.0, 0.05]), np.diag([50.0, 5.0])), {"initial_displacement": [0.0, -0.001]}
+    bar = sb.System.from_matrices(*bar, contacts=ends, initial_velocity=[1.0, 0.0], **start)
+    yield "one end of a bar closes the other", bar, 2e-3
     yield "two contacts", two_contacts(), 2e-3
     yield "rotor", rotor(), 2e-3
     pressed = {"loads": (([3.0, 1.0, 0.0, 0.0], sb.Constant(40.0)),), "v0": np.zeros(4)}  # against three of its stops
     yield "rotor on its stops", replace(rotor(), **pressed), 0.05
-    functions = {"load": lambda t: 15.0 * np.sin(4.0 * t), "offset": lambda t: 0.05 * np.sin(3.0 * t)}
+    offset = SimpleNamespace(
+        value=lambda t: 0.05 * np.sin(3.0 * t),
+        rate=lambda t: 0.15 * np.cos(3.0 * t),
+        acceleration=lambda t: -0.45 * np.sin(3.0 * t),
+    )
+    functions = {"load": lambda t: 15.0 * np.sin(4.0 * t), "offset": offset}
     yield "callables", two_contacts(**functions), 2e-3
 
 

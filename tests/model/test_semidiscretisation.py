@@ -75,7 +75,7 @@ def test_the_displacement_stencils_are_the_papers():
     row = first_order.matrix[2 * (M - 1) + 1]  # v_M''
     assert np.allclose(row[[2 * M - 6, 2 * M - 4, 2 * M - 2]], -k2 * M**4 * np.array([2, -4, 2]))
     assert np.allclose(row[[2 * M - 5, 2 * M - 3, 2 * M - 1]], -d * M**4 * np.array([2, -4, 2]))
-    assert np.isclose(first_order.contacts[0].column[-1], 2 * M)  # (2/h) sigma
+    assert np.isclose(first_order.columns[0, -1], 2 * M)  # (2/h) sigma
     assert first_order.bandwidths == (5, 4)
 
 

@@ -38,7 +38,8 @@ def test_every_solver_sees_a_replaced_matrix(form, field):
     changed = replace(SYSTEMS[form], **{field: CHANGES[field](SYSTEMS[form])})
     fresh = sb.System.from_matrices(
         np.array(changed.mass), np.array(changed.stiffness), np.array(changed.damping), changed.loads,
-        changed.contacts, changed.observe, changed.q0, changed.v0,
+        changed.contacts,
+        observe=changed.observe, initial_displacement=changed.q0, initial_velocity=changed.v0,
     )  # fmt: skip
     assert np.allclose(modes(changed).omega, modes(fresh).omega, rtol=1e-6)
     t = np.linspace(0.0, 0.02, 21)
@@ -219,17 +220,3 @@ def test_the_exact_motion_is_the_same_wherever_zero_is(damping, lower):
         assert np.max(np.abs(a.impacts.times[:first] - b.impacts.times[:first]), initial=0.0) < 1e-8
         had = np.max(np.abs(a.energy.input)) + np.max(a.energy.energy)
         assert abs(a.energy.loss[-1]) < 1e-10 * had  # 1e3 switches of rounding at most
-
-
-def test_a_callable_offset_is_asked_for_times_inside_the_run_only():
-    asked = []
-
-    def offset(t):
-        asked.extend(np.ravel(t))
-        return 0.1 * np.sqrt(t)
-
-    run = sb.integrate(one_mass(4.0, sb.Stops(upper=0.3, stiffness=1e3), offset=offset, v=1.0), sb.HHT(), 1e-2, 1.0)
-    assert min(asked) >= 0.0
-    assert max(asked) <= 1.0 + 1e-12
-    mass_rate = run.tip_velocity[20:] - 0.05 / np.sqrt(run.t[20:])
-    assert np.max(np.abs(mass_rate - run.states[1][20:, 0])) < 1e-6  # of the difference quotient

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
 from .problem import BeamProblem
-from .time_functions import Harmonic, TimeFunction
+from .time_functions import Harmonic
 
 # Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
@@ -57,38 +57,19 @@ def interpolation(share: Array, M: int, times: int = 0) -> Array:
     return rows
 
 
-def beam_field(problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike, slopes: int = 0) -> Array:
+def beam_field(
+    problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike, slopes: int = 0, of: str = "value"
+) -> Array:
     """d^slopes u/dx^slopes at x, u = v + phi (1 - (x/L)^2); q (m, n) of the times t (m,), x (...) -> (m, ...).
 
     hermite: the element's own polynomials. The other forms: the cubic spline through the nodes with v = v_x = 0
-    at the clamp and u_xx = 0 at the tip. Raises InputError for x outside [0, L].
+    at the clamp and u_xx = 0 at the tip. of="rate": the same of u_t, with q' for q. Raises InputError for x outside
+    [0, L].
     """
-    return _derivative(problem, form, q, x, slopes, _base(problem, t, "value"))
-
-
-def beam_field_rate(problem: BeamProblem, form: str, t: Array, v: Array, x: ArrayLike, slopes: int = 0) -> Array:
-    """Velocity u_t of the beam from v = q', as ``beam_field`` gives u from q."""
-    return _derivative(problem, form, v, x, slopes, _base(problem, t, "rate"))
-
-
-def beam_stress(problem: BeamProblem, form: str, t: Array, q: Array, v: Array, x: ArrayLike, slopes: int) -> Array:
-    """EI d^slopes u/dx^slopes + eta d^slopes u_t/dx^slopes: with 2 the moment, with 3 minus the shear stress."""
-    stress = problem.stiffness * beam_field(problem, form, t, q, x, slopes)
-    if problem.viscosity != 0.0:
-        stress = stress + problem.viscosity * beam_field_rate(problem, form, t, v, x, slopes)
-    return stress
-
-
-def _base(problem: BeamProblem, t: Array, of: str) -> Array:
-    """phi(t) or phi'(t)."""
-    phi: TimeFunction | None = problem.base
-    return np.zeros(np.shape(t)) if phi is None else getattr(phi, of)(t)
-
-
-def _derivative(problem: BeamProblem, form: str, q: Array, x: ArrayLike, slopes: int, phi: Array) -> Array:
     x, L = numbers("x", x), problem.length
     if np.any((x < 0.0) | (x > L)):
         raise InputError("x", x, f"lie in [0, {L:g}]", "for example half of that")
+    phi = np.zeros(np.shape(t)) if problem.base is None else getattr(problem.base, of)(t)
     share = x / L
     # 1 - (x/L)^2 and its derivatives by x/L, up to the third.
     lift = np.multiply.outer(phi, (1.0 - share**2, -2.0 * share, -2.0 + 0.0 * share, 0.0 * share)[slopes])
@@ -105,6 +86,14 @@ def _derivative(problem: BeamProblem, form: str, q: Array, x: ArrayLike, slopes:
     ends: Any = ((1, np.zeros(q.shape[:-1])), (2, 2.0 * phi))  # v_xx = 2 phi/L^2 where u_xx = 0
     spline = CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=ends)
     return (spline(share, slopes) + lift) / L**slopes
+
+
+def beam_stress(problem: BeamProblem, form: str, t: Array, q: Array, v: Array, x: ArrayLike, slopes: int) -> Array:
+    """EI d^slopes u/dx^slopes + eta d^slopes u_t/dx^slopes: with 2 the moment, with 3 minus the shear stress."""
+    stress = problem.stiffness * beam_field(problem, form, t, q, x, slopes)
+    if problem.viscosity != 0.0:
+        stress = stress + problem.viscosity * beam_field(problem, form, t, v, x, slopes, "rate")
+    return stress
 
 
 # ---------------------------------------------------------------- without contact, in closed form

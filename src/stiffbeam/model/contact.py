@@ -32,7 +32,7 @@ from .contact_law import (
     slopes,
     stored,
 )  # fmt: skip
-from .time_functions import LoadFunction, TimeFunction, load_function, offset_rate, offset_values
+from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,7 +89,7 @@ class Stops:
     dissipation: float = field(default=0.0, kw_only=True)
     restitution: float | None = field(default=None, kw_only=True)
     position: float | None = field(default=None, kw_only=True)
-    motion: LoadFunction | None = field(default=None, kw_only=True)
+    motion: TimeFunction | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         itself("stops", self, Stops)
@@ -125,7 +125,7 @@ class Stops:
         if self.position is not None:
             object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
         if self.motion is not None:
-            load_function("stops.motion", self.motion)
+            motion_function("stops.motion", self.motion)
 
     @classmethod
     def from_restitution(
@@ -325,7 +325,7 @@ class Contact:
     Raises
     ------
     InputError
-        For a row that is zero or not finite, and for an offset that is no time function.
+        For a row that is zero or not finite, and for an offset without rate and acceleration.
 
     Examples
     --------
@@ -337,7 +337,7 @@ class Contact:
 
     row: Array
     stops: Stops
-    offset: LoadFunction | None = None
+    offset: TimeFunction | None = None
 
     def __repr__(self) -> str:
         moved = "" if self.offset is None else f", offset {self.offset!r}"
@@ -346,15 +346,11 @@ class Contact:
 
     def __post_init__(self) -> None:
         itself("contact", self, Contact)
-        given = self.row
-        row = (
-            given
-            # A row that is read-only stays the same object: results that are stored by identity still hold.
-            if is_read_only(given)
-            else read_only(numbers("contact.row", given, "be finite and not all zero").ravel())
-        )
+        given, rule = self.row, "be finite and not all zero"
+        # A row that is read-only stays the same object: results that are stored by identity still hold.
+        row = given if is_read_only(given) else read_only(numbers("contact.row", given, rule).ravel())
         if row.ndim != 1 or not np.all(np.isfinite(row)) or not np.any(row):
-            raise InputError("contact.row", given, "be finite and not all zero", "for example [0, 0, 1]")
+            raise InputError("contact.row", given, rule, "for example [0, 0, 1]")
         object.__setattr__(self, "row", row)
         itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
         for name, remedy in (("position", "put it into the row"), ("motion", "its negative is an offset")):
@@ -362,23 +358,19 @@ class Contact:
                 rule = "be None in a contact, which has row and offset"
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
-            load_function("contact.offset", self.offset)
-            # A damped stop's force takes the offset's rate, and its events take the acceleration.
-            if self.stops.dissipative and not isinstance(self.offset, TimeFunction):
-                rule = "have rate(t) and acceleration(t) where the stop's force depends on the velocity"
-                raise InputError("contact.offset", self.offset, rule, "give it those methods beside value(t)")
+            motion_function("contact.offset", self.offset)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         freeze(self, "row")
 
 
-def channel_position(row: Array, offset: LoadFunction | None, t: ArrayLike, q: Array) -> Array:
+def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:
     """Position of a channel at times t for q (..., n): row q + o(t)."""
     return q @ row + offset_values(offset, t)
 
 
-def channel_motion(row: Array, offset: LoadFunction | None, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
+def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
     """Position and velocity of a channel."""
     return channel_position(row, offset, t, q), v @ row + offset_rate(offset, t)
 

@@ -198,7 +198,7 @@ class Modal(Equation):
 
     def _two_sided(self, t: float) -> Array:
         omega, c = np.sqrt(self._stiffness), self._damping
-        # For negative damping above critical only the power series of ``oscillation`` holds, both angles below 0.5.
+        # Negative damping above critical has no closed form in ``oscillation``, and grows too fast where c t is large.
         if np.any((c > 2.0 * omega) & ((omega * t >= 0.5) | (c * t >= 0.5))):
             remedy = "use a smaller dt, or moreau-jean"
             raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
@@ -220,20 +220,10 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
     """C, S, S', V, X at t of x'' + c x' + omega^2 x = f: x = C from x(0) = 1, x = S from x'(0) = 1, and from rest
     x = V for f = 1, x = X for f = time.
 
-    C = 1 - omega^2 V, S = V' = X'', S' = 1 - c S - omega^2 V. By cosine and sine, or where there is little of both
-    in t by the power series.
+    C = 1 - omega^2 V, S = V' = X'', S' = 1 - c S - omega^2 V. By cosine and sine; of a slow mode, whose 1 - C would
+    cancel, by the exponential of the equation with time in units of t.
     """
     c, sigma = damping, 0.5 * damping
-    # Power series, where the closed form of V would divide a cancelled 1 - C by a small omega^2.
-    few = (omega * t < 0.5) & (np.abs(c) * t < 0.5)
-    S, V, X = (np.zeros_like(omega) for _ in range(3))
-    term, before = np.full_like(omega, 0.5 * t * t), np.zeros_like(omega)  # of V: t^k/k! times its derivatives
-    # All modes run through it. Those with large angles may overflow, and are replaced below.
-    with np.errstate(over="ignore", invalid="ignore"):
-        # 24 terms: with both angles below 0.5 the last ones are far below rounding.
-        for k in range(2, 26):
-            S, V, X = S + term * k / t, V + term, X + term * t / (k + 1)
-            term, before = -(c * t * term + (omega * t) ** 2 * before / k) / (k + 1), term
     # Closed form: cosine and sine below critical damping, two decaying exponentials above.
     root = sigma**2 - omega**2
     wide = np.sqrt(np.abs(root)) * t
@@ -242,27 +232,25 @@ def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
     # sigma - sqrt(root) cancels under strong damping, so the slow rate is omega^2/(sigma + sqrt(root)).
     slow = np.exp(-(omega**2) * t / np.where(sigma > 0.0, sigma + np.sqrt(np.maximum(root, 0.0)), 1.0))
     fast = np.exp(-(sigma + np.sqrt(np.maximum(root, 0.0))) * t)
+    over = (root >= 0.0) & (wide >= 1.0)
     with np.errstate(over="ignore", invalid="ignore"):
         # Near critical damping, wide < 1, the difference of the exponentials cancels: sinh does not.
         sinc = np.where(root < 0.0, np.sin(wide) / safe, np.where(wide < 1.0, np.sinh(wide) / safe, 0.0))
         sinc = np.where(wide > 0.0, sinc, 1.0)
-        over = (root >= 0.0) & (wide >= 1.0)
-        S_wide = np.where(over, t * (slow - fast) / (2.0 * safe), decay * t * sinc)
-        even = np.where(
-            over, 0.5 * (slow + fast), decay * np.where(root < 0.0, np.cos(wide), np.cosh(np.minimum(wide, 1.0)))
-        )
+        S = np.where(over, t * (slow - fast) / (2.0 * safe), decay * t * sinc)
+        even = np.where(root < 0.0, np.cos(wide), np.cosh(np.minimum(wide, 1.0)))
+        even = np.where(over, 0.5 * (slow + fast), decay * even)
         # Undamped, 1 - cos as 2 sin^2 of half the angle, which does not cancel.
-        less = np.where(
-            (c == 0.0), 2.0 * np.sin(0.5 * wide) ** 2, 1.0 - even - sigma * S_wide
-        )  # 1 - C, C = even + sigma S
+        less = np.where((c == 0.0), 2.0 * np.sin(0.5 * wide) ** 2, 1.0 - even - sigma * S)  # 1 - C, C = even + sigma S
         squares = np.where(omega > 0.0, omega**2, 1.0)
-        V_wide = less / squares
-        X_wide = (t - S_wide - c * V_wide) / squares
-    # Each mode by the formula that holds for it.
-    S, V, X = (np.where(few, a, b) for a, b in ((S, S_wide), (V, V_wide), (X, X_wide)))
-    C = np.where(few, 1.0 - omega**2 * V, even + sigma * S)
-    rate = np.where(few, 1.0 - c * S - omega**2 * V, even - sigma * S)
-    for j in np.flatnonzero((omega * t < 0.5) & ~few):  # slow and much damped: 1 - C would cancel
-        E, P, Q = responses(np.array([[0.0, 1.0], [-(omega[j] ** 2), -c[j]]]), np.array([[0.0], [1.0]]), t)
-        C[j], S[j], rate[j], V[j], X[j] = E[0, 0], E[0, 1], E[1, 1], P[0, 0], Q[0, 0] * t
+        V, X = less / squares, (t - S - c * less / squares) / squares
+    C, rate = even + sigma * S, even - sigma * S
+    # Slow modes: the columns are those of x, x', a constant force and one that grows with time.
+    few = omega * t < 0.5
+    A = np.zeros((np.count_nonzero(few), 4, 4))
+    A[:, 0, 1] = A[:, 1, 2] = A[:, 2, 3] = 1.0
+    A[:, 1, 0], A[:, 1, 1] = -((omega[few] * t) ** 2), -c[few] * t
+    E = scipy.linalg.expm(A)
+    C[few], rate[few] = E[:, 0, 0], E[:, 1, 1]
+    S[few], V[few], X[few] = t * E[:, 0, 1], t**2 * E[:, 0, 2], t**3 * E[:, 0, 3]
     return C, S, rate, V, X

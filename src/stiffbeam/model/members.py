@@ -30,7 +30,6 @@ from ..basics.validation import (
 )
 from .contact import Contact, Stops
 from .modes import undamped_modes
-from .problem import BeamProblem, PolynomialProfile, Profile
 from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
@@ -325,21 +324,23 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
     So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
     every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the drive.
-    The drive is the base motion, else the loads, else the motion of the stops. A beam that starts with the speed of its
-    base starts with the new one. Raises InputError.
+    The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
+    drive of a beam that starts with the speed of its base.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
     for path, value in values.items():
         number(path, value)
-        if path in ("frequency", "amplitude"):
-            system = _driven(system, path, positive(path, value) if path == "frequency" else value)
-            continue
+        if path in DRIVE:
+            places = _drive(system, path)
+            value = positive(path, value) if path == "frequency" else value
+        else:
+            places = [path]
         try:
-            system = _placed(system, _keys_of(system, path), value)
+            system = _placed(system, [keys for place in places for keys in _keys_of(system, place)], value)
         except LookupError as error:
-            known = list(dict.fromkeys(["frequency", "amplitude", *paths_of(system)]))
+            known = list(dict.fromkeys([*DRIVE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
     if len(values) > 1:
         require_kept(system, values)
@@ -347,14 +348,14 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
 
 
 def require_kept(system: System, values: Mapping[str, float]) -> None:
-    """Raise InputError where a later of several paths has changed the number of an earlier one: "contacts[0].stops" and
-    "stops[0]" are the same."""
+    """Raise InputError where a later of several paths has changed the number of an earlier one."""
     for path, value in values.items():
         with suppress(LookupError):  # a short name, or of several contacts one with another number
             if path.rpartition(".")[2] != SCALE and value_at(system, path) != value:
                 raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
 
 
+DRIVE = ("frequency", "amplitude")
 AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
@@ -371,12 +372,11 @@ def paths_of(system: System) -> list[str]:
 
 
 def value_at(system: System, path: str) -> float:
-    """The number at a path of the problem or the matrices. Raises LookupError where there is none, and where "stops"
-    stands for contacts with different numbers."""
+    """The number at a path. Raises LookupError where there is none, or different ones behind "stops"."""
     found = set()
     for keys in _keys_of(system, path):
-        thing, rest = _rooted(system, keys)
-        for key in rest:
+        thing: Any = system.problem or system
+        for key in keys:
             thing = _part(thing, key)
         found.add(float(thing) if isinstance(thing, Real) else None)
     if len(found) != 1 or None in found:
@@ -385,47 +385,42 @@ def value_at(system: System, path: str) -> float:
 
 
 def _keys_of(system: System, path: str) -> list[list[Any]]:
-    """Names and indexes of a path, one list for each number that it stands for. Raises LookupError for what is none."""
+    """Names and indexes of a path from the problem or the system, one list for each number that it stands for."""
     keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
     # findall skips what it cannot read. Such a path does not read back as it was.
     if not keys or "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
         raise LookupError(path)
-    if keys[0] != "stops" or (len(keys) > 1 and isinstance(keys[1], int)):
-        return [keys]
-    if not system.contacts:
-        raise LookupError("stops")
-    return [["stops", i, *keys[1:]] for i in range(len(system.contacts))]
+    problem = system.problem
+    if keys[0] == "contacts" and keys[2:3] == ["stops"]:
+        keys = ["stops", keys[1], *keys[3:]]
+    if keys[0] != "stops":
+        return [keys if problem else [AS_GIVEN.get(keys[0], keys[0]), *keys[1:]]]
+    # The stops of one contact or of all, where the problem or the system keeps them.
+    each = [keys[1]] if isinstance(keys[1] if len(keys) > 1 else None, int) else list(range(len(system.contacts)))
+    rest = keys[2:] if len(keys) > 1 and keys[1] in each else keys[1:]
+    if not each or max(each) >= len(system.contacts):
+        raise LookupError(path)
+    if problem is None:
+        return [["contacts", i, "stops", *rest] for i in each]
+    return [["stops", *([] if isinstance(problem.stops, Stops) else [i]), *rest] for i in each]
 
 
 def _placed(system: System, paths: list[list[Any]], value: float) -> System:
     """System with a value at the ends of these keys. Raises LookupError where they lead to no number."""
-    root: Any = system
-    for keys in paths:
-        root, rest = _rooted(root, keys)
-        root = _replaced(root, rest, value)
-    return root if system.problem is None else _rebuilt(system, root)
-
-
-def _rooted(root: Any, keys: list[Any]) -> tuple[Any, list[Any]]:
-    """The problem of a beam, or the system of matrices itself, and the keys from there: "contacts[i].stops" and
-    "stops[i]" are one."""
-    root = getattr(root, "problem", None) or root
-    if isinstance(root, System):
-        keys = [AS_GIVEN.get(keys[0], keys[0]), *keys[1:]]
-        return root, ["contacts", keys[1], "stops", *keys[2:]] if keys[0] == "stops" else keys
-    if keys[0] == "contacts" and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
-    single = isinstance(root.stops, Stops) and keys[:2] == ["stops", 0]  # a problem keeps one pair by itself
-    return root, ["stops", *keys[2:]] if single else keys
-
-
-def _rebuilt(system: System, new: BeamProblem) -> System:
-    """The system of a changed problem: a beam that starts with the speed of its base starts with the new one."""
     problem = system.problem
-    if problem is not None and problem.base is not None and new.base is not None and new.base != problem.base:
-        profile = _with_base(problem, new.base, problem.base)
-        new = new if profile is new.initial_velocity else replace(new, initial_velocity=profile)
-    return semidiscretise(new, system.cells or system.size, system.form)
+    root: Any = problem or system
+    for keys in paths:
+        root = _replaced(root, keys, value)
+    if problem is None:
+        return root
+    # A start with the speed of the base would be one against it.
+    if problem.base is not None and problem.initial_velocity is not None and root.base != problem.base:
+        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
+            problem.initial_velocity, problem.base.rate, root.base.rate))  # fmt: skip
+        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
+            rule = "be kept where the beam starts with the speed of its base"
+            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
+    return semidiscretise(root, system.cells or system.size, system.form)
 
 
 def _part(thing: Any, key: Any) -> Any:
@@ -481,8 +476,8 @@ def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
                 yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
 
 
-def _driven(system: System, name: str, value: float) -> System:
-    """System with another frequency or amplitude of its drive, its matrices kept."""
+def _drive(system: System, name: str) -> list[str]:
+    """The paths to the frequency or the amplitude of the drive."""
     found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
     places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))
@@ -497,21 +492,4 @@ def _driven(system: System, name: str, value: float) -> System:
     if name == "amplitude" and loaded and any(path.startswith("contacts") for path, _ in shared):
         rule = "have no stops that move at the drive's frequency"
         raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
-    paths = [f"{path}.{name}" for path, f in shared if name == "frequency" or f in drive]
-    return _placed(system, [keys for path in paths for keys in _keys_of(system, path)], value)
-
-
-def _with_base(problem: BeamProblem, new: TimeFunction, old: TimeFunction) -> Profile | None:
-    """The initial velocity for another base motion: that of the base, where the beam had it; else what it was."""
-    profile, before, after = problem.initial_velocity, float(old.rate(0.0)), float(new.rate(0.0))
-    if profile is None or before == 0.0 or before == after:
-        return profile
-    # Nine points along the beam decide whether it starts with the speed of its base.
-    speeds = np.broadcast_to(np.asarray(profile(np.linspace(0.0, problem.length, 9)), float), 9)
-    same_speed = np.abs(speeds - before) <= 1e-6 * abs(before)
-    if np.all(same_speed):
-        return PolynomialProfile((after,))
-    if same_speed[0]:
-        rule = "be uniform where it starts with the base's speed and that varies"
-        raise InputError("initial_velocity", "a profile over x", rule, "build the systems one by one")
-    return profile
+    return [f"{path}.{name}" for path, f in shared if name == "frequency" or f in drive]

@@ -2,8 +2,9 @@
 
 Of the eigenpairs of K x = lambda M x the smallest lambda has as many digits as the largest. A solver for symmetric
 matrices errs by eps lambda_max in every eigenvalue. Its vectors X are good enough to start from: S = X^T K X and
-R = X^T M X, summed with twice the digits, are graded, S_ij of the size sqrt(S_ii S_jj) or below. The Jacobi method errs
-by eps lambda_j in each eigenvalue of such a matrix (Demmel and Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
+R = X^T M X, summed with twice the digits, are graded, S_ij of the size sqrt(S_ii S_jj) or below. One-sided Jacobi
+rotations of a Cholesky factor, LAPACK's dgejsv, err by eps lambda_j in each eigenvalue of such a matrix (Demmel and
+Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
@@ -25,8 +27,7 @@ from .system import System
 
 EPS = float(np.finfo(float).eps)
 PASSES = 5
-GRADED = 0.1  # of sqrt(S_ii S_jj): from there on the Jacobi method has its digits
-SWEEPS = 30  # a graded matrix takes three or four
+GRADED = 0.5  # least eigenvalue of S with its diagonal scaled to ones: from there on all squares have their digits
 SPLIT = 2.0**27 + 1.0  # cuts 53 bits into 26 and 26
 SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
@@ -63,13 +64,15 @@ class Modes:
         return vector @ self.shapes
 
 
-def undamped_modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``. Those of a
-    system, which cannot change, are found once."""
+Springs = tuple[tuple[Array, float], ...]  # (row, stiffness)
+
+
+def undamped_modes(system: System, springs: Springs = ()) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``."""
     return _once(_undamped, system, springs)
 
 
-def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+def modes(system: System, springs: Springs = ()) -> Modes | None:
     """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
     rounding each entry of the matrices would do, however small that is beside the damping of other modes.
 
@@ -83,7 +86,7 @@ def modes(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Mode
 _RECENT: Recent[Any] = Recent(16)
 
 
-def _once(find: Callable[..., Any], system: System, springs: tuple[tuple[Array, float], ...]) -> Any:
+def _once(find: Callable[..., Any], system: System, springs: Springs) -> Any:
     """Modes that ``find`` returns; without springs those of a recent system with equal matrices."""
     if springs:
         return find(system, springs)
@@ -96,7 +99,7 @@ def matrices(system: System) -> tuple[bytes, ...]:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _damped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes | None:
+def _damped(system: System, springs: Springs = ()) -> Modes | None:
     basis = undamped_modes(system, springs)
     damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
     # Couplings below the rounding of the entries are none.
@@ -127,7 +130,7 @@ def _proportional(system: System) -> bool:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _undamped(system: System, springs: tuple[tuple[Array, float], ...] = ()) -> Modes:
+def _undamped(system: System, springs: Springs = ()) -> Modes:
     into, back = _root(system.mass)
     name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
     # With a factor of K by singular values, which lose w_max/w_1 instead of its square.
@@ -225,9 +228,7 @@ def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     return zeta
 
 
-def graded_eigenpairs(
-    mass: Array, stiffness: Array, springs: tuple[Any, ...], squares: Array, X: Array
-) -> tuple[Array, Array]:
+def graded_eigenpairs(mass: Array, stiffness: Array, springs: Springs, squares: Array, X: Array) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
     Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
@@ -245,7 +246,7 @@ def graded_eigenpairs(
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 
 
-def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) -> tuple[Array, Array]:
+def _refined(mass: Array, stiffness: Array, springs: Springs, X: Array) -> tuple[Array, Array]:
     """The pairs in the space of the columns of X (n, k)."""
     squares = rounding = np.zeros(X.shape[1])
     for _ in range(PASSES):
@@ -261,13 +262,12 @@ def _refined(mass: Array, stiffness: Array, springs: tuple[Any, ...], X: Array) 
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
-        # The Jacobi method, and its vectors back in the space of X.
+        # Its pairs, and their vectors back in the space of X.
         rounding = rounding_of_zero(terms, len(S))
-        squares, turned = jacobi(0.5 * (S + S.T), rounding)
+        squares, turned, lowest = graded_eigh(0.5 * (S + S.T), rounding)
         X = X @ scipy.linalg.solve_triangular(upper, turned)
-        # Graded already: the Jacobi method had its digits, and no better start is needed.
-        size = np.sqrt(np.maximum(np.abs(np.diag(S)), rounding))
-        if not np.any(np.abs(S - np.diag(np.diag(S))) > GRADED * np.outer(size, size)):
+        # Graded already: the squares have their digits, and no better start is needed.
+        if lowest > GRADED:
             break
     # A rigid motion has the square zero, not its rounding.
     squares[np.abs(squares) < rounding] = 0.0
@@ -323,48 +323,25 @@ def _halves(x: Array) -> tuple[Array, Array]:
     return upper, x - upper
 
 
-def jacobi(S: Array, least: Array) -> tuple[Array, Array]:
+def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:
     """Eigenvalues (n,) and orthonormal vectors (n, n) of a symmetric graded matrix, in the order of its diagonal.
 
-    Entries below eps sqrt(S_ii S_jj) are zero; ``least`` (n,) are diagonals below which no digit is known.
-    Rotations of disjoint pairs are made at once: n - 1 rounds of n/2 are a sweep.
+    Of S = G^T G they are the squared singular values of G, a well-conditioned matrix with scaled columns, and its
+    vectors. ``least`` (n,) are diagonals below which no digit is known. Also returns the least eigenvalue of S with its
+    diagonal scaled to ones: near one where S is graded.
     """
-    n = len(S)
-    S, V = S.copy(), np.eye(n)
-    for _ in range(SWEEPS):
-        rotated = False
-        for i, j in _rounds(n):
-            a, b, c = S[i, i], S[j, j], S[i, j]
-            # Relative to both diagonals, not to the largest one: this is what keeps the digits of the small ones.
-            size = np.sqrt(np.maximum(np.abs(a), least[i])) * np.sqrt(np.maximum(np.abs(b), least[j]))
-            on = np.abs(c) > EPS * size
-            if not np.any(on):
-                continue
-            rotated = True
-            i, j, a, b, c = i[on], j[on], a[on], b[on], c[on]
-            # The smaller of the two angles, by the formula that does not cancel.
-            half = (b - a) / (2.0 * c)
-            tangent = np.where(half < 0.0, -1.0, 1.0) / (np.abs(half) + np.hypot(1.0, half))
-            cosine = 1.0 / np.hypot(1.0, tangent)
-            sine = tangent * cosine
-            # Columns of the matrix and of the vectors, then the rows.
-            for x in (S, V):
-                x[:, i], x[:, j] = cosine * x[:, i] - sine * x[:, j], sine * x[:, i] + cosine * x[:, j]
-            S[i], S[j] = cosine[:, None] * S[i] - sine[:, None] * S[j], sine[:, None] * S[i] + cosine[:, None] * S[j]
-            # The diagonals from their old values: the products above would round the small one off.
-            S[i, i], S[j, j] = a - tangent * c, b + tangent * c
-            S[i, j] = S[j, i] = 0.0
-        if not rotated:
-            break
-    return np.diag(S).copy(), V
-
-
-def _rounds(n: int) -> list[tuple[Array, Array]]:
-    """Every pair i < j once, in rounds of disjoint pairs, as in a round-robin tournament."""
-    players, rounds = list(range(n + n % 2)), []
-    for _ in range(len(players) - 1):
-        half = len(players) // 2
-        pairs = [sorted(p) for p in zip(players[:half], reversed(players[half:]), strict=True) if max(p) < n]
-        rounds.append(tuple(np.array(pairs, int).reshape(-1, 2).T))
-        players.insert(1, players.pop())
-    return rounds
+    rest = np.diag(S) <= least
+    size = np.sqrt(np.maximum(np.diag(S), 1e-3 * least))  # less than any square that counts
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = np.where(np.outer(rest, rest), 0.0, S / np.outer(size, size))
+    np.fill_diagonal(scaled, 1.0)
+    lowest = float(np.linalg.eigvalsh(scaled)[0])
+    definite = lowest >= 1e-8
+    if not definite:  # its vectors are for the next pass
+        scaled += (1e-3 - lowest) * np.eye(len(S))
+    singular, _, vectors, work, _, _ = scipy.linalg.lapack.dgejsv(
+        np.linalg.cholesky(scaled).T * size, joba=0, jobu=3, jobv=0, jobr=0, jobp=0
+    )
+    values = (singular * (work[0] / work[1])) ** 2 if definite else np.sum(vectors * (S @ vectors), axis=0)
+    place = np.argsort(np.argsort(-size, kind="stable"))
+    return np.where(rest, 0.0, values[place]), vectors[:, place], lowest

@@ -87,23 +87,19 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
     if count is not None:
         integer("count", count, 1)
     basis = decoupled.modes(system)
-    if basis is not None:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(basis.omega > 0.0, 0.5 * basis.damping / basis.omega, np.nan)
-        natural = NaturalModes(basis.omega, basis.shapes, ratio, coupled=False)
+    if basis is None:
+        omega, shapes, decay = _complex_modes(system)
     else:
-        natural = _complex_modes(system)
-    if count is None:
-        return natural
-    if count > len(natural.omega):
-        raise InputError("count", count, f"be at most {len(natural.omega)}, all modes", "leave it out for all")
-    return NaturalModes(
-        natural.omega[:count], natural.shapes[:, :count], natural.damping_ratio[:count], natural.coupled
-    )
+        omega, shapes, decay = basis.omega, basis.shapes, 0.5 * basis.damping
+    if count is not None and count > len(omega):
+        raise InputError("count", count, f"be at most {len(omega)}, all modes", "leave it out for all")
+    ratio = np.divide(decay, omega, out=np.full(len(omega), np.nan), where=omega > 0.0)
+    return NaturalModes(omega[:count], shapes[:, :count], ratio[:count], coupled=basis is None)
 
 
-def _complex_modes(system: System) -> NaturalModes:
-    """Modes from the eigenvalues of the first-order form in undamped modal coordinates, scaled by their frequencies."""
+def _complex_modes(system: System) -> tuple[Array, Array, Array]:
+    """|lambda|, shapes and -Re lambda by the first-order form in undamped modal coordinates, scaled by their
+    frequencies."""
     # In undamped modes the matrices are diagonal but for the damping.
     basis = decoupled.undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
@@ -126,10 +122,7 @@ def _complex_modes(system: System) -> NaturalModes:
     norms = np.sqrt(np.real(np.sum(np.conj(shapes) * (system.mass @ shapes), axis=0)))
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
-    omega = np.abs(values)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(omega > 0.0, -np.real(values) / omega, np.nan)
-    return NaturalModes(omega, shapes, ratio, coupled=True)
+    return np.abs(values), shapes, -np.real(values)
 
 
 def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array, y: Any = None) -> Any:

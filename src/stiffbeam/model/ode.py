@@ -16,7 +16,7 @@ from ..kernels.rhs import function_address
 from .right_hand_side import RightHandSide
 from .right_hand_side_jax import numbers_of, rate_with_integrals
 from .sampled import Sampled
-from .state_space import descriptor, state_space
+from .state_space import descriptor, on_positions, on_velocities, state_space
 from .time_functions import breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:
@@ -93,15 +93,15 @@ class ODE:
 
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
-        return np.asarray(q, float) @ self._rhs.first_order.to_q + np.asarray(v, float) @ self._rhs.first_order.to_v
+        return on_positions(np.asarray(q, float)) + on_velocities(np.asarray(v, float))
 
     def displacement(self, y: ArrayLike) -> Array:
         """Return q, (..., dof), of states (..., n)."""
-        return np.asarray(y, float) @ self._rhs.first_order.to_q.T
+        return np.asarray(y, float)[..., ::2]
 
     def velocity(self, y: ArrayLike) -> Array:
         """Return q', (..., dof), of states (..., n)."""
-        return np.asarray(y, float) @ self._rhs.first_order.to_v.T
+        return np.asarray(y, float)[..., 1::2]
 
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
         """Return the observed position, (k,), of states (k, n) at the times (k,)."""

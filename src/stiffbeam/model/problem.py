@@ -13,7 +13,7 @@ from ..basics.arrays import Array
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
 from .contact import Stops
-from .time_functions import LoadFunction, TimeFunction, derivative, in_closed_form, load_function
+from .time_functions import LoadFunction, TimeFunction, derivative, load_function, motion_function
 
 
 @dataclass(frozen=True)
@@ -237,12 +237,8 @@ class BeamProblem:
         self._check_supports()
         self._check_stops()
         if self.base is not None:
-            closed = in_closed_form(self.base)
-            if not closed and not isinstance(self.base, TimeFunction):
-                raise InputError("base", self.base, "have value, rate and acceleration", "use Harmonic or Sampled")
-            load_function("base", self.base)
-            if closed:
-                derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
+            motion_function("base", self.base)
+            derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
         rule = "hold PointLoad and DistributedLoad only"
         single = isinstance(self.loads, (PointLoad, DistributedLoad))
         loads = (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))

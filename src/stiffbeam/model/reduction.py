@@ -15,7 +15,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import scipy.linalg
@@ -25,11 +25,10 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.units import Units
 from ..basics.validation import InputError, integer
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
-from .system import System, contacts_of, finite_vector, loads_of, unsymmetric
+from .system import ModelData, System, contacts_of, finite_vector, loads_of, unsymmetric
 from .time_functions import LoadFunction
 
 DENSE = 600  # unknowns up to which all modes are computed: Lanczos' method needs more than it looks for
@@ -45,12 +44,9 @@ def reduce_model(
     damping: Any = None,
     loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
     contacts: Sequence[Contact] = (),
-    observe: ArrayLike | None = None,
-    initial_displacement: ArrayLike | None = None,
-    initial_velocity: ArrayLike | None = None,
     modes: int = 40,
-    units: Units = (),
     modal_damping: float | Sequence[float] = 0.0,
+    **data: Unpack[ModelData],
 ) -> tuple[System, Array]:
     """Return a large system reduced to natural modes and static deflections, and T (n, r) with q = T z.
 
@@ -61,14 +57,14 @@ def reduce_model(
     ----------
     mass, stiffness, damping : array (n, n)
         Dense or SciPy sparse. Unknowns may be without mass.
-    loads, contacts, observe, initial_displacement, initial_velocity
+    loads, contacts
         As for ``System.from_matrices``.
     modes : int
         Number of natural modes to keep.
-    units : tuple, optional
-        Names for tables, pictures and files.
     modal_damping : float or sequence of float, optional
         Damping ratio of every mode of the reduced system, or of its first ones; added to ``damping``.
+    **data
+        observe, initial_displacement, initial_velocity and units as for ``System.from_matrices``.
 
     Returns
     -------
@@ -100,9 +96,34 @@ def reduce_model(
         raise InputError("stiffness", K.shape, f"have the shape of the mass, {M.shape}", "give one for each unknown")
     integer("modes", modes, 1)
     pairs, all_contacts = loads_of(loads, n), contacts_of(contacts, n)
-    start = {"initial_displacement": initial_displacement, "initial_velocity": initial_velocity}
-    states = [finite_vector(name, np.zeros(n) if x is None else x, n) for name, x in start.items()]
-    seen = [] if observe is None else [finite_vector("observe", observe, n)]
+    vectors: Any = {x: data.get(x) for x in ("observe", "initial_displacement", "initial_velocity")}
+    vectors = {name: finite_vector(name, x, n) for name, x in vectors.items() if x is not None}
+    rows = [*(p for p, _ in pairs), *(contact.row for contact in all_contacts)]
+    rows = np.array(rows + [vectors[x] for x in vectors if x == "observe"]).reshape(-1, n).T
+    T, squares, statics = _basis(M, K, rows, modes)
+    C = np.diag(2.0 * damping_ratios(modal_damping, len(squares)) * np.sqrt(squares))
+    if damping is not None:  # without its rounding, so that what couples no modes couples none here
+        D = _square("damping", damping)
+        reduced = uncoupled(D, T, T.T @ (D @ T), np.zeros(T.shape[1], bool))
+        C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
+    # Initial data by projection.
+    changed: Any = {name: T.T @ (x if name == "observe" else M @ x) for name, x in vectors.items()}
+    reduced_loads = [(T.T @ p, f) for p, f in pairs]
+    reduced_contacts = [replace(contact, row=T.T @ contact.row) for contact in all_contacts]
+    matrices = np.eye(len(squares)), np.diag(squares), C
+    system = System.from_matrices(*matrices, reduced_loads, reduced_contacts, **(data | changed))
+    # Shares that T does not hold: of the norm of initial data, and of the strain energy of static deflections.
+    lost = max((_share(M, x - T @ changed[name], x) for name, x in vectors.items() if name != "observe"), default=0.0)
+    strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / squares[:, None], axis=0)
+    shares = np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0)
+    soft = float(np.max(1.0 - shares, initial=0.0))
+    if max(lost, soft) > LOST:
+        warnings.warn(f"{modes} modes lose {lost:.2g} of the initial data, {soft:.2g} of a deflection", stacklevel=2)
+    return system, T
+
+
+def _basis(M: Any, K: Any, rows: Array, modes: int) -> tuple[Array, Array, Array]:
+    """T (n, r), the squares of the frequencies in it (r,), and the static deflections (n, k) under the rows (n, k)."""
     # SuperLU raises for an exactly singular K only: small pivots show the others.
     strainless = InputError("stiffness", "a motion without strain", "hold the system", "support it")
     try:
@@ -113,9 +134,7 @@ def reduce_model(
     if np.min(pivots) < HELD * np.max(pivots):
         raise strainless
     # Natural modes, and of the static deflection of every force what it has beside them, in the metric of M.
-    T = _lowest(M, K, factor, modes)
-    rows = np.array([p for p, _ in pairs] + [contact.row for contact in all_contacts] + seen).reshape(-1, n).T
-    statics = factor.solve(rows)
+    T, statics = _lowest(M, K, factor, modes), factor.solve(rows)
     for static in statics.T:
         beside = static - T @ (T.T @ (M @ static))
         beside = beside - T @ (T.T @ (M @ beside))  # twice, for orthogonality to rounding
@@ -125,36 +144,10 @@ def reduce_model(
     # A diagonal system again: the appended deflections are no modes.
     small = T.T @ (K @ T)
     try:
-        omega2, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
+        squares, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
     except np.linalg.LinAlgError:  # deflections of a support so soft are rounding beside its rigid motion
         raise strainless from None
-    T = T @ turn
-    C = np.diag(2.0 * damping_ratios(modal_damping, len(omega2)) * np.sqrt(omega2))
-    if damping is not None:  # without its rounding, so that what couples no modes couples none here
-        D = _square("damping", damping)
-        reduced = uncoupled(D, T, T.T @ (D @ T), np.zeros(T.shape[1], bool))
-        C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
-    # Initial data by projection.
-    z = [T.T @ (M @ x) for x in states]
-    system = System.from_matrices(
-        np.eye(len(omega2)),
-        np.diag(omega2),
-        C,
-        loads=[(T.T @ p, f) for p, f in pairs],
-        contacts=[replace(contact, row=T.T @ contact.row) for contact in all_contacts],
-        observe=T.T @ seen[0] if seen else None,
-        initial_displacement=z[0],
-        initial_velocity=z[1],
-        units=units,
-    )
-    # Shares that T does not hold: of the norm of initial data, and of the strain energy of static deflections.
-    lost = max(_share(M, x - T @ y, x) for x, y in zip(states, z, strict=True))
-    strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / omega2[:, None], axis=0)
-    shares = np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0)
-    soft = float(np.max(1.0 - shares, initial=0.0))
-    if max(lost, soft) > LOST:
-        warnings.warn(f"{modes} modes lose {lost:.2g} of the initial data, {soft:.2g} of a deflection", stacklevel=2)
-    return system, T
+    return T @ turn, squares, statics
 
 
 def _square(name: str, matrix: Any, symmetric: bool = False) -> Any:

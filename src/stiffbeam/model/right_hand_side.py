@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,11 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 from ..kernels.rhs import Equations
-from .contact import channel_motion, laws
+from .contact import channel_motion, channel_position, laws
 from .contact_law import pressure
 from .sampled import Sampled
-from .state_space import StateSpace
-from .time_functions import Drive, LoadFunction, Term, TimeFunction, evaluate, in_closed_form, offset_rate, parts_of
+from .state_space import StateSpace, on_positions, on_velocities
+from .time_functions import Drive, LoadFunction, Term, evaluate, in_closed_form, parts_of
 
 
 class RightHandSide:
@@ -33,12 +33,12 @@ class RightHandSide:
     """
 
     def __init__(self, first_order: StateSpace, mass: Array | None = None) -> None:
-        system = first_order.system
+        self.system = system = first_order.system
         self.first_order = first_order
-        self.states = n = len(first_order.y0)
-        contacts = first_order.contacts
+        self.states = n = 2 * system.size
+        contacts = system.contacts
         m = len(contacts)
-        self.damped = any(c.contact.stops.dissipative for c in contacts)
+        self.damped = any(c.stops.dissipative for c in contacts)
         self.size = n + 2 + m + self.damped
         self.z0 = np.concatenate([first_order.y0, np.zeros(2 + m + self.damped)])
         self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
@@ -46,32 +46,33 @@ class RightHandSide:
         drive, units = Drive.of(system), np.eye(m)
         leaves = (f for function in system.time_functions for f in parts_of(function))
         called = list({id(f): f for f in leaves if not in_closed_form(f)}.values())
-        to_v = first_order.to_v
         loads = _amplitudes(drive, called, first_order.loads, n)
-        power = _amplitudes(drive, called, [(to_v.T @ p, f) for p, f in system.loads], n)
-        moving = [(units[i], c.contact.offset) for i, c in enumerate(contacts) if c.contact.offset is not None]
+        power = _amplitudes(drive, called, [(on_velocities(p), f) for p, f in system.loads], n)
+        moving = [(units[i], c.offset) for i, c in enumerate(contacts) if c.offset is not None]
         offsets = _amplitudes(drive, called, moving, m)
         of_offsets = np.any(offsets[len(offsets) - len(called) :], axis=1)
-        self._called = [(f, _value_of(f), bool(moves)) for f, moves in zip(called, of_offsets, strict=True)]
+        self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
         # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
-        velocities = np.array([first_order.velocity_row(c) for c in contacts]).reshape(m, n)
+        rows = np.array([c.row for c in contacts]).reshape(m, system.size)
+        velocities = on_velocities(rows)
         accelerations, inertia = velocities, None
         if self._mass is not None and mass is not None:
             accelerations = scipy.linalg.lu_solve(self._mass, velocities.T, trans=1).T
             inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
+        damping = np.zeros((n if system.damped else 0, n))
+        damping[1::2, 1::2] = system.damping[: len(damping) // 2]
         self.equations = Equations(
             size=self.size, damped=self.damped, called=len(called), matrix=first_order.matrix, inertia=inertia,
-            damping=to_v.T @ system.damping @ to_v if system.damped else np.zeros((0, n)),
-            frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table, loads=loads, power=power,
-            offsets=offsets, pushes=np.array([c.column for c in contacts]).reshape(m, n),
-            positions=np.array([c.row for c in contacts]).reshape(m, n), velocities=velocities,
-            accelerations=accelerations, law=laws(system.contacts), bandwidths=self._bandwidths(inertia),
+            damping=damping, frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table,
+            loads=loads, power=power, offsets=offsets, pushes=first_order.columns, positions=on_positions(rows),
+            velocities=velocities, accelerations=accelerations, law=laws(contacts),
+            bandwidths=self._bandwidths(inertia),
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
         self.in_python, self.roots = bool(called), len(self.levels)
         self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
         # (contact, +1 upper or -1 lower) of every gap.
-        self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.contact.stops.sides]
+        self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
 
     @property
     def window(self) -> tuple[float, float]:
@@ -115,25 +116,22 @@ class RightHandSide:
                 result = evaluate(function, inside)  # which says what is wrong
             given[0, k] = result
             if moves:
-                given[1, k] = offset_rate(function, inside)
-            if moves and self.damped and isinstance(function, TimeFunction):  # the rate of a damped stop's force
-                given[2, k] = function.acceleration(inside)
+                given[1, k] = function.rate(inside)
+                given[2, k] = function.acceleration(inside) if self.damped else 0.0  # the rate of a damped stop's force
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
         i, side = self.sides[k]
-        c = self.first_order.contacts[i]
-        u, v = self.first_order.contact_motion(c, self._inside(t), z[: self.states])
-        depth = side * (u - c.contact.stops.bound(side))
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), c.contact.stops.coefficients))
+        contact, y = self.system.contacts[i], z[: self.states]
+        u, v = channel_motion(contact.row, contact.offset, self._inside(t), y[::2], y[1::2])
+        depth = side * (u - contact.stops.bound(side))
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), contact.stops.coefficients))
 
     def stored(self, t: float, z: Array) -> Array:
         """Energy (contacts,) in the stops at t, with the functions of time of the window."""
-        t, y = self._inside(t), z[: self.states]
-        contacts = self.first_order.contacts
-        return np.array(
-            [c.contact.stops.energy(self.first_order.contact_motion(c, t, y)[0]) for c in contacts], float
-        ).reshape(-1)
+        t, q = self._inside(t), z[: self.states : 2]
+        contacts = self.system.contacts
+        return np.array([c.stops.energy(channel_position(c.row, c.offset, t, q)) for c in contacts], float).reshape(-1)
 
     def jumped(self, t: float, z: Array, stored: Array) -> Array:
         """z where stops that held the energy ``stored`` jump at t: the rest of their energy is input, and those that
@@ -144,8 +142,7 @@ class RightHandSide:
         z = z.copy()
         z[self.states] += np.sum(gained)
         if self.damped:
-            damps = [c.contact.stops.dissipative for c in self.first_order.contacts]
-            z[-1] += np.sum(gained[damps])
+            z[-1] += np.sum(gained[[c.stops.dissipative for c in self.system.contacts]])
         return z
 
     def _bandwidths(self, inertia: Array | None) -> tuple[int, int] | None:
@@ -158,8 +155,7 @@ class RightHandSide:
 
     def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
         """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""
-        q, v = y @ self.first_order.to_q.T, y @ self.first_order.to_v.T
-        motions = [channel_motion(row, o, t, q, v) for row, o in self.first_order.system.channels]
+        motions = [channel_motion(row, o, t, y[:, ::2], y[:, 1::2]) for row, o in self.system.channels]
         positions, velocities = (np.stack(x, axis=-1) for x in zip(*motions, strict=True))
         return positions, velocities
 
@@ -177,7 +173,3 @@ def _amplitudes(drive: Drive, called: list[LoadFunction], terms: Iterable[Term],
         if not isinstance(function, Sampled):
             python[next(k for k, f in enumerate(called) if f is function)] += vector
     return np.concatenate([basis, records, python])
-
-
-def _value_of(function: LoadFunction) -> Callable[..., Any]:
-    return function.value if isinstance(function, TimeFunction) else function

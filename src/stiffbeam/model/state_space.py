@@ -15,57 +15,50 @@ import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array
-from .contact import Contact
 from .stencils import bending_stencil, velocity_curvature_matrices
-from .time_functions import LoadFunction, offset_rate, offset_values
+from .time_functions import LoadFunction
 
 if TYPE_CHECKING:
     from .system import System
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class StateContact:
-    """A contact on y: the force column * F(row @ y + offset(t))."""
+def on_positions(row: Array) -> Array:
+    """The row on y, (..., 2n), of a row on q."""
+    out = np.zeros((*row.shape[:-1], 2 * row.shape[-1]))
+    out[..., ::2] = row
+    return out
 
-    row: Array
-    column: Array
-    contact: Contact
+
+def on_velocities(row: Array) -> Array:
+    """The row on y, (..., 2n), of a row on q'; also the column of a force on q''."""
+    return np.roll(on_positions(row), 1, axis=-1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StateSpace:
-    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c y + o_c(t)),  2 n unknowns.
+    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c q + o_c(t)),  2 n unknowns.
 
-    matrix: A (2n, 2n). loads: pairs (b_k, f_k). y0: (2n,). to_q, to_v: (n, 2n), q = to_q y and q' = to_v y.
+    matrix: A (2n, 2n). loads: pairs (b_k, f_k). columns: (contacts, 2n). system: with q = y[::2] and q' = y[1::2].
     """
 
     matrix: Array
-    loads: tuple[tuple[Array, LoadFunction], ...]
-    contacts: tuple[StateContact, ...]
-    y0: Array
-    to_q: Array
-    to_v: Array
+    loads: list[tuple[Array, LoadFunction]]
+    columns: Array
     system: System
 
-    def velocity_row(self, contact: StateContact) -> Array:
-        """(2n,): the velocity of a contact point is velocity_row @ y + o'(t)."""
-        return self.to_v.T @ contact.contact.row
-
-    def contact_motion(self, contact: StateContact, t: float, y: Array) -> tuple[float, float]:
-        """Position and velocity of a contact point against its stops."""
-        offset = contact.contact.offset
-        position = contact.row @ y + offset_values(offset, t)
-        return float(position), float(self.velocity_row(contact) @ y + offset_rate(offset, t))
+    @property
+    def y0(self) -> Array:
+        """(2n,), the start."""
+        return on_positions(self.system.q0) + on_velocities(self.system.v0)
 
     @cached_property
     def bandwidths(self) -> tuple[int, int]:
         """(lower, upper) bandwidth of the Jacobian."""
         pattern = self.matrix != 0.0
-        for c in self.contacts:
-            column = c.column != 0.0
-            pattern = pattern | np.outer(column, c.row != 0.0)
-            if c.contact.stops.dissipative:
-                pattern = pattern | np.outer(column, self.velocity_row(c) != 0.0)
+        for column, contact in zip(self.columns, self.system.contacts, strict=True):
+            rows = [on_positions(contact.row), *([on_velocities(contact.row)] if contact.stops.dissipative else [])]
+            for row in rows:
+                pattern = pattern | np.outer(column != 0.0, row != 0.0)
         i, j = np.nonzero(pattern)
         return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
 
@@ -93,22 +86,15 @@ def descriptor(system: System) -> tuple[Array, StateSpace]:
 def _interleaved(system: System, stiffness: Array, damping: Array, divide: Callable[[Array], Array]) -> StateSpace:
     """Positions and velocities in turn. The arguments are those of q'': those of q' are exact."""
     n = system.size
-    to_q, to_v = np.eye(2 * n)[::2], np.eye(2 * n)[1::2]
     matrix = np.zeros((2 * n, 2 * n))
     matrix[::2, 1::2] = np.eye(n)
     matrix[1::2, ::2] = 0.0 - stiffness  # no signed zeros in the Jacobian
     matrix[1::2, 1::2] = 0.0 - damping
-
-    def column(vector: Array) -> Array:
-        return divide(vector) @ to_v
-
+    rows = np.array([contact.row for contact in system.contacts]).reshape(-1, n)
     return StateSpace(
         matrix=matrix,
-        loads=tuple((column(p), f) for p, f in system.loads),
-        contacts=tuple(StateContact(row=c.row @ to_q, column=column(c.row), contact=c) for c in system.contacts),
-        y0=system.q0 @ to_q + system.v0 @ to_v,
-        to_q=to_q,
-        to_v=to_v,
+        loads=[(on_velocities(divide(p)), f) for p, f in system.loads],
+        columns=on_velocities(np.array([divide(row) for row in rows]).reshape(-1, n)),
         system=system,
     )
 

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from uuid import uuid4
 from weakref import WeakValueDictionary
 
@@ -19,24 +19,33 @@ from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
-from .beam import beam_field, beam_field_rate, beam_stress
+from .beam import beam_field, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .sampled import Sampled
-from .time_functions import Constant, Derivative, Harmonic, LoadFunction, Superposition, evaluate, load_function
+from .time_functions import (
+    Constant,
+    Derivative,
+    Harmonic,
+    LoadFunction,
+    Superposition,
+    TimeFunction,
+    evaluate,
+    load_function,
+)
 
 if TYPE_CHECKING:
     from .ode import ODE
 
 
-_DEFINITE: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
+_CHECKED: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
 
 
-def square_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
+def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     """``matrix`` as a read-only float array (n, n), symmetric to the bit where it is so to rounding. InputError where
-    it is not square and finite and, but for the damping, symmetric."""
-    # Checked before, and read-only. ``is`` guards against an id that is used again.
-    if isinstance(matrix, np.ndarray) and _DEFINITE.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
+    it is not square, finite, symmetric and semidefinite, the mass definite; the damping need not be the last two."""
+    # ``is`` guards against an id that is used again.
+    if isinstance(matrix, np.ndarray) and _CHECKED.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
     if isinstance(matrix, np.ndarray) and is_read_only(matrix):
@@ -48,14 +57,24 @@ def square_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
     if not np.all(np.isfinite(dense)):
         raise InputError(name, "an entry that is not finite", "be finite", "look at what it was computed from")
-    if np.array_equal(dense, dense.T):
-        return dense
-    size = np.sqrt(np.abs(np.diag(dense)))
-    if np.any(np.abs(dense - dense.T) > 1e-12 * np.outer(size, size)):
-        if name == "damping":
-            return dense
-        raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
-    return read_only(0.5 * (dense + dense.T))
+    if not np.array_equal(dense, dense.T):
+        size = np.sqrt(np.abs(np.diag(dense)))
+        if np.all(np.abs(dense - dense.T) <= 1e-12 * np.outer(size, size)):
+            dense = read_only(0.5 * (dense + dense.T))
+        elif name != "damping":
+            raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
+    if name == "mass":
+        try:
+            np.linalg.cholesky(dense)
+        except np.linalg.LinAlgError:
+            least = np.linalg.eigvalsh(dense)[0]
+            remedy = "condense unknowns without mass out: stiffbeam.reduce_model, in a case file modes = 40"
+            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy) from None
+    elif name == "stiffness" and (least := _least(dense)) < -1e-10:
+        rule, remedy = "be positive semidefinite", "look at its signs"
+        raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
+    _CHECKED[name, id(dense)] = dense
+    return dense
 
 
 def _diagonal(mass: Any) -> Any:
@@ -80,24 +99,6 @@ def _dense(name: str, matrix: Any) -> Any:
         return matrix
     afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
     return matrix.toarray()
-
-
-def definite_matrix(name: str, matrix: Array) -> Array:
-    """The matrix if it is positive semidefinite, the mass positive definite, any damping; checked once."""
-    if _DEFINITE.get((name, id(matrix))) is matrix:
-        return matrix
-    if name == "mass":
-        try:
-            np.linalg.cholesky(matrix)
-        except np.linalg.LinAlgError:
-            least = np.linalg.eigvalsh(matrix)[0]
-            remedy = "condense unknowns without mass out: stiffbeam.reduce_model, in a case file modes = 40"
-            raise InputError(name, f"least eigenvalue {least:.3g}", "be positive definite", remedy) from None
-    elif name == "stiffness" and (least := _least(matrix)) < -1e-10:
-        rule, remedy = "be positive semidefinite", "look at its signs"
-        raise InputError(name, f"least eigenvalue {least:.3g}, its diagonal scaled to ones", rule, remedy)
-    _DEFINITE[name, id(matrix)] = matrix
-    return matrix
 
 
 def _least(matrix: Array) -> float:
@@ -200,6 +201,15 @@ class Origin:
         return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
 
 
+class ModelData(TypedDict, total=False):
+    """Other keywords of a model of matrices."""
+
+    observe: ArrayLike | None
+    initial_displacement: ArrayLike | None
+    initial_velocity: ArrayLike | None
+    units: Units
+
+
 _PROCESS, _CALLABLES = uuid4().hex, {}
 
 
@@ -255,11 +265,9 @@ class System:
 
     def __post_init__(self) -> None:
         itself("system", self, System)
-        mass = definite_matrix("mass", square_matrix("mass", self.mass))
+        mass = checked_matrix("mass", self.mass)
         n = len(mass)
-        damping, stiffness = (
-            definite_matrix(x, square_matrix(x, getattr(self, x), n)) for x in ("damping", "stiffness")
-        )
+        damping, stiffness = (checked_matrix(x, getattr(self, x), n) for x in ("damping", "stiffness"))
         contacts, loads = contacts_of(self.contacts, n), loads_of(self.loads, n)
         if self.observe is None and not contacts:
             rule = "name the row of .tip where there is no contact"
@@ -297,24 +305,18 @@ class System:
         damping: Any = None,
         loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
         contacts: Sequence[Contact] = (),
-        observe: ArrayLike | None = None,
-        initial_displacement: ArrayLike | None = None,
-        initial_velocity: ArrayLike | None = None,
-        units: Units = (),
+        **data: Unpack[ModelData],
     ) -> System:
-        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass, any contact
-        row. It is at rest at zero without initial data. ``units`` names those of tables, pictures and files. Raises
-        InputError as the class does."""
-        mass = square_matrix("mass", _diagonal(mass))
-        nothing = np.zeros(len(mass))
-        options: Any = {
-            "loads": loads, "contacts": contacts, "observe": observe,
-            "q0": nothing if initial_displacement is None else initial_displacement,
-            "v0": nothing if initial_velocity is None else initial_velocity, "units": units,
-        }  # fmt: skip
-        return cls(
-            mass=mass, damping=np.zeros_like(mass) if damping is None else damping, stiffness=stiffness, **options
-        )
+        """System of any finite-element model: dense or SciPy sparse matrices, a vector for a diagonal mass.
+
+        data: observe and units as in the class; initial_displacement and initial_velocity, by default at rest at zero.
+        Raises InputError as the class does.
+        """
+        matrix = checked_matrix("mass", _diagonal(mass))
+        start = {"q0": data.pop("initial_displacement", None), "v0": data.pop("initial_velocity", None)}
+        options: Any = {name: np.zeros(len(matrix)) if x is None else x for name, x in start.items()} | data
+        damping = np.zeros_like(matrix) if damping is None else damping
+        return cls(mass=matrix, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts, **options)  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
         parts = {"unknown": self.size, "load": len(self.loads), "contact": len(self.contacts)}
@@ -378,7 +380,7 @@ class System:
         return self._beam_origin.cells if self._beam_origin else None
 
     @cached_property
-    def channels(self) -> tuple[tuple[Array, LoadFunction | None], ...]:
+    def channels(self) -> tuple[tuple[Array, TimeFunction | None], ...]:
         """The observed positions (row, offset): one per contact, then the tip where it is another row."""
         rows = tuple((contact.row, contact.offset) for contact in self.contacts)
         return rows if self.observe is None else (*rows, (self.observe, None))
@@ -445,7 +447,7 @@ class System:
 
     def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
         """u_t(x, t) as ``displacement``, from v = q'."""
-        return beam_field_rate(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x)
+        return beam_field(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x, of="rate")
 
     def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
         """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""

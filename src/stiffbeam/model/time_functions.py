@@ -186,7 +186,7 @@ class Superposition:
     3.0
     """
 
-    terms: tuple[tuple[float, LoadFunction], ...]
+    terms: tuple[tuple[float, TimeFunction], ...]
 
     def __init__(self, *functions: TimeFunction) -> None:
         itself("time function", self, Superposition)
@@ -195,16 +195,15 @@ class Superposition:
                 "Superposition", "nothing", "have at least one function of time", "for none give Constant(0.0)"
             )
         for function in functions:
-            if not isinstance(function, TimeFunction):
-                several = isinstance(function, (list, tuple))
-                remedy = "leave the brackets out: Superposition(f, g)" if several else "for example Harmonic or Sampled"
+            if isinstance(function, (list, tuple)):
+                remedy = "leave the brackets out: Superposition(f, g)"
                 raise InputError("Superposition", function, "add functions with value, rate and acceleration", remedy)
-            load_function("Superposition", function)
+            motion_function("Superposition", function)
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
 
     @classmethod
-    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
-        """A sum of multiples of functions that have been checked; a bare callable has its rate by differences."""
+    def weighted(cls, terms: Iterable[tuple[float, TimeFunction]]) -> Superposition:
+        """A sum of multiples of functions that have been checked."""
         total = object.__new__(cls)
         object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
         return total
@@ -223,21 +222,18 @@ class Superposition:
 
     def value(self, t: ArrayLike) -> Array:
         """The sum of the terms, each with its factor."""
-        return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
+        return self._sum("value", t)
 
     def rate(self, t: ArrayLike) -> Array:
         """The sum of the terms' derivatives, each with its factor."""
-        return sum((factor * offset_rate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
+        return self._sum("rate", t)
 
     def acceleration(self, t: ArrayLike) -> Array:
-        """f''(t). Raises InputError where a term is a bare callable, which has none."""
-        total = np.zeros(np.shape(t))
-        for factor, f in self.terms:
-            if not isinstance(f, TimeFunction):
-                rule = "have rate(t) and acceleration(t) here"
-                raise InputError("a time function", f, rule, "give it those methods beside value(t)")
-            total = total + factor * np.asarray(f.acceleration(t), float)
-        return total
+        """The sum of the terms' second derivatives, each with its factor."""
+        return self._sum("acceleration", t)
+
+    def _sum(self, of: str, t: ArrayLike) -> Array:
+        return sum((factor * np.asarray(getattr(f, of)(t), float) for factor, f in self.terms), np.zeros(np.shape(t)))
 
 
 @dataclass(frozen=True)
@@ -332,6 +328,12 @@ def load_function(field: str, function: Any) -> Any:
     return function
 
 
+def motion_function(field: str, function: Any) -> None:
+    """Raise InputError unless a base or a stop can move by the function, which takes its rate and acceleration."""
+    if not isinstance(load_function(field, function), TimeFunction):
+        raise InputError(field, function, "have value(t), rate(t) and acceleration(t)", "use Harmonic or Sampled")
+
+
 def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     """f(t) of a TimeFunction or of a bare callable, as a float array of the shape of ``t``."""
     t = np.asarray(t, float)
@@ -363,26 +365,17 @@ def times_of(field: str, values: Any) -> Array:
     return np.unique(numbers(field, values, "be finite times", "give a list of them"))
 
 
-def offset_values(offset: LoadFunction | None, t: ArrayLike) -> Array:
+def offset_values(offset: TimeFunction | None, t: ArrayLike) -> Array:
     """o(t), zero for None."""
     return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
 
 
-def offset_rate(offset: LoadFunction | None, t: ArrayLike) -> Array:
-    """o'(t), of a bare callable by differences that stay inside [0, t], but for the first few steps."""
-    if offset is None:
-        return np.zeros(np.shape(t))
-    if isinstance(offset, TimeFunction):
-        return offset.rate(t)
-    t = np.asarray(t, float)
-    # A bare callable: one-sided differences of second order, backwards where that stays at t >= 0.
-    step = 1e-6 * float(np.max(np.abs(t))) or 1e-8
-    step = np.where(t < 2.0 * step, step, -step)  # forwards there, else backwards
-    here, next_, last = (offset_values(offset, t + k * step) for k in range(3))
-    return (4.0 * next_ - 3.0 * here - last) / (2.0 * step)
+def offset_rate(offset: TimeFunction | None, t: ArrayLike) -> Array:
+    """o'(t), zero for None."""
+    return np.zeros(np.shape(t)) if offset is None else offset.rate(t)
 
 
-def combined(*terms: tuple[float, LoadFunction | None]) -> LoadFunction | None:
+def combined(*terms: tuple[float, TimeFunction | None]) -> TimeFunction | None:
     """sum_k factor_k f_k, None for nothing; a multiple of one Harmonic or Constant is one again."""
     kept = tuple((float(factor), f) for factor, f in terms if f is not None and factor != 0.0)
     if not kept:

@@ -50,7 +50,7 @@ def reference_from(
     begun = clock()
     intervals = smooth_intervals(system, t_end, steps)  # which asks the functions of time what they are
     rhs = RightHandSide(first_order or state_space(system), mass)
-    scales = scales_of(rhs.first_order, t_end)
+    scales = scales_of(system, t_end)
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
@@ -64,7 +64,7 @@ def reference_from(
     answers = Answers(solve, rhs, t_end, t, y)
     positions, velocities = rhs.channels(t, y)
     tip = system.tip_channel
-    states = (y @ rhs.first_order.to_q.T, y @ rhs.first_order.to_v.T)
+    states = (y[:, ::2].copy(), y[:, 1::2].copy())
 
     def ledger() -> Ledger:
         given, taken = result.states[:, rhs.states : rhs.states + 2].T
@@ -144,8 +144,8 @@ class Answers:
 
     def states(self, times: Array) -> tuple[Array, Array]:
         """(q, q') at ``times``."""
-        y, parts = self.at(times), self.rhs.first_order
-        return y @ parts.to_q.T, y @ parts.to_v.T
+        y = self.at(times)
+        return y[:, ::2].copy(), y[:, 1::2].copy()
 
 
 def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
@@ -155,9 +155,9 @@ def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
     start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
     # The integral is dissipated plus stored energy. What a stop stored at t = 0 it never absorbed.
     taken = z[:, -1].copy()
-    for i, c in enumerate(rhs.first_order.contacts):
-        if c.contact.stops.dissipative:
-            taken -= c.contact.stops.energy(positions[:, i]) - c.contact.stops.energy(start[:, i])
+    for i, contact in enumerate(rhs.system.contacts):
+        if contact.stops.dissipative:
+            taken -= contact.stops.energy(positions[:, i]) - contact.stops.energy(start[:, i])
     return taken
 
 
@@ -183,7 +183,7 @@ def contact_record(
     damped stop that of the force, is zero or jumps: both as accurate as the motion. A peak is NaN where the solver saw
     no such place between entry and exit.
     """
-    stops = rhs.first_order.contacts[i].contact.stops
+    stops = rhs.system.contacts[i].stops
     force = stops.force(position, velocity)
     # One row for every entry, up to the exit after it or to the end of the solution.
     impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse

@@ -95,7 +95,7 @@ class Program:
         # The first stage of a step is the last one of the step before (FSAL).
         self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
         # Modal needs y' linear in y.
-        self._linear = linear(rhs.first_order.system.contacts)
+        self._linear = linear(rhs.system.contacts)
         self._modal: dict[bytes, Modal | None] = {}
         self._twice = False
         with float64_on_the_processor():

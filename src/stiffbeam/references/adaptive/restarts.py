@@ -18,7 +18,7 @@ from ...basics.resources import in_time
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
 from ...model.right_hand_side import RightHandSide
-from ...model.state_space import StateSpace
+from ...model.system import System
 from ...model.time_functions import evaluate, offset_values
 from ...trajectory.trajectory import SolverFailure
 from .intervals import Interval
@@ -35,7 +35,7 @@ class Scales(NamedTuple):
     energy: float
 
 
-def scales_of(first_order: StateSpace, t_end: float) -> Scales:
+def scales_of(system: System, t_end: float) -> Scales:
     """The largest value that every unknown would reach with the whole energy of the motion.
 
         E = E_0 + 1/2 sum_k max|f_k|^2 p_k^T S p_k + 1/2 sum_c (max |o_c - o_c(0)|)^2/(1/kappa_c + r_c^T S r_c)
@@ -46,7 +46,6 @@ def scales_of(first_order: StateSpace, t_end: float) -> Scales:
     free mass. Every term has its dimension, so other units of length, time and mass give the same motion
     the same scales. A system in which nothing can move has scales 1.
     """
-    system = first_order.system
     # Energy of the start, of the loads and of the moving stops.
     compliance = _inverse(system.stiffness + 2.0 / t_end**2 * system.mass)
     t = np.linspace(0.0, t_end, SAMPLES)
@@ -68,21 +67,13 @@ def scales_of(first_order: StateSpace, t_end: float) -> Scales:
         raise InputError("the motion", energy, rule, "take units in which loads and motions are smaller")
     if not energy > 0.0:
         ones = np.ones(len(system.contacts))
-        return Scales(np.ones(len(first_order.y0)), ones, ones, 1.0)
+        return Scales(np.ones(2 * system.size), ones, ones, 1.0)
     # Largest values at that energy.
-    # (q, q') in terms of y, turned round: y = back (q, q').
-    back = np.linalg.pinv(np.concatenate([first_order.to_q, first_order.to_v]))
-    n = system.size
-    spread = np.sum((back[:, :n] @ compliance) * back[:, :n], axis=1)
     mobility = _inverse(system.mass)
-    spread += np.sum((back[:, n:] @ mobility) * back[:, n:], axis=1)
     lengths = np.array([np.sqrt(2.0 * energy * (c.row @ compliance @ c.row)) for c in system.contacts])
     speeds = np.array([np.sqrt(2.0 * energy * (c.row @ mobility @ c.row)) for c in system.contacts])
-    # A square is a sum of products here, which rounding may leave slightly negative.
-    unknowns = np.sqrt(2.0 * energy * np.maximum(spread, 0.0))
-    for contact, length in zip(first_order.contacts, lengths, strict=True):  # (3.12) carries v_M beside w
-        alone = (contact.row != 0.0) & (unknowns <= 1e-12 * length)
-        unknowns[alone] = length / np.abs(contact.row[alone])
+    squares = 2.0 * energy * np.stack([np.diag(compliance), np.diag(mobility)], axis=1).ravel()
+    unknowns = np.sqrt(np.maximum(squares, 0.0))  # of an inverse that rounding may leave slightly negative
     # A tolerance must be positive, also for an unknown that cannot move.
     unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
@@ -203,7 +194,7 @@ class Contacts:
         """Record the forces where a phase begins or ends within a contact. The force of a moving or damped stop may
         turn there from rising to falling without a zero of its rate."""
         for k, closed in enumerate(self.closed):
-            contact = self.rhs.first_order.contacts[self.rhs.sides[k][0]].contact
+            contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
             moving = contact.offset is not None or contact.stops.dissipative
             if closed and moving and self.entries[k][-1][0] < t:
                 self.peaks[k].append((t, self.rhs.pressing(t, z, k)))
@@ -319,7 +310,7 @@ def _rounding(rhs: RightHandSide, scales: Scales) -> Array:
     and below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0."""
     extents = []
     for i, _ in rhs.sides:
-        stops = rhs.first_order.contacts[i].contact.stops
+        stops = rhs.system.contacts[i].stops
         finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
         extents.append(float(scales.lengths[i]) + max(finite))
     extents += [float(scales.speeds[i]) for i, _ in rhs.sides]
@@ -341,9 +332,8 @@ def _closed_at_start(rhs: RightHandSide, z: Array, interval: Interval, rounding:
     count = len(rhs.sides)
     z_rate, orders = rhs.rate(0.0, z), []
     for k, (i, side) in enumerate(rhs.sides):
-        row = rhs.first_order.velocity_row(rhs.first_order.contacts[i])
         # On the stop the first derivative that is not zero decides: gap, rate, acceleration, and those after it.
-        push = side * float(row @ z_rate[: rhs.states])
+        push = side * float(rhs.system.contacts[i].row @ z_rate[1 : rhs.states : 2])
         orders.append(next((x for x in (values[k], values[count + k], push) if x != 0.0), 0.0))
     if 0.0 in orders:
         orders = [x or later for x, later in zip(orders, _leaving(rhs, z, interval, rounding).tolist(), strict=True)]
