@@ -34,7 +34,7 @@ NUMBERS_REPLAYED = 1 << 23  # of their states
 # Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
 MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
 CACHE = 2.5e5  # numbers
-LARGEST = 1 << 27  # numbers in the powers of a step: 1 GiB
+LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
 LEAST, LONGEST = 32, 256  # force nodes of a block
 
 
@@ -62,8 +62,9 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
         # A product of D x D matrices for each doubling; a block reads its matrices once.
         return MATRIX * np.log2(length) * D**3 + steps * step * (D**2 / length + D * nodes)
 
-    longest = np.clip(D / 4, LEAST, LONGEST) / nodes
-    lengths = (2**i for i in range(1 + int(np.log2(max(1.0, longest)))) if not i or (i + 2) * D**2 <= LARGEST)
+    longest, loads = np.clip(D / 4, LEAST, LONGEST) / nodes, len(coordinates.system.loads) * len(scheme.nodes)
+    powers = range(1 + int(np.log2(max(1.0, longest))))
+    lengths = (2**i for i in powers if not i or (i + 2) * D**2 + 2**i * loads * D <= LARGEST)
     return min(lengths, key=seconds)
 
 

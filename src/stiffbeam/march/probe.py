@@ -150,11 +150,6 @@ class OneStep:
         at_last = ends_there if self.readers.rated else np.array_equal  # of the others the bits are left as they are
         return carried, np.array(fields), at_last(at_nodes[-1][0], new[0])
 
-    def from_rest(self, loads: Array) -> tuple[Array, Array]:
-        """Under ``loads`` (S, batch, N): states (n, k, batch) and readings (g, batch)."""
-        new, fields, _ = self.take(np.zeros((self.mix.shape[1], *loads.shape[1:])), loads, np.zeros_like(loads))
-        return new, self.read(fields)
-
     def read(self, fields: Array) -> Array:
         """(g, batch) of fields (fields, batch, N)."""
         # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
@@ -202,14 +197,14 @@ def probe(
     dt: float,
     extrapolated: bool = False,
     rated: bool = False,
-    samples: Array | None = None,
     reduced: bool = True,
 ) -> StepMap:
-    """The map of ``scheme``. samples: (L, N), vectors of loads beside the contacts' columns. ``rated``: with the
-    velocities at the nodes. ``reduced``: without the components that only add to others, see ``independent``.
+    """The map of ``scheme``. ``rated``: with the velocities at the nodes. ``reduced``: without the components that
+    only add to others, see ``independent``.
     """
     equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
-    forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
+    vectors = [vector for vector, _ in coordinates.loads(coordinates.system)]
+    forces = np.concatenate([coordinates.columns, np.array(vectors).reshape(-1, N)])
     S, P = len(scheme.nodes), len(forces)
     if reduced:
         keep, mix = independent(scheme, dt, extrapolated)

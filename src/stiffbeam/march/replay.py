@@ -18,7 +18,7 @@ from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
 from .block_march import March, Segment, Stepper, initial_channels
-from .propagator import Propagator
+from .propagator import Propagator, load_terms
 
 
 def step_of(segment: Segment, one: Propagator) -> tuple[Step, IntArray]:
@@ -34,7 +34,7 @@ def step_of(segment: Segment, one: Propagator) -> tuple[Step, IntArray]:
     place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
     step = Step(
         transition=one.block.transition,
-        push=np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]]),
+        push=np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sampled_rows[:, of_state:]]),
         driven=np.ascontiguousarray(forcing.rows[0][:, of_state:]),
         forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
@@ -123,8 +123,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         "law": laws(contacts),
     }
     drive = Drive.of(system)
-    units = np.eye(len(system.loads))
-    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
+    loads = drive.split(load_terms(system), len(system.loads))
     offsets = drive.offsets(system)
     last = np.full((1, len(contacts)), np.nan)
     for segment, one in _segments(stepper, system, steps):
