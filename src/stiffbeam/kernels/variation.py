@@ -9,17 +9,21 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from .library import INTEGER, Address, Int, address, filled, library, structure
+from .library import INTEGER, Address, Int, Structure, address, filled, library
 
-ARRAYS = """w2 drag damping rows loads kappa c stop inverse mass_by stiffness_by damping_by rows_by loads_by
-    kappa_by c_by stop_by"""
-_Regime = structure("_Regime", "n m h L P", "", f"{ARRAYS} held")
+_Regime = Structure(
+    "n m h L P",
+    "",
+    "w2?: n; drag?: n; damping?: n n; rows?: m n; loads?: L n; kappa?: m; c?: m; stop?: m; inverse?: h h; "
+    "mass_by?: P n n; stiffness_by?: P n n; damping_by?: P n n; rows_by?: P m n; loads_by?: P L n; kappa_by?: P m; "
+    "c_by?: P m; stop_by?: P m; held int: h",
+)
 
 
 @cache
 def _functions() -> Any:
     lib = library()
-    lib.vary.argtypes = [ctypes.POINTER(_Regime), Int, Int, Int, *[Address] * 6]
+    lib.vary.argtypes = [ctypes.POINTER(_Regime.type), Int, Int, Int, *[Address] * 6]
     lib.vary_later.argtypes = lib.vary.argtypes
     return lib
 
@@ -30,14 +34,10 @@ class Regime:
     def __init__(self, held: IntArray, **arrays: Array | None) -> None:
         n, m, L = len(arrays["w2"]), len(arrays["rows"]), len(arrays["loads"])  # type: ignore[arg-type]
         P, h = len(arrays["stop_by"]), len(held)  # type: ignore[arg-type]
-        shapes = {
-            "w2": (n,), "drag": (n,), "damping": (n, n), "rows": (m, n), "loads": (L, n), "kappa": (m,), "c": (m,),
-            "stop": (m,), "inverse": (h, h), "mass_by": (P, n, n), "stiffness_by": (P, n, n), "damping_by": (P, n, n),
-            "rows_by": (P, m, n), "loads_by": (P, L, n), "kappa_by": (P, m), "c_by": (P, m), "stop_by": (P, m),
-        }  # fmt: skip
-        self._kept = {x: None if y is None else np.ascontiguousarray(y) for x, y in arrays.items()}, held
-        at = [address(self._kept[0][x], shapes[x], wanted=self._kept[0][x] is not None) for x in shapes]
-        self.sizes, self._c = (n, m, L, P), _Regime(n, m, h, L, P, *at, address(held, (h,), INTEGER))
+        self._kept: dict[str, Any] = {x: None if y is None else np.ascontiguousarray(y) for x, y in arrays.items()}
+        self._kept["held"] = held
+        self.sizes = (n, m, L, P)
+        self._c = _Regime({"n": n, "m": m, "h": h, "L": L, "P": P}, self._kept)
 
     def series(self, K: int, drive: Array, shift: Array, start: Array) -> tuple[Array, ...]:
         """Coefficients eta (S, K + 1, 1 + D, n), u (S, K + 1, 1 + D, m), force (S, K - 1, 1 + D, m).
