@@ -38,7 +38,7 @@ def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
     with pytest.raises(TypeError):
         solve_stage(np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.zeros((2, 2)), np.zeros(1), BY_LAW, law)
     with pytest.raises((TypeError, ValueError)):
-        states(Step(*(np.zeros((1, 1)),) * 5), 1, np.zeros(1), np.array([3]))
+        states(Step(*(np.zeros((1, 1)),) * 5, np.zeros(1), np.array([3])), 1)
 
 
 def test_read_only_arrays_have_an_address():

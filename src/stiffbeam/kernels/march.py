@@ -13,39 +13,42 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from .library import INTEGER, Int, Real, address, filled, library, structure
+from .library import Int, Real, Structure, address, filled, library
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
 LAW, TALLY, EVENT, SUMS = 6, 8, 7, 10  # numbers of a law, a tally, an impact and the energy balance
 OVERFLOW = 1e100  # A position beyond this ends the run. Its square, in an energy, is still a float64.
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
-_Block = structure(
-    "_Block",
+_Block = Structure(
     "R D N a n C K nodes rule rated",
     "",
-    "reading transition push velocity velocity_push end_first end_stride rates",
+    "reading: D R; transition: a D; push: N width; velocity: K C D; velocity_push: K C N; end_first int: C; "
+    "end_stride int: C; rates? int: N",
 )
-_Drive = structure("_Drive", "F V", "constant", "frequencies rows velocity")
-_Run = structure(
-    "_Run",
+_Drive = Structure("F V", "constant", "frequencies: V F; rows: V d width; velocity: V K C d")
+_Run = Structure(
     "M m first steps every outputs room inflows",
     "dt",
-    "law inflow inflow_velocity z position velocity tally diverged times positions velocities node_forces "
-    "contact_forces starts forces events cursor",
+    f"law: M m {LAW}; inflow?: inflows width; inflow_velocity?: inflows K C; z: M state; position: M C; velocity: M C; "
+    f"tally: M m {TALLY}; diverged int: M; times?: outputs; positions?: M outputs C; velocities?: M outputs C; "
+    "node_forces?: M outputs m; contact_forces?: M outputs m; starts?: blocks state; forces?: blocks N; "
+    f"events: room {EVENT}; cursor int: 3",
 )
-_Account = structure(
-    "_Account",
+_Account = Structure(
     "a n m L F d steps carried first every outputs moving damped",
     "dt",
-    "transition push driven forces g squares damping loads load_values rows offsets offset_rates law node_forces "
-    "start place y contacts balance kept",
+    "transition: a D; push: F D; driven: d D; forces: steps F; g: later d; squares?: n; damping?: n; loads?: L n; "
+    "load_values?: later L; rows?: m n; offsets?: later moving; offset_rates?: later moving; "
+    f"law?: m {LAW}; node_forces?: later m; start: held; place int: carried; y?: 2n; contacts?: 2 m; "
+    f"balance?: {SUMS}; kept?: {SUMS} outputs",
 )
-_Rigid = structure(
-    "_Rigid",
+_Rigid = Structure(
     "a n D S m K",
     "",
-    "blocks matrix reading predicting responses compliance kinds bounds stops driven shifts predicted z path reactions",
+    "blocks?: a a n; matrix?: D D; reading: S m D; predicting: m D; responses: S m D; compliance: S S m m; "
+    "kinds int: S; bounds: S m 2; stops: m 2; driven: K D; shifts: K S m; predicted: K m; z: D; path: K D; "
+    "reactions: K S m",
 )
 
 
@@ -53,10 +56,10 @@ _Rigid = structure(
 def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
     lib, at = library(), ctypes.POINTER
-    lib.march.argtypes = [at(_Block), at(_Drive), at(_Run)]
-    lib.account.argtypes = [at(_Account)]
-    lib.states.argtypes = [at(_Account), ctypes.c_void_p]
-    lib.rigid_steps.argtypes = [at(_Rigid)]
+    lib.march.argtypes = [at(_Block.type), at(_Drive.type), at(_Run.type)]
+    lib.account.argtypes = [at(_Account.type)]
+    lib.states.argtypes = [at(_Account.type), ctypes.c_void_p]
+    lib.rigid_steps.argtypes = [at(_Rigid.type)]
     for function in (lib.march, lib.account, lib.states, lib.rigid_steps):
         function.restype = Int
     lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], ctypes.c_void_p, Real], Real
@@ -93,14 +96,8 @@ class Block:
     def c(self) -> Any:
         """The block for C."""
         (D, R), a, (N, _), (K, C, _) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
-        rated = len(self.rates) > 0
-        return _Block(
-            R, D, N, a, D // a, C, K, self.nodes, self.rule, rated,
-            address(self.reading, (D, R)), address(self.transition, (a, D)), address(self.push, (N, R + D)),
-            address(self.velocity, (K, C, D)), address(self.velocity_push, (K, C, N)),
-            address(self.end_first, (C,), INTEGER), address(self.end_stride, (C,), INTEGER),
-            address(self.rates, (N,), INTEGER, rated),
-        )  # fmt: skip
+        sizes = {"R": R, "D": D, "N": N, "a": a, "n": D // a, "C": C, "K": K, "width": R + D, "nodes": self.nodes}
+        return _Block(sizes | {"rule": self.rule, "rated": len(self.rates) > 0}, vars(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,23 +112,22 @@ class Forcing:
     @cached_property
     def c(self) -> Any:
         """The drive for C."""
-        (V, F), (_, K, C, d), wide = self.frequencies.shape, self.velocity.shape, self.rows.shape[2]
-        return _Drive(
-            F, V, self.constant, address(self.frequencies, (V, F)), address(self.rows, (V, 1 + 2 * F, wide)),
-            address(self.velocity, (V, K, C, d)),
-        )  # fmt: skip
+        (V, F), (_, K, C, _), width = self.frequencies.shape, self.velocity.shape, self.rows.shape[2]
+        sizes = {"V": V, "F": F, "K": K, "C": C, "d": 1 + 2 * F, "width": width, "constant": self.constant}
+        return _Drive(sizes, vars(self))
 
 
 class Inflow(NamedTuple):
     """Share of sampled loads and offsets in the blocks of a range of steps; no rows without any."""
 
-    rows: Array  # (B, R + D)
-    velocity: Array  # (B, K, C)
+    inflow: Array  # (B, R + D)
+    inflow_velocity: Array  # (B, K, C)
 
 
 class Marchers(NamedTuple):
     """State of all ensemble members and their contact statistics. Updated in place."""
 
+    law: Array  # (M, m, 6), the laws of every contact, see contact_law
     z: Array  # (M, D + (a - 1) n)
     position: Array  # (M, C) at the last step
     velocity: Array  # (M, C)
@@ -149,46 +145,43 @@ class Kept(NamedTuple):
     contact_forces: Array  # (M, outputs, m): the forces of linear stops
     starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
     forces: Array  # (B, N)
+    events: Array  # (rows, 7): the list of impacts, see sampling
+    cursor: IntArray  # (3,): member, block, free row of events, advanced in place
 
 
-def run(
-    block: Block, law: Array, forcing: Forcing, inflow: Inflow, marchers: Marchers, kept: Kept, events: Array,
-    first: int, steps: int, dt: float, every: int, cursor: IntArray,
-) -> bool:  # fmt: skip
-    """Compute ``steps`` steps of every member from step ``first``. Returns True if all are done.
+class Span(NamedTuple):
+    """A range of steps, and every how many of the run there is an output."""
 
-    law: (M, m, 6), the laws of every contact, see contact_law. events: the list of impacts, see sampling.
-    cursor: (member, block, free row of events), advanced in place; where the list may not hold another
-    block's impacts, False is returned and the call can be made again with a longer one. A member has the bits of its
-    solo run.
+    first: int
+    steps: int
+    every: int
+    dt: float
+
+
+def run(block: Block, forcing: Forcing, inflow: Inflow, members: Marchers, kept: Kept, span: Span) -> bool:
+    """Compute a range of steps of every member. Returns True if all are done; where the list of impacts may not hold
+    another block's, False is returned and the call can be made again with a longer one.
+
+    A member has the bits of its solo run.
     """
-    c, drive, (M, m, _) = block.c, forcing.c, law.shape
-    z, position, velocity, tally, diverged = marchers
-    times, positions, velocities, node_forces, contact_forces, starts, forces = kept
-    outputs, blocks, B, width = positions.shape[1], -(-steps // c.K), len(inflow.rows), c.D + (c.a - 1) * c.n
+    c, drive, (M, m, _), B = block.c, forcing.c, members.law.shape, len(inflow.inflow)
+    outputs, blocks, width = kept.positions.shape[1], -(-span.steps // c.K), c.R + c.D
     if (
         B not in (0, blocks)
-        or 0 < outputs <= (first + steps) // every
+        or 0 < outputs <= (span.first + span.steps) // span.every
         or drive.V not in (1, M)
-        or min(first, steps) < 0
+        or min(span.first, span.steps) < 0
     ):
         raise ValueError("sampled loads, outputs or drives do not fit the steps")
-    if c.nodes % max(1, c.K * m) or forcing.velocity.shape[1:3] != (c.K, c.C) or forcing.rows.shape[2] != c.R + c.D:
+    if c.nodes % max(1, c.K * m) or forcing.velocity.shape[1:3] != (c.K, c.C) or forcing.rows.shape[2] != width:
         raise ValueError("contacts or drives do not fit the block")
-    if len(starts) and M != 1:
+    if len(kept.starts) and M != 1:
         raise ValueError("the energy balance is of one member")
-    x = _Run(
-        M, m, first, steps, every, outputs, len(events), B, dt,
-        address(law, (M, m, LAW)), address(inflow.rows, (B, c.R + c.D), wanted=B),
-        address(inflow.velocity, (B, c.K, c.C), wanted=B), address(z, (M, width)), address(position, (M, c.C)),
-        address(velocity, (M, c.C)), address(tally, (M, m, TALLY)), address(diverged, (M,), INTEGER),
-        address(times, (outputs,), wanted=outputs and len(times)),
-        address(positions, (M, outputs, c.C), wanted=outputs), address(velocities, (M, outputs, c.C), wanted=outputs),
-        address(node_forces, (M, outputs, m), wanted=outputs and node_forces.shape[1]),
-        address(contact_forces, (M, outputs, m), wanted=outputs and contact_forces.shape[1]),
-        address(starts, (blocks, width), wanted=len(starts)), address(forces, (blocks, c.N), wanted=len(starts)),
-        address(events, (len(events), EVENT)), address(cursor, (3,), INTEGER),
-    )  # fmt: skip
+    sizes = {
+        "M": M, "m": m, "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
+        "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
+    }  # fmt: skip
+    x = _Run(sizes | span._asdict(), inflow._asdict() | members._asdict() | kept._asdict())
     return bool(filled(_functions().march(c, drive, x)))
 
 
@@ -203,14 +196,16 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Ar
 
 
 class Step(NamedTuple):
-    """One step of a scheme on a whole state (a, n), and the inputs of a range of steps. Forces are known here; the
-    other names are those of Block and Forcing."""
+    """One step of a scheme on a whole state (a, n), the inputs of a range of steps, and the state before them. Forces
+    are known here; the other names are those of Block and Forcing."""
 
     transition: Array  # (a, a n)
     push: Array  # (F, a n), of contacts and sampled loads at every node
     driven: Array  # (d, a n), of the constant, then sine and cosine of every frequency
     forces: Array  # (steps, F)
     g: Array  # (steps + 1, d) at the starts of the steps and the last one's end
+    start: Array  # (carried, ..): the components of the state that blocks carry,
+    place: IntArray  # (carried,) and where each of their numbers stands
 
 
 class Energies(NamedTuple):
@@ -227,59 +222,42 @@ class Energies(NamedTuple):
     node_forces: Array  # (steps + 1, m): the forces that nodes found, NaN for none
 
 
-def _steps_of(step: Step, n: int, start: Array, place: IntArray) -> dict[str, Any]:
-    """The part of the energy balance that ``states`` has too."""
-    (F, D), d, steps = step.push.shape, len(step.driven), len(step.forces)
-    a = D // n
-    if len(start) < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < a):
+class Balance(NamedTuple):
+    """What is added up over ranges of steps, in place."""
+
+    y: Array  # (2 n,) = (q, q') before the next steps, also where a continued state begins differently
+    contacts: Array  # (2, m): positions and rates there, at t = 0 as given: rounding would decide the side of a stop
+    balance: Array  # (10,)
+    kept: Array  # (10, outputs): the balance at every ``every``-th step
+
+
+def _sizes(step: Step, n: int) -> dict[str, float]:
+    """Those of the part of the energy balance that ``states`` has too."""
+    (F, D), steps, start, place = step.push.shape, len(step.forces), step.start, step.place
+    if len(start) < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < D // n):
         raise ValueError("components do not fit the states")
-    return {
-        "a": a, "n": n, "F": F, "d": d, "steps": steps, "carried": len(place), "every": 1,
-        "transition": address(step.transition, (a, D)), "push": address(step.push, (F, D)),
-        "driven": address(step.driven, (d, D)), "forces": address(step.forces, (steps, F)),
-        "g": address(step.g, (steps + 1, d)), "start": address(start, start.shape),
-        "place": address(place, (len(place),), INTEGER),
-    }  # fmt: skip
+    return {"a": D // n, "n": n, "F": F, "D": D, "d": len(step.driven), "steps": steps, "later": steps + 1,
+            "carried": len(place), "held": len(start), "every": 1, "m": 0, "L": 0, "2n": 2 * n}  # fmt: skip
 
 
-def states(step: Step, n: int, start: Array, place: IntArray) -> Array:
-    """The states (steps, a n) at the ends of the steps from ``start``, whose components have their ``place``."""
+def states(step: Step, n: int) -> Array:
+    """The states (steps, a n) at the ends of the steps."""
     out = np.empty((len(step.forces), step.push.shape[1]))
-    x = _Account(**_steps_of(step, n, start, place))
-    filled(_functions().states(x, address(out, out.shape)))
+    filled(_functions().states(_Account(_sizes(step, n), step._asdict()), address(out, out.shape)))
     return out
 
 
-def account(
-    step: Step, energies: Energies, place: IntArray, start: Array, y: Array, contacts: Array, balance: Array,
-    first: int, every: int, dt: float, kept: Array,
-) -> None:  # fmt: skip
-    """Add a range of steps from step ``first`` to the balance; columns of ``kept`` (10, outputs) at every ``every``-th.
-
-    start: the state before the steps, whose components have their ``place``. y (2 n,) = (q, q') at the start; a
-    continued state may begin differently. contacts (2, m): their positions and rates there, with the given values
-    at t = 0, where rounding would decide the side of a stop. balance (10,); all three are updated in place. The loss is
-    computed over a range of consecutive steps in contact, or of consecutive steps without: between its ends no energy
-    is needed, and outputs do not end it.
-    """
-    squares, damping, loads, load_values, rows, offsets, offset_rates, law, node_forces = energies
-    n, m, L, steps, outputs = len(squares), len(law), len(loads), len(step.forces), kept.shape[1]
-    damped, moving = len(damping) > 0, offsets.shape[1] if len(offsets) else 0
-    if outputs <= (first + steps) // every or (moving and moving < m):
+def account(step: Step, energies: Energies, balance: Balance, span: Span) -> None:
+    """Add a range of steps to the balance. The loss is computed over a range of consecutive steps in contact, or of
+    consecutive steps without: between its ends no energy is needed, and outputs do not end it."""
+    m, offsets, outputs = len(energies.law), energies.offsets, balance.kept.shape[1]
+    moving = offsets.shape[1] if len(offsets) else 0
+    if outputs <= (span.first + span.steps) // span.every or (moving and moving < m):
         raise ValueError("outputs or offsets do not fit the steps")
-    x = _Account(
-        **_steps_of(step, n, start, place) | {
-            "m": m, "L": L, "first": first, "every": every, "outputs": outputs, "moving": moving, "damped": damped,
-            "dt": dt,
-        },
-        squares=address(squares, (n,)), damping=address(damping, (n,), wanted=damped), loads=address(loads, (L, n)),
-        load_values=address(load_values, (steps + 1, L)), rows=address(rows, (m, n)),
-        offsets=address(offsets, (steps + 1, moving), wanted=moving),
-        offset_rates=address(offset_rates, (steps + 1, moving), wanted=moving), law=address(law, (m, LAW)),
-        node_forces=address(node_forces, (steps + 1, m)), y=address(y, (2 * n,)), contacts=address(contacts, (2, m)),
-        balance=address(balance, (SUMS,)), kept=address(kept, (SUMS, outputs)),
-    )  # fmt: skip
-    filled(_functions().account(x))
+    sizes = _sizes(step, len(energies.squares)) | span._asdict() | {
+        "m": m, "L": len(energies.loads), "outputs": outputs, "moving": moving, "damped": len(energies.damping) > 0,
+    }  # fmt: skip
+    filled(_functions().account(_Account(sizes, step._asdict() | energies._asdict() | balance._asdict())))
 
 
 class Linear(NamedTuple):
@@ -304,13 +282,7 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
     """
     (S, m, D), (a, _, n), K = linear.reading.shape, linear.blocks.shape, len(driven)
     path, reactions = np.empty((K, D)), np.empty((K, S, m))
-    x = _Rigid(
-        a, n, D, S, m, K, address(linear.blocks, (a, a, n)), address(linear.matrix, (D, D), wanted=not a),
-        address(linear.reading, (S, m, D)), address(linear.predicting, (m, D)), address(linear.responses, (S, m, D)),
-        address(linear.compliance, (S, S, m, m)), address(linear.kinds, (S,), INTEGER),
-        address(linear.bounds, (S, m, 2)), address(linear.stops, (m, 2)), address(driven, (K, D)),
-        address(shifts, (K, S, m)), address(predicted, (K, m)), address(z, (D,)), address(path, (K, D)),
-        address(reactions, (K, S, m)),
-    )  # fmt: skip
-    filled(_functions().rigid_steps(x))
+    given = {"driven": driven, "shifts": shifts, "predicted": predicted, "z": z, "path": path, "reactions": reactions}
+    sizes = {"a": a, "n": n, "D": D, "S": S, "m": m, "K": K}
+    filled(_functions().rigid_steps(_Rigid(sizes, linear._asdict() | given)))
     return path, reactions

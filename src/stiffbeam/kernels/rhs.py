@@ -12,17 +12,18 @@ import numpy as np
 import scipy.sparse
 
 from ..basics.arrays import Array, IntArray
-from .library import FLOAT, INTEGER, Int, Real, address, library, structure
+from .library import FLOAT, Int, Real, Structure, address, library
 from .march import LAW
 
 THROUGH = 2  # regime of a contact that follows its law on both sides of its events
 
-_Equations = structure(
-    "_Equations",
+_Equations = Structure(
     "n m size d F R P edges damped viscous inertia first stride",
     "",
-    "A_starts A_columns A_entries D_starts D_columns D_entries E_starts E_columns E_entries frequencies edge records "
-    "loads power offsets pushes positions velocities accelerations law lengths levels regime window given",
+    "A_starts int: A_rows; A_columns? int: A; A_entries?: A; D_starts int: D_rows; D_columns? int: D; D_entries?: D; "
+    "E_starts int: E_rows; E_columns? int: E; E_entries?: E; frequencies: F; edge: edges; records: edges R P; "
+    "loads: d n; power: d n; offsets: d m; pushes: m n; positions: m n; velocities: m n; accelerations: m n; "
+    f"law: m {LAW}; lengths: m; levels: roots; regime int: m; window: 2; given: 3 called",
 )
 
 
@@ -47,13 +48,6 @@ class Rows:
         sparse = scipy.sparse.csr_matrix(matrix)
         self.starts, self.columns = sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64)
         self.entries = sparse.data.astype(float)
-
-    @property
-    def addresses(self) -> tuple[int | None, ...]:
-        """Those of starts, columns and entries."""
-        count = len(self.entries)
-        whole = address(self.starts, self.starts.shape, INTEGER)
-        return whole, address(self.columns, (count,), INTEGER), address(self.entries, (count,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +103,7 @@ class Equations:
     @cached_property
     def _structure(self) -> Any:
         (m, n), (edges, R, P), d, F = self.pushes.shape, self.records.shape, len(self.loads), len(self.frequencies)
-        A, D, E = self.rows
+        _, D, E = self.rows
         if d != 1 + 2 * F + R + self.called:
             raise ValueError("the functions of time do not fit")
         # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
@@ -118,16 +112,16 @@ class Equations:
             lower, upper = self.bandwidths
             first = min(self.size - 1, lower + upper)  # upper bandwidth of the factors
             stride = first + lower
-        x = address
-        return _Equations(
-            n, m, self.size, d, F, R, P, edges, self.damped, len(D.entries) > 0, len(E.entries) > 0, first, stride,
-            *A.addresses, *D.addresses, *E.addresses, x(self.frequencies, (F,)), x(self.edges, (edges,)),
-            x(self.records, (edges, R, P)), x(self.loads, (d, n)), x(self.power, (d, n)), x(self.offsets, (d, m)),
-            x(self.pushes, (m, n)), x(self.positions, (m, n)), x(self.velocities, (m, n)),
-            x(self.accelerations, (m, n)), x(self.law, (m, LAW)), x(self.lengths, (m,)),
-            x(self.levels, (self.roots,)), x(self.regime, (m,), INTEGER), x(self.window, (2,)),
-            x(self.given, (3, self.called)),
-        )  # fmt: skip
+        sizes = {
+            "n": n, "m": m, "size": self.size, "d": d, "F": F, "R": R, "P": P, "edges": edges, "damped": self.damped,
+            "viscous": len(D.entries) > 0, "inertia": len(E.entries) > 0, "first": first, "stride": stride,
+            "roots": self.roots, "called": self.called,
+        }  # fmt: skip
+        arrays = dict(vars(self), edge=self.edges)
+        for name, rows in zip("ADE", self.rows, strict=True):
+            arrays |= {f"{name}_{x}": array for x, array in vars(rows).items()}
+            sizes |= {f"{name}_rows": len(rows.starts), name: len(rows.entries)}
+        return _Equations(sizes, arrays)
 
     @cached_property
     def c(self) -> int:

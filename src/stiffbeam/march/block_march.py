@@ -12,7 +12,7 @@ import numpy as np
 from ..basics.arrays import Array, aligned
 from ..basics.resources import afford
 from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers
+from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers, Span
 from ..model.contact import laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
@@ -34,7 +34,7 @@ NUMBERS_REPLAYED = 1 << 23  # of their states
 # Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
 MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
 CACHE = 2.5e5  # numbers
-LARGEST = 1 << 27  # numbers in the powers of a step: 1 GiB
+LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
 LEAST, LONGEST = 32, 256  # force nodes of a block
 
 
@@ -62,8 +62,9 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
         # A product of D x D matrices for each doubling; a block reads its matrices once.
         return MATRIX * np.log2(length) * D**3 + steps * step * (D**2 / length + D * nodes)
 
-    longest = np.clip(D / 4, LEAST, LONGEST) / nodes
-    lengths = (2**i for i in range(1 + int(np.log2(max(1.0, longest)))) if not i or (i + 2) * D**2 <= LARGEST)
+    longest, loads = np.clip(D / 4, LEAST, LONGEST) / nodes, len(coordinates.system.loads) * len(scheme.nodes)
+    powers = range(1 + int(np.log2(max(1.0, longest))))
+    lengths = (2**i for i in powers if not i or (i + 2) * D**2 + 2**i * loads * D <= LARGEST)
     return min(lengths, key=seconds)
 
 
@@ -208,8 +209,8 @@ class March:
             own = functions(system)
             self._alike = all(each is system or functions(each) == own for each in self._systems)
             self._launch = launch = stepper.launch(self._systems, q0, v0, self.since, self._alike)
-        self.law, u, v = launch.law, launch.position, launch.velocity
-        self.state = Marchers(copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), np.zeros(M, np.int64))
+        self.law, u, v, diverged = launch.law, launch.position, launch.velocity, np.zeros(M, np.int64)
+        self.state = Marchers(launch.law, copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), diverged)
         kept = 0 if self.every is None else self.steps // self.every + 1
         self.positions, self.velocities = np.empty((2, M, kept, u.shape[1]))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
@@ -267,16 +268,15 @@ class March:
         inflow = block.inflow(starts_at, self.steps * dt)
         rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
         starts, forces = zeros((rows, self.state.z.shape[1])), zeros((rows, len(block.block.push)))
-        kept = Kept(self.t, self.positions, self.velocities, self.node_forces, self.forces, starts, forces)
-        cursor = np.array([0, 0, self._rows])
+        outputs, cursor = (self.t, self.positions, self.velocities), np.array([0, 0, self._rows])
+        kept = Kept(*outputs, self.node_forces, self.forces, starts, forces, self.events, cursor)
+        span = Span(first, steps, self.every or 1, dt)
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
-        while not kernel.run(
-            block.block, self.law, forcing, inflow, self.state, kept, self.events, first, steps, dt, self.every or 1,
-            cursor,
-        ):  # fmt: skip
+        while not kernel.run(block.block, forcing, inflow, self.state, kept, span):
             # Doubling keeps the number of copies small.
             longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
+            kept = kept._replace(events=self.events)
         self._rows = int(cursor[2])
         self.done += steps
         if replayed is not None:

@@ -123,62 +123,21 @@ class Readers:
 
 
 @dataclass(frozen=True, eq=False)
-class OneStep:
-    """A scheme's own step in coordinates, the components of its state that are carried, and what is read of it."""
-
-    scheme: Scheme
-    coordinates: Coordinates
-    dt: float
-    extrapolated: bool  # whether the positions at the nodes are those that ``predict`` expects
-    readers: Readers
-    keep: NDArray[np.int64]  # the components of the scheme's state that are carried
-    mix: Array  # (len(keep), a): what each of them holds
-
-    def take(self, z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, bool]:
-        """The new states (n, k, batch), the fields that are read (fields, batch, N), and whether the last node is
-        the end, whatever the scheme calls it."""
-        equation = self.coordinates.equation
-        new, at_nodes = self.scheme.step(equation, self.dt, z, list(loads), list(reactions))
-        new = np.asarray(new)
-        # The contact forces are functions of these positions: of the stages, or of the predicted ones.
-        arguments = self.scheme.predict(equation, self.dt, z) if self.extrapolated else [y[0] for y in at_nodes]
-        fields = [*arguments, new[0], new[1]]
-        if self.readers.rated:
-            fields += [y[1] for y in at_nodes]
-        # A carried component holds its share of those that are not carried.
-        carried = self.coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
-        at_last = ends_there if self.readers.rated else np.array_equal  # of the others the bits are left as they are
-        return carried, np.array(fields), at_last(at_nodes[-1][0], new[0])
-
-    def from_rest(self, loads: Array) -> tuple[Array, Array]:
-        """Under ``loads`` (S, batch, N): states (n, k, batch) and readings (g, batch)."""
-        new, fields, _ = self.take(np.zeros((self.mix.shape[1], *loads.shape[1:])), loads, np.zeros_like(loads))
-        return new, self.read(fields)
-
-    def read(self, fields: Array) -> Array:
-        """(g, batch) of fields (fields, batch, N)."""
-        # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
-        read = np.array([np.sum(fields * row, axis=-1) for row in self.coordinates.rows])
-        return read[self.readers.channel, self.readers.field]
-
-    def shares(self, fields: Array) -> Array:
-        """Response of the readings to unit states (fields, batch, N) of every part, (n, g, k)."""
-        if self.coordinates.parts == 1:
-            return self.read(fields)[None]
-        # No part couples with another: row times field is the response of each part, without a sum over them.
-        rows = self.coordinates.rows[self.readers.channel]
-        return np.ascontiguousarray((fields[self.readers.field] * rows[:, None]).transpose(2, 0, 1))
-
-
-@dataclass(frozen=True, eq=False)
-class StepMap(OneStep):
+class StepMap:
     """Map of one step, part by part of its coordinates,
 
         z' = transition z + push f,      w = sum over parts of reading z + at_once f,
 
-    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first; w the g readings.
+    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first, then of unit loads; w the g
+    readings. A component that is carried holds its share ``mix`` of those that are not.
     """
 
+    scheme: Scheme
+    coordinates: Coordinates
+    dt: float
+    readers: Readers
+    keep: NDArray[np.int64]  # the k components of the scheme's state that are carried
+    mix: Array  # (k, a): what each of them holds
     transition: Array  # (n, k, k)
     push: Array  # (n, k, P S)
     reading: Array  # (n, g, k)
@@ -202,41 +161,61 @@ def probe(
     dt: float,
     extrapolated: bool = False,
     rated: bool = False,
-    samples: Array | None = None,
     reduced: bool = True,
 ) -> StepMap:
-    """The map of ``scheme``. samples: (L, N), vectors of loads beside the contacts' columns. ``rated``: with the
-    velocities at the nodes. ``reduced``: without the components that only add to others, see ``independent``.
+    """The map of ``scheme``. ``rated``: with the velocities at the nodes. ``reduced``: without the components that
+    only add to others, see ``independent``.
     """
     equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
-    forces = coordinates.columns if samples is None else np.concatenate([coordinates.columns, samples])
+    vectors = [vector for vector, _ in coordinates.loads(coordinates.system)]
+    forces = np.concatenate([coordinates.columns, np.array(vectors).reshape(-1, N)])
     S, P = len(scheme.nodes), len(forces)
     if reduced:
         keep, mix = independent(scheme, dt, extrapolated)
     else:
         keep, mix = np.arange(a := components(scheme, equation, N)), np.eye(a)
-    a = mix.shape[1]
     readers = Readers.of(tuple(scheme.nodes), m, C, rated)
-    step = OneStep(scheme, coordinates, dt, extrapolated, readers, keep, mix)
     # One batch: unit states without forces, then a unit force of every kind at every node.
     units = coordinates.units(len(keep))
     states = units.shape[1]
-    z, acting = np.zeros((a, states + P * S, N)), np.zeros((2, S, states + P * S, N))
+    z, acting = np.zeros((mix.shape[1], states + P * S, N)), np.zeros((2, S, states + P * S, N))
     z[keep, :states] = units
     # acting[0] are loads, acting[1] reactions; force p at node s is column p S + s, as in StepMap.
     for s in range(S):
         acting[1, s, states + s : states + m * S : S] = forces[:m]
         acting[0, s, states + m * S + s :: S] = forces[m:]
-    new, fields, at_last = step.take(z, *acting)
+    new, at_nodes = scheme.step(equation, dt, z, list(acting[0]), list(acting[1]))
+    new = np.asarray(new)
+    # The contact forces are functions of these positions: of the stages, or of the predicted ones.
+    places = scheme.predict(equation, dt, z) if extrapolated else [y[0] for y in at_nodes]
+    fields = np.array([*places, new[0], new[1], *(y[1] for y in at_nodes if rated)])
+    carried = coordinates.by_part(np.einsum("ca,abj->cbj", mix, new))
+    at_last = ends_there if rated else np.array_equal  # of the others the bits are left as they are
     return StepMap(
-        **vars(step),
-        transition=np.ascontiguousarray(new[..., :states]),
-        push=np.ascontiguousarray(new[..., states:]),
-        reading=step.shares(fields[:, :states]),
-        at_once=step.read(fields[:, states:]),
+        scheme, coordinates, dt, readers, keep, mix,
+        transition=np.ascontiguousarray(carried[..., :states]),
+        push=np.ascontiguousarray(carried[..., states:]),
+        reading=_shares(coordinates, readers, fields[:, :states]),
+        at_once=_read(coordinates, readers, fields[:, states:]),
         # Extrapolated positions are predictions of the nodes, not the positions at the end of the step.
-        ends_at_last_node=at_last and not extrapolated,
-    )
+        ends_at_last_node=at_last(at_nodes[-1][0], new[0]) and not extrapolated,
+    )  # fmt: skip
+
+
+def _read(coordinates: Coordinates, readers: Readers, fields: Array) -> Array:
+    """The readings (g, batch) of fields (fields, batch, N)."""
+    # Row by row and not as a matrix product, whose rounding depends on the size of the batch.
+    read = np.array([np.sum(fields * row, axis=-1) for row in coordinates.rows])
+    return read[readers.channel, readers.field]
+
+
+def _shares(coordinates: Coordinates, readers: Readers, fields: Array) -> Array:
+    """Response of the readings to unit states (fields, batch, N) of every part, (n, g, k)."""
+    if coordinates.parts == 1:
+        return _read(coordinates, readers, fields)[None]
+    # No part couples with another: row times field is the response of each part, without a sum over them.
+    rows = coordinates.rows[readers.channel]
+    return np.ascontiguousarray((fields[readers.field] * rows[:, None]).transpose(2, 0, 1))
 
 
 def independent(scheme: Scheme, dt: float, extrapolated: bool = False) -> tuple[NDArray[np.int64], Array]:

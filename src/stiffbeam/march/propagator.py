@@ -172,9 +172,9 @@ class Propagator:
     steps: int  # K
     block: Block
     entries: Entries
-    samples: tuple[Term, ...]  # loads that are sampled at the nodes
-    sample_rows: Array  # (loads K S, R + D)
-    sample_velocity: Array  # (loads K S, K, channels)
+    load_rows: Array  # (L K S, R + D): of unit loads, load by load and node by node, on entries and new state
+    load_velocity: Array  # (L K S, K, C)
+    samples: tuple[Term, ...]  # functions that are sampled at the nodes, with their shares in the L loads
     offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
 
     @property
@@ -217,30 +217,39 @@ class Propagator:
         """Return True where every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
+    @property
+    def sampled_rows(self) -> Array:
+        """Rows of ``samples_at``."""
+        return self.load_rows if self.samples else self.load_rows[:0]
+
     def samples_at(self, starts: Array, last: float) -> Array:
-        """Values of the sampled loads at the nodes of blocks that start at ``starts`` (B,), (B, loads K S).
+        """Values of the sampled loads at the nodes of blocks that start at ``starts`` (B,), (B, L K S); none without.
 
         No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
         if not self.samples:
             return np.zeros((len(starts), 0))
+        times = self._times(starts, np.array(self.one.readers.nodes), last).reshape(len(starts), -1)
+        values = sum(np.multiply.outer(shares, evaluate(f, times)) for shares, f in self.samples)  # (L, B, K S)
+        return np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(len(starts), -1)
+
+    def _times(self, starts: Array, when: Array, last: float) -> Array:
+        """Times at the shares ``when`` of all steps, (B, K, shares); ``last`` in steps that start after it."""
         begun = np.add.outer(starts, np.arange(self.steps) * self.one.dt)[..., None]  # (B, K, 1)
-        surplus = begun > last - 0.5 * self.one.dt
-        times = np.where(surplus, last, begun + np.array(self.one.scheme.nodes) * self.one.dt).reshape(len(starts), -1)
-        return np.concatenate([evaluate(f, times) for _, f in self.samples], axis=1)
+        return np.where(begun > last - 0.5 * self.one.dt, last, begun + when * self.one.dt)
 
     def inflow(self, starts: Array, last: float) -> Inflow:
         """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), see ``samples_at``."""
         (D, R), K, readers = self.block.reading.shape, self.steps, self.one.readers
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
-        values = self.samples_at(starts, last)
-        rows = values @ self.sample_rows
-        velocity = np.tensordot(values, self.sample_velocity, 1)
+        values, velocity = self.samples_at(starts, last), np.zeros((len(starts), K, readers.channels))
+        rows = values @ self.sampled_rows
+        if self.samples:
+            velocity += np.tensordot(values, self.load_velocity, 1)
         if self.offset_samples:
-            begun = np.add.outer(starts, np.arange(K) * self.one.dt)[..., None]  # (B, K, 1)
-            times = np.where(begun > last - 0.5 * self.one.dt, last, begun + readers.when * self.one.dt)
+            times = self._times(starts, readers.when, last)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
                 # A moving stop adds its offset to positions and the rate of its offset to velocities.
@@ -248,7 +257,7 @@ class Propagator:
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
                     moved[..., here] += value(function, times[..., here])
             rows[:, :R] += self.entries.of_readings(moved, R)
-            velocity = velocity + moved[..., readers.end_rates]
+            velocity += moved[..., readers.end_rates]
         return Inflow(rows, velocity)
 
     @cached_property
@@ -257,115 +266,49 @@ class Propagator:
         return self.forcing([self.coordinates.system])
 
     def forcing(self, systems: Sequence[System]) -> Forcing:
-        """The harmonic and constant loads and offsets of systems that differ from this one in nothing else.
+        """The harmonic and constant loads and offsets of systems that differ from this one in nothing else."""
+        drives, (D, R) = [Drive.of(system) for system in systems], self.block.reading.shape
+        V, d = len(systems), max(drive.size for drive in drives)
+        # Frequencies that a member does not have carry nothing.
+        frequencies, rows = np.ones((V, d // 2)), aligned((V, d, R + D))
+        velocity = np.zeros((V, self.steps, self.one.readers.channels, d))
+        for i, (drive, system) in enumerate(zip(drives, systems, strict=True)):
+            frequencies[i, : drive.size // 2] = drive.frequencies
+            rows[i, : drive.size], velocity[i, ..., : drive.size] = self._driven(drive, system)
+        constant = float(np.any(rows[:, 0]) or np.any(velocity[..., 0]))
+        return Forcing(constant, frequencies, rows, velocity)
 
-        A load is Re P e^(i w t), and all it does follows from what it does in one step from rest: what h + k steps
-        make is A^k times what h make, and what k make from h on. A member has the bits of its solo run: nothing
-        here depends on how many there are.
-        """
-        drives, V = [Drive.of(system) for system in systems], len(systems)
-        one, readers, coordinates, K = self.one, self.one.readers, self.coordinates, self.steps
-        N, (D, R) = coordinates.rows.shape[1], self.block.reading.shape
-        pairs = list(zip(drives, systems, strict=True))
-        # Constant, sines and cosines of the loads and offsets of every member.
-        bases = [(drive.split(coordinates.loads(x), N)[0], drive.offsets(x)[0]) for drive, x in pairs]
-        constants = {bool(np.any(load[0]) or np.any(shift[0])) for load, shift in bases}
-        if V > 1 and (coordinates.parts == 1 or len(constants) > 1 or len({drive.size for drive in drives}) > 1):
-            return _side_by_side([self.forcing([system]) for system in systems])
-        frequencies = np.array([(0.0, *drive.frequencies) for drive in drives])  # (V, F), the constant first
-        loads = _amplitudes(np.array([load for load, _ in bases]))  # (V, F, N)
-        shifts = _amplitudes(np.array([shift for _, shift in bases]))  # (V, F, C)
-        constant, most = constants == {True}, frequencies.shape[1]
-        if not constant and most > 1:  # a load of nothing does nothing
-            frequencies, loads, shifts = frequencies[:, 1:], loads[:, 1:], shifts[:, 1:]
-        # One step from rest: at every node the load has the phase of the drive there.
-        F = frequencies.shape[1]
-        turn = np.exp(1j * frequencies * one.dt * np.array(one.scheme.nodes)[:, None, None])  # (S, V, F)
-        acting = loads * turn[..., None]
-        # Real and imaginary part are two loads, since ``from_rest`` is real.
-        state, read = one.from_rest(
-            np.ascontiguousarray(acting)
-            .view(float)
-            .reshape(*acting.shape, 2)
-            .swapaxes(-1, -2)
-            .reshape(len(turn), -1, N)
-        )
-        n, k, _ = state.shape
-        phase = np.exp(1j * one.dt * np.multiply.outer(np.arange(K + 1), frequencies)).swapaxes(0, 1)  # (V, K + 1, F)
-        path = np.empty((V, n, k, K, F), complex)  # what 1, 2, .. K steps make
-        path[..., 0, :] = _complex(state.reshape(n, k, V, F, 2).transpose(2, 0, 1, 3, 4))
-        # Doubling by the rule of the docstring: ``done`` further steps after 1, 2, .. steps.
-        done = 1
-        for level in self.powers.levels:
-            more = min(done, K - done)
-            if more > 0:
-                later = path[..., done - 1 : done, :] * phase[:, None, None, 1 : more + 1]
-                path[..., done : done + more, :] = _product(level, path[..., :more, :]) + later
-                done += more
-        # Readings: of the force in the step itself, then of the state that earlier steps have left.
-        read = _complex(read.reshape(-1, V, F, 2)).swapaxes(0, 1)  # (V, g, F)
-        read = read[:, None] * phase[:, :K, None]
-        if K > 1:
-            states = np.ascontiguousarray(path[..., :-1, :]).reshape(V, n * k, K - 1, F)
-            read[:, 1:] += _product(one.reading.transpose(1, 0, 2).reshape(-1, n * k), states).swapaxes(1, 2)
-        # Moving stops: o in positions, i w o in velocities.
-        if np.any(shifts):
-            moved = shifts[:, :, readers.channel].swapaxes(1, 2)[:, None] * phase[:, :K, None]  # (V, K, g, F)
-            moved = moved * np.exp(1j * one.dt * readers.when[:, None] * frequencies[:, None])[:, None]
-            moved[:, :, readers.is_rate] *= 1j * frequencies[:, None, None]
-            read += moved
-        # Rows on entries and new state, as those of ``push``; then real ones for 1, sin w t and cos w t.
-        rows = np.zeros((V, F, R + D), complex)
-        rows[..., :R] = self.entries.of_readings(read.transpose(0, 3, 1, 2), R)
-        rows[..., R:] = path[..., -1, :].transpose(0, 3, 2, 1).reshape(V, F, n * k)
-        velocity = _by_sines(read[:, :, readers.end_rates].transpose(0, 3, 1, 2), most).transpose(0, 2, 3, 1)
-        driven, velocity = (np.ascontiguousarray(x) for x in (frequencies[:, F - most + 1 :], velocity))
-        return Forcing(float(constant), driven, _by_sines(rows, most), velocity)
+    def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
+        """What the drive at the start of a block does in it: rows (d, R + D) and velocities (K, C, d)."""
+        readers, dt, R = self.one.readers, self.one.dt, self.block.reading.shape[1]
+        begun = np.arange(self.steps)[:, None] * dt
+        loads = drive.split(load_terms(system), len(system.loads))[0]
+        at_nodes = (begun + np.array(readers.nodes) * dt).reshape(-1, 1)
+        values = _ahead(drive, loads, at_nodes).swapaxes(1, 2).reshape(drive.size, -1)  # (d, L K S)
+        rows, velocity = values @ self.load_rows, np.tensordot(values, self.load_velocity, 1)
+        offsets = drive.offsets(system)[0]
+        if np.any(offsets):
+            # A moving stop adds its offset to positions and the rate of its offset to velocities.
+            rates = np.where(readers.is_rate, (drive.derivative().T @ offsets)[:, readers.channel], 0.0)
+            places = np.where(readers.is_rate, 0.0, offsets[:, readers.channel])
+            moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
+            rows[:, :R] += self.entries.of_readings(moved, R)
+            velocity += moved[..., readers.end_rates]
+        return rows, velocity.transpose(1, 2, 0)
 
 
-def _amplitudes(basis: Array) -> Array:
-    """P (V, F, ...) of the functions g @ basis = Re sum P e^(i w t), basis (V, d, ...)."""
-    # s sin w t + c cos w t = Re (c - i s) e^(i w t).
-    return np.concatenate([basis[:, :1], basis[:, 2::2] - 1j * basis[:, 1::2]], axis=1)
+def load_terms(system: System) -> list[Term]:
+    """The loads with unit vectors in place of their own."""
+    return [(unit, f) for unit, (_, f) in zip(np.eye(len(system.loads)), system.loads, strict=True)]
 
 
-def _by_sines(amplitudes: Array, most: int) -> Array:
-    """``_amplitudes`` undone: what goes with 1, sin w t, cos w t, .. (V, d, ...); ``most`` counts the constant, which
-    may be left out where it is zero."""
-    V, F = amplitudes.shape[:2]
-    basis = aligned((V, 2 * most - 1, *amplitudes.shape[2:]))
-    if most == F:
-        basis[:, 0] = np.real(amplitudes[:, 0])
-    waves = amplitudes[:, F - most + 1 :]
-    basis[:, 1::2], basis[:, 2::2] = -np.imag(waves), np.real(waves)
-    return basis
-
-
-def _complex(pairs: Array) -> Array:
-    return pairs[..., 0] + 1j * pairs[..., 1]
-
-
-def _product(matrix: Array, x: Array) -> Array:
-    """A real matrix (.., e, k) on complex x (V, .., k, steps, F), of one shape for every V."""
-    # Complex numbers as pairs of real ones: half the multiplications of a complex product.
-    real = np.ascontiguousarray(x).view(float)
-    made = matrix @ real.reshape(*real.shape[:-2], -1)
-    return made.reshape(*made.shape[:-1], *real.shape[-2:]).view(complex)
-
-
-def _side_by_side(each: Sequence[Forcing]) -> Forcing:
-    """Drive of several members, those with fewer frequencies than others given some that carry nothing."""
-    most = max(x.frequencies.shape[1] for x in each)
-    missing = [most - x.frequencies.shape[1] for x in each]
-    return Forcing(
-        max(x.constant for x in each),
-        # The added frequencies have rows of zeros, so that any value will do.
-        np.concatenate(
-            [np.pad(x.frequencies, ((0, 0), (0, k)), constant_values=1.0) for x, k in zip(each, missing, strict=True)]
-        ),
-        np.concatenate([np.pad(x.rows, ((0, 0), (0, 2 * k), (0, 0))) for x, k in zip(each, missing, strict=True)]),
-        np.concatenate([np.pad(x.velocity, ((0, 0),) * 3 + ((0, 2 * k),)) for x, k in zip(each, missing, strict=True)]),
-    )
+def _ahead(drive: Drive, basis: Array, times: Array) -> Array:
+    """The functions g(t0 + times) @ basis as g(t0) @ what is returned: basis (d, X) and times (T, X) -> (d, T, X)."""
+    phase = np.multiply.outer(np.array(drive.frequencies), times)
+    sine, cosine, (s, c) = np.sin(phase), np.cos(phase), (basis[1::2, None], basis[2::2, None])
+    ahead = np.empty((drive.size, len(times), basis.shape[1]))
+    ahead[0], ahead[1::2], ahead[2::2] = basis[0], s * cosine - c * sine, s * sine + c * cosine
+    return ahead
 
 
 def build(
@@ -382,12 +325,8 @@ def build(
     ``rule``: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries.
     ``reduced``: leave out the components of the state that only add to others, see ``probe.independent``.
     """
-    # Loads and offsets that are no formula are sampled; the others are left to ``forcing``.
     system, drive = coordinates.system, Drive.of(coordinates.system)
-    samples = drive.split(coordinates.loads(system), coordinates.rows.shape[1])[1]
-    offset_samples = drive.offsets(system)[1]
-    vectors = np.array([vector for vector, _ in samples]) if samples else None
-    one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, vectors, reduced)
+    one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
     powers, entries = Powers(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape
@@ -435,7 +374,7 @@ def build(
         nodes=nodes,
         rule=rule,
     )
-    # The samples come load by load, then step by step.
+    # Loads come load by load, then step by step.
     kind_by_kind = (0, 2, 1)
     return Propagator(
         one=one,
@@ -443,8 +382,9 @@ def build(
         steps=K,
         block=block,
         entries=entries,
-        samples=tuple(samples),
-        sample_rows=pushed[m:].transpose(*kind_by_kind, 3).reshape(-1, R + D),
-        sample_velocity=speeds[m:].transpose(*kind_by_kind, 3, 4).reshape((P - m) * K * S, K, C),
-        offset_samples=tuple(offset_samples),
+        load_rows=pushed[m:].transpose(*kind_by_kind, 3).reshape(-1, R + D),
+        load_velocity=speeds[m:].transpose(*kind_by_kind, 3, 4).reshape((P - m) * K * S, K, C),
+        # Loads and offsets that are no formula are sampled; the others are left to ``forcing``.
+        samples=tuple(drive.split(load_terms(system), P - m)[1]),
+        offset_samples=tuple(drive.offsets(system)[1]),
     )

@@ -10,36 +10,35 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray
-from ..kernels.march import SUMS, Energies, Step, account
+from ..basics.arrays import Array
+from ..kernels.march import SUMS, Balance, Energies, Span, Step, account
 from ..kernels.march import states as states_of
 from ..model.contact import laws
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..trajectory.records import Ledger, step_ledger
 from .block_march import March, Segment, Stepper, initial_channels
-from .propagator import Propagator
+from .propagator import Propagator, load_terms
 
 
-def step_of(segment: Segment, one: Propagator) -> tuple[Step, IntArray]:
-    """The steps of a segment with all they are given, and the places of the components that its blocks carry;
-    ``one``: the scheme's propagator of a single step."""
+def step_of(segment: Segment, one: Propagator) -> Step:
+    """The steps of a segment with all they are given; ``one``: the scheme's propagator of a single step."""
     march, block, dt = segment.march, segment.block, segment.march.stepper.dt
     times = (segment.first + np.arange(segment.steps)) * dt
     forcing = march.forcing(one)
     by_step = segment.forces[:, : block.block.nodes].reshape(len(segment.forces) * block.steps, -1)[: segment.steps]
     n, of_state = one.coordinates.parts, one.block.reading.shape[1]
     N = one.coordinates.rows.shape[1]
-    # Blocks carry the components in ``keep`` only, single steps all of them.
-    place = (block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel()
-    step = Step(
+    return Step(
         transition=one.block.transition,
-        push=np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sample_rows[:, of_state:]]),
+        push=np.concatenate([one.block.push[: by_step.shape[1], of_state:], one.sampled_rows[:, of_state:]]),
         driven=np.ascontiguousarray(forcing.rows[0][:, of_state:]),
         forces=np.concatenate([by_step, one.samples_at(times, march.steps * dt)], axis=1),
         g=Drive(tuple(forcing.frequencies[0])).at_steps(segment.first, segment.steps + 1, dt),
+        start=segment.starts[0],
+        # Blocks carry the components in ``keep`` only, single steps all of them.
+        place=(block.one.keep[:, None] * (N // n) + np.arange(N // n)).ravel(),
     )
-    return step, place
 
 
 def _segments(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Segment, Propagator]]:
@@ -67,11 +66,8 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
     coordinates, last = stepper.coordinates, (system.q0[None], system.v0[None], np.full((1, m), np.nan))
     for segment, one in _segments(stepper, system, steps):
         n, N = coordinates.parts, coordinates.rows.shape[1]
-        step, place = step_of(segment, one)
-        if n == 1:
-            out = _states_together(step, place, segment.starts, segment.block.steps)
-        else:
-            out = states_of(step, n, segment.starts[0], place)
+        step = step_of(segment, one)
+        out = _states_together(step, segment.starts, segment.block.steps) if n == 1 else states_of(step, n)
         z = out.reshape(segment.steps, -1, N)
         q, v = coordinates.states(np.moveaxis(z, 1, 0)[:2])
         new = q, v, node_forces_at_ends(segment, step, m)
@@ -80,7 +76,7 @@ def replay(stepper: Stepper, system: System, steps: int) -> Iterator[tuple[Array
         last = q[-1:], v[-1:], node_forces[-1:]
 
 
-def _states_together(step: Step, place: IntArray, starts: Array, K: int) -> Array:
+def _states_together(step: Step, starts: Array, K: int) -> Array:
     """The states (steps, D) of unknowns that step together, at the ends of all steps: the blocks of K steps from their
     ``starts`` (B, ..) side by side, one product of matrices for all of them in place of B with vectors."""
     steps, D = len(step.forces), step.transition.shape[1]
@@ -90,7 +86,7 @@ def _states_together(step: Step, place: IntArray, starts: Array, K: int) -> Arra
         T[(component + e) % D, component] = row
     out = step.g[:steps] @ step.driven + step.forces @ step.push
     z = np.zeros((len(starts), D))
-    z[:, place] = starts[:, : len(place)]
+    z[:, step.place] = starts[:, : len(step.place)]
     for k in range(min(K, steps)):
         rows = slice(k, steps, K)
         z = z[: len(out[rows])] @ T + out[rows]
@@ -123,13 +119,12 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
         "law": laws(contacts),
     }
     drive = Drive.of(system)
-    units = np.eye(len(system.loads))
-    loads = drive.split([(units[k], f) for k, (_, f) in enumerate(system.loads)], len(units))
+    loads = drive.split(load_terms(system), len(system.loads))
     offsets = drive.offsets(system)
     last = np.full((1, len(contacts)), np.nan)
     for segment, one in _segments(stepper, system, steps):
         t = (segment.first + np.arange(segment.steps + 1)) * dt
-        step, place = step_of(segment, one)
+        step = step_of(segment, one)
         o, o_rate = np.zeros((2, 0, len(contacts)))
         if moving:
             o, o_rate = _sum(offsets, step.g, t, evaluate), _sum(offsets, step.g @ drive.derivative().T, t, offset_rate)
@@ -143,7 +138,7 @@ def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Le
             offsets=o,
             offset_rates=o_rate,
         )
-        account(step, energies, place, segment.starts[0], y, met, balance, segment.first, every, dt, kept)
+        account(step, energies, Balance(y, met, balance, kept), Span(segment.first, segment.steps, every, dt))
     return Ledger(np.arange(0, steps + 1, every) * dt, *kept)
 
 

@@ -18,14 +18,16 @@ from ..model.system import System
 from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
+from ..schemes.scheme import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord, Ledger, step_ledger
 from .block_march import initial_channels
-from .probe import Coordinates
+from .probe import Coordinates, components, probe
 
 STEPS_PER_PIECE = 4096
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
+CODES = {POSITION: AT_A_STOP, RESTITUTED: AT_A_STOP, VELOCITY: WHERE_PREDICTED, CONDITION: WHERE_CLOSED}
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
@@ -116,7 +118,7 @@ def _march(
     kinds = scheme.conditions if is_rigid else (POSITION,) * S
     loads = np.array([vector for vector, _ in view.loads(system)]).reshape(-1, n)
     # All that the kernel needs of the scheme, from its step with unit states and forces.
-    linear, pulses, shifts_by_load = _probed(view, scheme, dt, loads, kinds)
+    linear, pulses, shifts_by_load = _probed(view, scheme, dt, kinds)
     weights = _weights(scheme, dt)
     force = np.array([evaluate(f, np.asarray(first * dt)) for _, f in system.loads]) @ loads
     if is_rigid:
@@ -147,71 +149,47 @@ def _march(
         yield Piece(start, positions, velocities, view.states(both), means), states[-1]
 
 
-def _probed(
-    view: Coordinates, scheme: Scheme, dt: float, pulls: Array, kinds: tuple[str, ...]
-) -> tuple[Linear, Array, Array]:
-    """The step as arrays, (loads S, D) what a unit of a load (loads, n) at a node adds to the state, and (loads S, S m)
-    to the arguments. Raises InputError where a reaction does not move its own argument."""
-    stops = [contact.stops for contact in view.system.contacts]
-    equation, n, S, m = view.equation, view.rows.shape[1], len(scheme.nodes), len(stops)
-    rows = view.columns
-    blank = scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n))
-    a = len(blank)
+def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]) -> tuple[Linear, Array, Array]:
+    """The step as arrays, and what unit loads at nodes add to the state, (L S, D), and to the arguments, (L S, S m).
+    Raises InputError where a reaction does not move its own argument."""
+    step = probe(scheme, view, dt, rated=True, reduced=False)
+    (parts, g, k), S, stops = step.reading.shape, len(kinds), [contact.stops for contact in view.system.contacts]
+    m, D = len(stops), parts * k
+    # Conditions on velocities and the restituted position read x_new + e x_old, which a step returns in the places of
+    # q and q'.
     e = np.array([0.0 if s.restitution is None else s.restitution for s in stops])
+    old = np.array([np.zeros(m) if kind == POSITION else e for kind in kinds])
 
-    def taken(z: Array, loads: Array, reactions: Array) -> tuple[Array, Array, Array]:
-        """Results of a batch: states (batch, a, n), what nodes read (S, batch, m, n), predicted (batch, n)."""
-        new, at_nodes = scheme.step(equation, dt, z, list(loads), list(reactions))
-        x = np.stack(at_nodes)  # (S, 2, batch, n)
-        # Conditions on velocities and the restituted position read x_new + e x_old.
-        old = np.array([kind != POSITION for kind in kinds])[:, None, None, None]
-        read = x[:, 0, :, None] + np.where(old, e[:, None] * x[:, 1, :, None], 0.0)
-        return np.moveaxis(new, 0, 1), read, scheme.predict(equation, dt, z)[-1]
+    def arguments(readings: Array) -> Array:
+        x_new, x_old = readings[:, step.readers.at_nodes], readings[:, step.readers.node_rates]
+        return (x_new + old.ravel() * x_old).reshape(len(readings), S, m)
 
-    # Unit states: of all modes at once where these do not couple, else of every unknown by itself.
-    modal, z = isinstance(equation, Modal), view.units(a)
-    batch = z.shape[1]
-    nothing = np.zeros((S, batch, n))
-    new, read, ahead = taken(z, nothing, nothing)
-    if modal:
-        blocks, matrix = np.ascontiguousarray(np.moveaxis(new, 0, 1)), np.zeros((0, 0))
-        reading = np.einsum("sbcj,cj->scbj", read, rows).reshape(S, m, a * n)
-        predicting = np.einsum("bj,cj->cbj", ahead, rows).reshape(m, a * n)
-    else:
-        blocks, matrix = np.zeros((0, 0, n)), np.ascontiguousarray(new.reshape(batch, -1).T)
-        reading, predicting = np.einsum("sbcj,cj->scb", read, rows), np.einsum("bj,cj->cb", ahead, rows)
-    # Unit forces at every node: the loads first, then the reactions.
-    every = np.concatenate([pulls, rows])
-    acting = np.zeros((2, S, len(every) * S, n))  # loads, reactions
-    for i, vector in enumerate(every):
-        for s in range(S):
-            acting[int(i >= len(pulls)), s, i * S + s] = vector
-    new, read, _ = taken(np.zeros((a, len(every) * S, n)), *acting)
-    flat, by_row = new.reshape(len(new), a * n), np.einsum("sbcj,cj->bsc", read, rows)
-    at = len(pulls) * S
-    compliance = by_row[at:].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
+    reading = arguments(step.reading.transpose(2, 0, 1).reshape(D, g))
+    ahead = view.columns[:, None] * scheme.predict(view.equation, dt, view.units(len(step.keep)))[-1]
+    pushed, moved = step.push.transpose(2, 1, 0).reshape(-1, S, D), arguments(step.at_once.T)
+    compliance = moved[: m * S].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:
         _require_giving_way(scheme, compliance)
         if not isinstance(scheme, RigidScheme):
             _require_lasting_contact(scheme)
     # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
-    scale = np.array([1.0 + e if kind == RESTITUTED else np.ones(m) for kind in kinds])
     ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
-    still = np.array([[0.0 if np.isfinite(g) else g for g in own] for own in ends]).reshape(m, 2)
-    bounds = np.array(
-        [scale[s][:, None] * ends if kind in (POSITION, RESTITUTED) else still for s, kind in enumerate(kinds)]
-    )
-    code = [
-        AT_A_STOP if k in (POSITION, RESTITUTED) else WHERE_PREDICTED if k == VELOCITY else WHERE_CLOSED for k in kinds
-    ]
-    responses = flat[at:].reshape(m, S, a * n).transpose(1, 0, 2)
-    blocks, matrix, reading, predicting, responses, compliance = (
-        np.ascontiguousarray(x) for x in (blocks, matrix, reading, predicting, responses, compliance)
-    )
+    codes = [CODES[kind] for kind in kinds]
+    bounds = [(1.0 + x[:, None]) * ends if c == AT_A_STOP else np.where(np.isfinite(ends), 0.0, ends)
+              for c, x in zip(codes, old, strict=True)]  # fmt: skip
     linear = Linear(
-        blocks, matrix, reading, predicting, responses, compliance, np.array(code), bounds.reshape(S, m, 2), ends
+        blocks=step.transition.transpose(1, 2, 0) if view.basis else np.zeros((0, 0, parts)),
+        matrix=np.zeros((0, 0)) if view.basis else step.transition[0],
+        reading=reading.transpose(1, 2, 0),
+        predicting=(ahead if view.basis else np.sum(ahead, axis=-1)).reshape(m, D),
+        responses=pushed[:m].transpose(1, 0, 2),
+        compliance=compliance,
+        kinds=np.array(codes),
+        bounds=np.array(bounds),
+        stops=ends,
     )
-    return linear, flat[:at], by_row[:at].reshape(at, S * m)
+    by_loads = moved[m * S :].reshape(len(moved) - m * S, S * m)
+    return Linear(*map(np.ascontiguousarray, linear)), pushed[m:].reshape(-1, D), by_loads
 
 
 def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
@@ -232,7 +210,7 @@ def _require_lasting_contact(scheme: Scheme) -> None:
     the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
     """
     # One batch: unit states of a free mass, then unit forces at the nodes.
-    S, a = len(scheme.nodes), len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1)))
+    S, a = len(scheme.nodes), components(scheme, FREE, 1)
     z, acting = np.zeros((a, a + S, 1)), np.zeros((S, a + S, 1))
     z[np.arange(a), np.arange(a)] = acting[np.arange(S), a + np.arange(S)] = 1.0
     new, at_nodes = scheme.step(FREE, 1.0, z, list(np.zeros_like(acting)), list(acting))
@@ -249,7 +227,7 @@ def _weights(scheme: Scheme, dt: float) -> Array:
     S = len(scheme.nodes)
     acting = np.zeros((S, S, 1))
     acting[np.arange(S), np.arange(S)] = 1.0
-    z = np.zeros((len(scheme.initial(FREE, [np.zeros((2, 1))] * scheme.history, np.zeros(1))), S, 1))
+    z = np.zeros((components(scheme, FREE, 1), S, 1))
     # Forces act in the first step only; a scheme may spread their momentum over later ones.
     for _ in range(FREE_STEPS):
         z, _ = scheme.step(FREE, dt, z, list(np.zeros((S, S, 1))), list(acting))

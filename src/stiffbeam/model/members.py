@@ -168,8 +168,8 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
 
 
 def march_apart(members: EnsembleMembers) -> bool:
-    """Return True if each member is integrated with its own matrices or loads: its matrices differ, or its functions of
-    time differ from the system's in more than harmonics and constants."""
+    """Return True if each member is integrated with its own matrices or loads: its matrices or the vectors of its loads
+    differ, or its functions of time differ from the system's in more than harmonics and constants."""
     system = members.system
     loads, contacts = members.fields.get("loads", [system.loads]), members.fields.get("contacts", [system.contacts])
     return members.separate or any(
@@ -178,11 +178,13 @@ def march_apart(members: EnsembleMembers) -> bool:
     )
 
 
-def _terms(loads: Any, contacts: Any) -> list[tuple[int, LoadFunction, bytes, float]]:
-    """The functions of loads and offsets that are neither Harmonic nor Constant, with place, vector and factor."""
-    terms = [*((f, vector.tobytes()) for vector, f in loads), *((contact.offset, b"") for contact in contacts)]
-    pieces = [(i, part, vector, factor) for i, (f, vector) in enumerate(terms) for factor, part in parts(f)]
-    return [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
+def _terms(loads: Any, contacts: Any) -> tuple[list[bytes], list[tuple[int, LoadFunction, float]]]:
+    """The vectors of the loads, and the functions of loads and offsets that are neither Harmonic nor Constant, with
+    place and factor."""
+    functions = [*(f for _, f in loads), *(contact.offset for contact in contacts)]
+    pieces = [(i, part, factor) for i, f in enumerate(functions) for factor, part in parts(f)]
+    others = [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
+    return [vector.tobytes() for vector, _ in loads], others
 
 
 def same_rows(contacts: Sequence[Contact], others: Sequence[Contact]) -> bool:
