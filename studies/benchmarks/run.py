@@ -133,7 +133,7 @@ def measure(steps: int, repetitions: int, values: int) -> dict[str, dict[str, fl
     whole = sb.integrate(system, SCHEME, dt, steps * dt)
     case = sb.paper_case(10)
     grid = np.linspace(4e6, 6e6, values).tolist()
-    sweep: dict[str, Any] = {"parameter": "stop-stiffness", "values": grid, "periods": 1, "transient": 1}
+    sweep: dict[str, Any] = {"parameter": "stops.stiffness", "values": grid, "periods": 1, "transient": 1}
     end = 0.02 if repetitions < 5 else 0.1
     seconds = least(
         {f"C, {writes}": run for writes, (run, _) in hand.items()}

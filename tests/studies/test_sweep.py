@@ -70,7 +70,7 @@ def by_hand(parameter: str, value: float) -> tuple[sb.System, sb.Scheme, float]:
     stiffness = value if parameter == "stiffness" else stiffness
     viscosity = value if parameter == "viscosity" else viscosity
     gap = value if parameter == "clearance" else gap
-    kappa = value if parameter == "stop-stiffness" else kappa
+    kappa = value if parameter == "stops.stiffness" else kappa
     dt = value if parameter == "dt" else dt
     if parameter in ("alpha", "gamma", "rho"):
         scheme = {"alpha": sb.HHT, "gamma": sb.SDIRK, "rho": sb.GeneralisedAlpha}[parameter](value)
@@ -81,7 +81,7 @@ def by_hand(parameter: str, value: float) -> tuple[sb.System, sb.Scheme, float]:
 
 
 RANGES = {
-    "frequency": [8.5, 11.0], "amplitude": [0.15, 0.3], "clearance": [0.05, 0.12], "stop-stiffness": [1e6, 2e7],
+    "frequency": [8.5, 11.0], "amplitude": [0.15, 0.3], "clearance": [0.05, 0.12], "stops.stiffness": [1e6, 2e7],
     "stiffness": [200.0, 400.0], "viscosity": [0.0, 0.02], "dt": [1e-4, 2.3e-4], "alpha": [-0.3, 0.0],
     "gamma": [0.35, 0.5], "rho": [0.2, 1.0],
 }  # fmt: skip
@@ -107,9 +107,9 @@ def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
         assert seen["peak_force"] == np.max(np.abs(late))
 
 
-@pytest.mark.parametrize(("first", "second"), [("clearance", "frequency"), ("frequency", "stop-stiffness")])
+@pytest.mark.parametrize(("first", "second"), [("clearance", "frequency"), ("frequency", "stops.stiffness")])
 def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
-    values = {"clearance": [0.08, 0.1, 0.12], "frequency": [9.0, 10.0], "stop-stiffness": [1e6, 5e6]}
+    values = {"clearance": [0.08, 0.1, 0.12], "frequency": [9.0, 10.0], "stops.stiffness": [1e6, 5e6]}
     options = {"dt": 2e-4, **SHORT}
     grid = study(
         "sweep", TABLE10, parameter=first, values=values[first], second=second, second_values=values[second], **options
@@ -143,11 +143,11 @@ def test_a_value_that_overflows_is_a_row_and_the_others_stand():
     """The extrapolated contact overflows on stiff stops (Table 11 with a coarse step)."""
     case = sb.paper_case(11)
     records = study(
-        "sweep", case, parameter="stop-stiffness", values=[1e4, 2e7], contact="extrapolated", dt=2.5e-4, **SHORT
+        "sweep", case, parameter="stops.stiffness", values=[1e4, 2e7], contact="extrapolated", dt=2.5e-4, **SHORT
     )
-    assert records.table["stop-stiffness"][records.table.lost.notna()].tolist() == [2e7]
+    assert records.table["stops.stiffness"][records.table.lost.notna()].tolist() == [2e7]
     assert "overflowed" in next(iter(records.lost))
-    assert "stop-stiffness 10000 to 10000" in str(records)
+    assert "stops.stiffness 10000 to 10000" in str(records)
 
 
 BAD = {

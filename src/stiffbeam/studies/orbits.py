@@ -59,7 +59,7 @@ class Orbits(Study):
 
     parameter: str = option(
         "frequency",
-        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, or a path: stops[0].damping",
+        "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness",
     )
     values: common.Values = option(None, common.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,6 @@ from ..basics.arrays import content
 from ..basics.units import with_unit
 from ..basics.validation import InputError, integer, positive
 from ..files.cases import Case
-from ..model.contact import Stops
 from ..model.members import require_kept, value_at, with_values
 from ..model.problem import PointLoad
 from ..model.semidiscretisation import semidiscretise
@@ -25,22 +25,18 @@ from .common import chosen_schemes
 EXACT = "exact"
 
 
-def _stops(system: System, change: Callable[[Stops], Stops]) -> System:
-    if not system.contacts:
-        remedy = "vary another parameter, or give the case stops"
-        raise InputError("parameter", "one of the stops", "be asked of a case with stops", remedy)
-    return replace(system, contacts=tuple(replace(x, stops=change(x.stops)) for x in system.contacts))
-
-
 def _clearance(system: System, value: float) -> System:
     """Every stop the system has at this distance from zero."""
     positive("clearance", value)
-
-    def move(stops: Stops) -> Stops:
-        lower, upper = stops.lower is not None, stops.upper is not None
-        return replace(stops, lower=-value if lower else None, upper=value if upper else None)
-
-    return _stops(system, move)
+    if not system.contacts:
+        remedy = "vary another parameter, or give the case stops"
+        raise InputError("parameter", "clearance", "be asked of a case with stops", remedy)
+    sides = [
+        {side: sign * value for side, sign in (("lower", -1.0), ("upper", 1.0)) if getattr(x.stops, side) is not None}
+        for x in system.contacts
+    ]
+    moved = (replace(x, stops=replace(x.stops, **to)) for x, to in zip(system.contacts, sides, strict=True))
+    return replace(system, contacts=tuple(moved))
 
 
 def _cells(system: System, value: float) -> System:
@@ -53,16 +49,8 @@ def _cells(system: System, value: float) -> System:
     )
 
 
-PARAMETERS: dict[str, Callable[[System, float], System]] = {
-    "frequency": lambda system, value: with_values(system, {"frequency": value}),
-    "amplitude": lambda system, value: with_values(system, {"amplitude": value}),
-    "clearance": _clearance,
-    "stop-stiffness": lambda system, value: _stops(system, lambda stops: replace(stops, stiffness=value)),
-    "stiffness": lambda system, value: with_values(system, {"stiffness": value}),
-    "viscosity": lambda system, value: with_values(system, {"viscosity": value}),
-    "cells": _cells,
-}
-IN_STEP = ("amplitude", "clearance", "stop-stiffness")  # members of one ensemble
+PARAMETERS = ("frequency", "amplitude", "clearance", "stiffness", "viscosity", "cells")  # beside paths
+IN_STEP = ("amplitude", "clearance", "stops.stiffness")  # members of one ensemble
 
 
 @dataclass(frozen=True)
@@ -84,35 +72,28 @@ class Setup:
 
 
 QUANTITIES = {
-    "frequency": "frequency", "clearance": "length", "stop-stiffness": "stop stiffness",
+    "frequency": "frequency", "clearance": "length", "lower": "length", "upper": "length", "position": "length",
     "stiffness": "bending stiffness", "viscosity": "bending viscosity", "dt": "time",
 }  # fmt: skip
-
-
 AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipation": "stop dissipation"}
 
 
 def quantity_of(case: Case, parameter: str) -> str:
-    """Return the quantity of a parameter, whose unit the case knows; "" for one of a scheme, without dimension.
+    """Return the quantity of a parameter, whose unit the case knows; "" for one without dimension.
 
     The amplitude is the base's, else that of the loads.
     """
-    if is_path(parameter):
-        first, last = parameter.split(".")[0].split("[")[0], parameter.rsplit(".", 1)[-1]
-        at_stop = first in ("contacts", "stops")
-        if last in ("lower", "upper", "position") or (last == "amplitude" and at_stop):
-            return "length"
-        if at_stop and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
-            return ""  # a force per length to the exponent
-        if last != "amplitude":
-            return AT_STOP[last] if at_stop and last in AT_STOP else "frequency" if last == "frequency" else ""
-    elif parameter != "amplitude":
-        return QUANTITIES.get(parameter, "")
-    if case.beam is None:
-        return ""
-    if case.problem.base is not None:
+    first, last = re.split(r"[.\[]", parameter)[0], parameter.rpartition(".")[2]
+    at_stop = first in ("contacts", "stops")
+    if at_stop and last in AT_STOP:
+        linear = all(c.stops.exponent == 1.0 for c in case.system(case.forms[0]).contacts)
+        return AT_STOP[last] if linear else ""  # a force per length to the exponent
+    if last != "amplitude":
+        return QUANTITIES.get(last, "")
+    if at_stop or (case.beam is not None and case.problem.base is not None):
         return "length"
-    point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
+    loads = () if case.beam is None else case.problem.loads
+    point = {isinstance(load, PointLoad) for load in loads if isinstance(load.time, Harmonic)}
     return "force" if point == {True} else "force per length" if point == {False} else ""
 
 
@@ -124,7 +105,7 @@ def is_path(parameter: str) -> bool:
 def parameters_of(scheme: Scheme | None) -> list[str]:
     """The names that can be varied with this method; None: the exact solution."""
     if scheme is None:
-        return list(PARAMETERS)
+        return [*PARAMETERS]
     own = (name for name, value in scheme.parameters.items() if not isinstance(value, bool))
     return [*PARAMETERS, "dt", *own]
 
@@ -139,16 +120,17 @@ def setup_of(system: System, point: Row, value: Sequence[float], scheme: Scheme 
     that is not possible."""
     dt = point["dt"]
     for name, x in zip(names_of(point), value, strict=True):
-        if name in PARAMETERS:
-            system = PARAMETERS[name](system, x)
-        elif is_path(name):
-            system = with_values(system, {name: x})
+        if name == "clearance":
+            system = _clearance(system, x)
+        elif name == "cells":
+            system = _cells(system, x)
         elif name == "dt":
             dt = positive("dt", x)
-        else:
-            assert scheme is not None
+        elif scheme is not None and name in scheme.parameters:
             changed = type(scheme)(**(scheme.parameters | {name: x}))
             scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
+        else:
+            system = with_values(system, {name: x})
     if len(value) > 1:
         pairs = zip(names_of(point), value, strict=True)
         require_kept(system, {name: x for name, x in pairs if is_path(name)})
@@ -186,14 +168,12 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 
 NAMES = {
     "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
-    "stop-stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness $k^2$", "viscosity": "viscosity $d$",
+    "stops.stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness", "viscosity": "viscosity",
     "cells": "cells $L/h$",
     "dt": r"time step $\Delta t$", "alpha": r"$\alpha$", "gamma": r"$\gamma$", "rho": r"$\rho_\infty$",
 }  # fmt: skip
-PHYSICAL = {"stiffness": "bending stiffness $EI$", "viscosity": r"bending viscosity $\eta$"}
 
 
 def named(case: Case, name: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    names = NAMES | (PHYSICAL if case.units else {})
-    return with_unit(case.units, names.get(name, name), quantity_of(case, name))
+    return with_unit(case.units, NAMES.get(name, name), quantity_of(case, name))

@@ -77,8 +77,7 @@ class Sweep(Study):
 
     parameter: str = option(
         "frequency",
-        "frequency, amplitude, clearance, stop-stiffness, stiffness, viscosity, cells, dt, alpha, or a path: "
-        "stops[0].damping",
+        "frequency, amplitude, clearance, stiffness, viscosity, cells, dt, alpha, or a path: stops.stiffness",
     )
     values: common.Values = option(None, common.VALUES)
     second: str | None = option(None, "another parameter: impacts and forces on a grid")
