@@ -175,6 +175,17 @@ def test_rounding_before_the_motion_ends_no_horizon():
     assert len(late[0]) == 3
 
 
+@pytest.mark.parametrize("pull", [0.0, -1.0])
+@pytest.mark.parametrize("law", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 1e3}], ids=["rigid", "spring"])
+def test_what_rests_on_a_stop_touches_it_where_a_force_presses(law, pull):
+    contact = sb.Contact([1.0], sb.Stops(lower=0.0, **law))
+    loads = [([1.0], sb.Constant(pull))] if pull else []
+    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=loads, contacts=[contact])
+    scheme = sb.MoreauJean() if system.rigid else sb.BDF2()
+    for run in (sb.reference(system, 1.0), sb.integrate(system, scheme, 1e-3, 1.0)):
+        assert run.contacts[0].fraction == pytest.approx(-pull)
+
+
 @pytest.mark.parametrize("rigid", [False, True])
 def test_outputs_begin_with_the_start_as_given(rigid, tmp_path):
     """A position of 3e-16 at t = 0, not 0, was an impact to ``compare`` where a file holds the reference."""

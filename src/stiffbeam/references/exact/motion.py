@@ -352,7 +352,8 @@ class Motion:
         impulses = self.press(contact, starts, ends[held])[1]
         mine = self.blows.contact == contact
         blows = zip(self.blows.t[mine].tolist(), self.blows.outward[mine].tolist(), strict=True)
-        return list(zip(starts.tolist(), ends[held].tolist(), np.abs(impulses).tolist(), strict=True)), list(blows)
+        spans = zip(starts.tolist(), ends[held].tolist(), np.abs(impulses).tolist(), strict=True)
+        return [span for span in spans if span[2] > 0.0], list(blows)  # what rests without a force presses nothing
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
