@@ -39,11 +39,8 @@ def work(task: tuple[int, int, tuple[str, ...]]) -> list[Verdict]:
 
 def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple[str, ...] = (), quiet: bool = False,
              seconds: float = float("inf")):  # fmt: skip
-    """(outcomes by family, outcomes by subject, violations, figures by subject) of systems ``indices``.
-
-    Figures are the (difference, horizon) of every verdict that has them. limit: of a system and a method.
-    """
-    by_family, by_subject, violations, figures = Counter(), Counter(), [], {}
+    """(outcomes by family, outcomes by subject, violations) of systems ``indices``; limit: of a system and a method."""
+    by_family, by_subject, violations = Counter(), Counter(), []
     cases = {index: random_case(seed, index) for index in indices}
     tasks = [(seed, i, tuple(only or methods_for(cases[i], i))) for i in indices]
     most = limit * max(len(methods) for *_, methods in tasks)
@@ -53,8 +50,6 @@ def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple
             hang = answer == signal.SIGPROF
             answer = [Verdict("hang" if hang else "exception", " ".join(methods), f"the process ended with {answer!r}")]
         for verdict in answer:
-            if verdict.difference == verdict.difference:
-                figures.setdefault(verdict.subject, []).append((verdict.difference, verdict.horizon))
             by_family[family, verdict.outcome] += 1
             by_subject[verdict.subject.split()[0], verdict.outcome] += 1
             if verdict.outcome in VIOLATIONS:
@@ -62,7 +57,7 @@ def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple
                 if not quiet:
                     where = f"--seed {seed} --only {index} --methods {verdict.subject}  [{family}]"
                     print(f"{verdict.outcome}: {where}: {verdict.reason}", flush=True)
-    return by_family, by_subject, violations, figures
+    return by_family, by_subject, violations
 
 
 def table(counts: Counter) -> str:
@@ -73,17 +68,6 @@ def table(counts: Counter) -> str:
     lines += [n.ljust(width) + "".join(str(counts[n, o]).rjust(11) for o in OUTCOMES) for n in names]
     total = {o: sum(v for (_, x), v in counts.items() if x == o) for o in OUTCOMES}
     return "\n".join([*lines, "all".ljust(width) + "".join(str(total[o]).rjust(11) for o in OUTCOMES)])
-
-
-def differences(figures: dict[str, list[tuple[float, float]]]) -> str:
-    """Differences inside the horizon and horizons, by subject."""
-    lines = [f"{'':17}{'systems':>9}{'median |du|':>13}{'99 %':>10}{'largest':>10}{'median horizon / span':>23}"]
-    for name, pairs in figures.items():
-        offs, horizons = sorted(x for x, _ in pairs), sorted(x for _, x in pairs)
-        middle, high = len(pairs) // 2, min(len(pairs) - 1, int(0.99 * len(pairs)))
-        numbers = f"{offs[middle]:13.1e}{offs[high]:10.1e}{offs[-1]:10.1e}{horizons[middle]:23.3g}"
-        lines.append(f"{name:17}{len(pairs):9}{numbers}")
-    return "\n".join(lines)
 
 
 def main() -> int:
@@ -99,11 +83,11 @@ def main() -> int:
     options = parser.parse_args()
     indices = options.only or list(range(options.first, options.first + options.systems))
     begun = time.monotonic()
-    families, subjects, violations, figures = campaign(
+    families, subjects, violations = campaign(
         indices, options.seed, options.jobs, options.limit, tuple(options.methods), seconds=options.seconds
     )
     print(f"\nSystems of seed {options.seed}, {len(indices)} asked, in {time.monotonic() - begun:.0f} s\n")
-    print("\n\n".join([table(families), table(subjects), *([differences(figures)] if figures else [])]))
+    print(f"{table(families)}\n\n{table(subjects)}")
     print(f"\n{len(violations)} violations")
     return 1 if violations else 0
 

@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import argparse
 import collections
-import json
 import os
 import re
 import signal
 import time
 import traceback
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -110,15 +108,12 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=30.0, help="seconds of processor time for an input")
     parser.add_argument("--memory", type=float, default=12.0, help="GiB of addresses for a process")
     parser.add_argument("--only", type=int, help="this input alone, here")
-    parser.add_argument("--out", type=Path, help="every outcome as a line of JSON")
     given = parser.parse_args()
     if given.only is not None:
         Surface.told = staticmethod(lambda name, value: print(f"{name} = {shown(value)}", flush=True))
         print(*one(given.seed, given.only), sep="\n")
         return
     found = campaign(given.seed, range(given.inputs), given.jobs, given.limit, given.memory)
-    if given.out:
-        given.out.write_text("".join(json.dumps(x) + "\n" for x in found))
     for x in found:
         if x["outcome"] not in GOOD:
             print(f"--seed {given.seed} --only {x['index']}  {x['where']}  {x['outcome']}: {x['said']}")

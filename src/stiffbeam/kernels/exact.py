@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from .library import INTEGER, Address, Int, Real, address, library
+from .library import INTEGER, Address, Int, Real, Structure, address, library
 
 DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY = range(5)
 REBOUND = 9  # times the stop: the side of a contact that an impact throws back
@@ -28,13 +28,14 @@ def _structure(name: str, *kinds: tuple[Any, str]) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": [(x, kind) for kind, names in kinds for x in names.split()]})
 
 
-FREE_REALS = """w2 drag damping rows stops laws meet loads offsets waves edges pieces poles sorted answer out back
-    seen"""
 STATE_INTS = "side fresh fresh_side closed"
-_Free = _structure(
-    "_Free", (Int, "n m F R E N coupling kind damped"), (Real, "longest"), (Address, FREE_REALS),
-    (Address, "order apart"),
-)  # fmt: skip
+_Free = Structure(
+    "n m F R E N coupling kind damped",
+    "longest",
+    "w2: n; drag: n; damping: n n; rows: m n; stops: m 2; laws: m 3; meet: m m; loads: B n; offsets: B m; waves: F; "
+    "edges: E; pieces: E R 4; poles: 2 T; sorted: 3 T; answer: 2F n; out?: 4 n N; back?: 2 N 2n; seen?: 2 m N; "
+    "order int: T; apart int: n",
+)
 _State = _structure(
     "_State", (Real, "t late leap fastest together"), (Int, "piece begun waits hit still since"),
     (Address, "eta rate lost speed size slack"), (Address, STATE_INTS),
@@ -50,7 +51,7 @@ _Output = _structure(
 def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
     lib, at = library(), ctypes.POINTER
-    flown, marks = [at(_Free)] * 3 + [Address], [Int, *[Address] * 4]
+    flown, marks = [at(_Free.type)] * 3 + [Address], [Int, *[Address] * 4]
     lib.exact_follow.argtypes = [*flown, at(_State), Real, Real, at(_Output)]
     lib.exact_read.argtypes = [*flown, Real, *marks, Int, *[Address] * 5]
     lib.exact_press.argtypes = [*flown, Real, *marks, Int, Int, *[Address] * 4]
@@ -99,22 +100,16 @@ class Free:
         N = self.poles.shape[1] - F
         p = self.poles[:, self.order]
         object.__setattr__(self, "sorted", np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]])))
-        complex_modes = self.kind == 2 or self.out.size > 0
-        k, N2, M = (n, N, m) if complex_modes else (0, 0, 0)
         if self.kind == 1 and n != N:
             raise ValueError("kind: one pair a mode wanted")
-        B, T = 2 * F + R, N + F
-        shapes = {
-            "w2": (n,), "drag": (n,), "damping": (n, n), "rows": (m, n), "stops": (m, 2), "laws": (m, 3),
-            "meet": (m, m), "loads": (B, n), "offsets": (B, m), "waves": (F,), "edges": (E,), "pieces": (E, R, 4),
-            "poles": (2, T), "sorted": (3, T), "answer": (2 * F, n), "out": (4, k, N2), "back": (2, N2, 2 * k),
-            "seen": (2, M, N2),
+        if self.kind == 2 and not self.out.size:
+            raise ValueError("kind: complex modes wanted")
+        sizes = {
+            "n": n, "m": m, "F": F, "R": R, "E": E, "N": N, "coupling": self.coupling, "kind": self.kind,
+            "damped": bool(self.poles[0].any()), "longest": self.longest, "B": 2 * F + R, "T": N + F, "2F": 2 * F,
+            "2n": 2 * n,
         }  # fmt: skip
-        at = [address(getattr(self, x), shapes[x]) for x in FREE_REALS.split()]
-        whole = [address(self.order, (T,), INTEGER), address(self.apart, (n,), INTEGER)]
-        damped = bool(self.poles[0].any())
-        sizes = (n, m, F, R, E, N, self.coupling, self.kind, damped)
-        object.__setattr__(self, "c", _Free(*sizes, self.longest, *at, *whole))
+        object.__setattr__(self, "c", _Free(sizes, vars(self)))
 
     @property
     def stated(self) -> dict[str, Any]:

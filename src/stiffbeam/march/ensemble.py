@@ -85,9 +85,16 @@ def integrate_ensemble(
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     report = None if progress is None else lambda done: progress(done * plan.steps)
+    return _integrated(plan, members, every, passed, report, begun)
+
+
+def _integrated(
+    plan: Plan, members: EnsembleMembers, every: int | None, since: int, report: Progress | None, begun: float
+) -> Ensemble:
+    """The ensemble of a plan."""
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart = march_apart(members)
-    march = partial(_march, plan, every, passed, apart)
+    march = partial(_march, plan, every, since, apart)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
     runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
@@ -95,7 +102,7 @@ def integrate_ensemble(
     return Ensemble(
         **vars(Runs.of(runs)),
         members=members,
-        t=np.arange(0, plan.steps + 1, every) * dt if every is not None else np.zeros(0),
+        t=np.arange(0, plan.steps + 1, every) * plan.dt if every is not None else np.zeros(0),
         work=Work(len(members) * plan.steps, seconds, seconds),
         provenance=plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
         ledger=partial(_ledger, plan, members, every or plan.steps, apart),

@@ -311,6 +311,24 @@ def _ahead(drive: Drive, basis: Array, times: Array) -> Array:
     return ahead
 
 
+def _of_forces(one: StepMap, powers: Powers, entries: Entries, flat: Array) -> tuple[Array, Array]:
+    """What a unit force of every kind at every node of a block does: on entries and new state (P, S, K, R + D), and on
+    the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
+    (K, g, D), S = flat.shape, len(one.readers.nodes)
+    R, P = len(entries.place), one.push.shape[-1] // S
+    # A force in step i acts as one in step 0, i steps later.
+    of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
+    of_force[0] = one.at_once
+    of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(D, P * S)
+    step = np.arange(K)
+    # delay < 0: the force comes after the reading, which takes the zeros in row K.
+    delay = step - step[:, None]
+    seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
+    # A force in step j acts through the K - 1 - j steps that follow it in the block.
+    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, D)  # by step of the force
+    return np.concatenate([entries.of_readings(seen, R), left], axis=-1), seen[..., one.readers.end_rates]
+
+
 def build(
     scheme: Scheme,
     coordinates: Coordinates,
@@ -333,21 +351,8 @@ def build(
     C = one.readers.channels
     R, D = len(entries.place), k * n
 
-    # What is read from the state, step by step, and from forces: one in step i acts as one in step 0, i steps later.
     flat = powers.readings(one.reading).transpose(1, 2, 3, 0).reshape(K, g, D)
-    of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
-    of_force[0] = one.at_once
-    of_force[1:K] = flat[:-1] @ one.push.transpose(1, 0, 2).reshape(D, P * S)
-    step = np.arange(K)
-    # delay < 0: the force comes after the reading, which takes the zeros in row K.
-    delay = step - step[:, None]
-    seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
-    # A force in step j acts through the K - 1 - j steps that follow it in the block.
-    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, D)  # by step of the force
-    pushed = np.zeros((P, S, K, R + D))
-    pushed[..., :R] = entries.of_readings(seen, R)
-    pushed[..., R:] = left
-    speeds = seen[..., one.readers.end_rates]
+    pushed, speeds = _of_forces(one, powers, entries, flat)
 
     # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
     reading, transition = aligned((D, R)), aligned((k, D))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -237,6 +238,7 @@ def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
 
 
 _KEPT: set[tuple[type, str]] = set()  # the schemes of this package that have been found to keep it
+TWO_MODES = Modal(np.array([0.7, 1.9]), np.array([0.1, 0.3]))
 TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
 
@@ -254,59 +256,58 @@ def check_contract(scheme: Scheme) -> None:
     if scheme.starter is not None:
         check_contract(scheme.starter)
     # Random numbers without structure, so that no defect of a step cancels by chance; always the same ones.
-    rng = np.random.default_rng(0)
-    equation, dt, nodes = Modal(np.array([0.7, 1.9]), np.array([0.1, 0.3])), 0.4, len(scheme.nodes)
+    rng, nodes = np.random.default_rng(0), len(scheme.nodes)
     history = [rng.normal(size=(2, 2)) for _ in range(scheme.history)]
-    shape = scheme.initial(equation, history, rng.normal(size=2)).shape
+    shape = scheme.initial(TWO_MODES, history, rng.normal(size=2)).shape
+    step = partial(_tried, scheme, shape)
 
-    def step(z: Array, forces: Array) -> tuple[Array, Array, Array]:
-        z_new, stages = scheme.step(equation, dt, z, list(forces[0]), list(forces[1]))
-        if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
-            got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"
-            rule = f"return a state of shape {shape} and {nodes} y = (q, q') of shape (2, 2), one per node"
-            raise InputError(f"{scheme}.step", got, rule, "the class stiffbeam.Trapezoidal shows how")
-        predicted = scheme.predict(equation, dt, z)
-        if len(predicted) != nodes:
-            remedy = "return one for each of the scheme's nodes"
-            raise InputError(f"{scheme}.predict", len(predicted), f"return {nodes} positions, one per node", remedy)
-        return np.asarray(z_new), np.array(stages), np.array(predicted)
+    def require(holds: bool, got: str, rule: str, remedy: str) -> None:
+        if not holds:
+            raise InputError(f"{scheme}.step", got, rule, remedy)
 
-    # Linear: a march solves for the reaction by the response to it alone.
     x, y = ((rng.normal(size=shape), rng.normal(size=(2, nodes, 2))) for _ in range(2))
     once = step(*x)
-    both = step(x[0] + 2.0 * y[0], x[1] + 2.0 * y[1])
-    for whole, a, b in zip(both, once, step(*y), strict=True):
-        if not np.max(np.abs(whole - a - 2.0 * b)) <= TOLERANCE * np.max(np.abs(whole)):
-            remedy = "leave out what is constant, squared or cut off"
-            raise InputError(f"{scheme}.step", "a step that is not", "be linear in (state, loads, reactions)", remedy)
+    # Linear: a march solves for the reaction by the response to it alone.
+    for whole, a, b in zip(step(x[0] + 2.0 * y[0], x[1] + 2.0 * y[1]), once, step(*y), strict=True):
+        linear = bool(np.max(np.abs(whole - a - 2.0 * b)) <= TOLERANCE * np.max(np.abs(whole)))
+        remedy = "leave out what is constant, squared or cut off"
+        require(linear, "a step that is not", "be linear in (state, loads, reactions)", remedy)
     # Pure: a march computes the response of a step once and uses it in every step.
-    for first, again in zip(once, step(*x), strict=True):
-        if not np.array_equal(first, again):
-            remedy = "keep nothing on self; what a step needs of earlier ones belongs into the state"
-            raise InputError(f"{scheme}.step", "a step that remembers", "give the same for the same input", remedy)
+    same = all(np.array_equal(first, again) for first, again in zip(once, step(*x), strict=True))
+    remedy = "keep nothing on self; what a step needs of earlier ones belongs into the state"
+    require(same, "a step that remembers", "give the same for the same input", remedy)
     # Mode by mode: what happens to the second mode must not change the first.
-    other = x[0].copy(), x[1].copy()
-    other[0][..., 1] += 1.0
-    other[1][..., 1] += 1.0
-    for first, changed in zip(once, step(*other), strict=True):
-        if np.max(np.abs(first - changed)[..., 0]) > TOLERANCE * np.max(np.abs(first)):
-            rule = "be made of the equation's operations, so that modes do not mix"
-            remedy = "use equation.mass, stiffness, damping and solve"
-            raise InputError(f"{scheme}.step", "a step that mixes unknowns by itself", rule, remedy)
+    other = step(*(part + np.array([0.0, 1.0]) for part in x))
+    for first, changed in zip(once, other, strict=True):
+        apart = bool(np.max(np.abs(first - changed)[..., 0]) <= TOLERANCE * np.max(np.abs(first)))
+        rule = "be made of the equation's operations, so that modes do not mix"
+        remedy = "use equation.mass, stiffness, damping and solve"
+        require(apart, "a step that mixes unknowns by itself", rule, remedy)
     # Causal. No tolerance: the earlier nodes repeat the same operations on the same numbers.
     for later in range(1, nodes):
         changed = x[1].copy()
         changed[:, later] += 1.0
-        difference = step(x[0], changed)[1] - step(*x)[1]
-        if np.any(difference[:later]):
-            raise InputError(
-                f"{scheme}.step",
-                f"a state before node {later} that moves with the force there",
-                "be causal",
-                f"let every node depend on its own and earlier forces only; {FULLY_IMPLICIT}",
-            )
+        got = f"a state before node {later} that moves with the force there"
+        remedy = f"let every node depend on its own and earlier forces only; {FULLY_IMPLICIT}"
+        require(not np.any((step(x[0], changed)[1] - once[1])[:later]), got, "be causal", remedy)
     if lasting:
         _KEPT.add(name)
+
+
+def _tried(scheme: Scheme, shape: tuple[int, ...], z: Array, forces: Array) -> tuple[Array, Array, Array]:
+    """New state, states at the nodes and predicted positions of a step on TWO_MODES. Raises InputError for others than
+    a state of this ``shape``, and y and a position for each node."""
+    z_new, stages = scheme.step(TWO_MODES, 0.4, z, list(forces[0]), list(forces[1]))
+    nodes = len(scheme.nodes)
+    if len(stages) != nodes or any(np.shape(y) != (2, 2) for y in stages) or np.shape(z_new) != shape:
+        got = f"{len(stages)} states at nodes, of shapes {[np.shape(y) for y in stages]}, and {np.shape(z_new)}"
+        rule = f"return a state of shape {shape} and {nodes} y = (q, q') of shape (2, 2), one per node"
+        raise InputError(f"{scheme}.step", got, rule, "the class stiffbeam.Trapezoidal shows how")
+    predicted = scheme.predict(TWO_MODES, 0.4, z)
+    if len(predicted) != nodes:
+        remedy = "return one for each of the scheme's nodes"
+        raise InputError(f"{scheme}.predict", len(predicted), f"return {nodes} positions, one per node", remedy)
+    return np.asarray(z_new), np.array(stages), np.array(predicted)
 
 
 def is_known(scheme: Scheme) -> bool:
