@@ -320,7 +320,8 @@ class March:
         tally, events = self.state.tally, self.events
         # An impact that is still open has no peak, impulse or end.
         open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
-        events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
+        if len(open_rows):
+            events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         events = events[: self._rows]
         # By member, then contact; the kernel wrote the rows of one contact in order of time.
         several = tally[..., 0].size > 1
