@@ -15,7 +15,6 @@ from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
 from stiffbeam.schemes import SDIRK, Scheme
-from stiffbeam.schemes.misprints import forms_of
 from stiffbeam.studies.references import MANIFEST, frozen, shipped
 from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
 
@@ -53,7 +52,7 @@ class Reading:
 
     def scheme(self, scheme: Scheme) -> Scheme:
         """``scheme`` as this reading has it."""
-        return scheme.printed() if self.printed and forms_of(scheme) else scheme
+        return scheme.printed() if self.printed and scheme.printed_forms() else scheme
 
     @property
     def name(self) -> str:

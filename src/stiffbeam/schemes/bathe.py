@@ -20,20 +20,9 @@ class Bathe(Scheme):
     split : float
         s in (0, 1). 1/2 is Bathe's choice; 2 - sqrt 2 is TR-BDF2, where both stages solve with the same matrix.
 
-    Raises
-    ------
-    InputError
-        For any other share.
-
     References
     ----------
     Bathe and Baig, Comput. Struct. 83 (2005) 2513-2524; Bank et al., IEEE Trans. Electron Devices 32 (1985) 1992-2007.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.Bathe(split=0.5)
-    Bathe(split=0.5)
     """
 
     name = "bathe"

@@ -75,20 +75,9 @@ class Theta(Scheme):
     theta : float
         In [1/2, 1].
 
-    Raises
-    ------
-    InputError
-        For any other theta.
-
     References
     ----------
     Dumont (2002), Section 5.2.1.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.Theta(theta=1.0)
-    Theta(theta=1.0)
     """
 
     name = "theta"

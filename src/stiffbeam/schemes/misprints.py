@@ -10,7 +10,7 @@ import numpy as np
 
 from ..basics.validation import InputError
 from .newmark import HHT
-from .scheme import Array, Equation, Scheme, Step
+from .scheme import Array, Equation, Step
 from .sdirk import SDIRK
 
 
@@ -102,8 +102,3 @@ class PrintedStageMatrix(SDIRK):
             worst = float(np.min(x[radius > 1.0 + GROWTH]))
             rule = f"keep the printed (4.14) from growing by more than {GROWTH:g} a step, omega dt < {worst:.2g}"
             raise InputError("dt", dt, rule, f"use dt < {worst / omega_max:.3g} or the corrected scheme")
-
-
-def forms_of(scheme: Scheme) -> list[str]:
-    """The names of the errata that ``scheme`` has."""
-    return [form.erratum for form in scheme.printed_forms()]

@@ -25,20 +25,9 @@ class MoreauJean(RigidScheme):
     theta : float
         In [1/2, 1].
 
-    Raises
-    ------
-    InputError
-        For any other theta.
-
     References
     ----------
     Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.MoreauJean(theta=0.5)
-    MoreauJean(theta=0.5)
     """
 
     name = "moreau-jean"

@@ -74,20 +74,9 @@ class HHT(WeightedNewmark):
         In [-1/3, 0]; 0 is the trapezoidal rule. Other packages write alpha_H = -alpha in [0, 1/3], or 1 + alpha in
         [2/3, 1].
 
-    Raises
-    ------
-    InputError
-        For any other alpha.
-
     References
     ----------
     Dumont (2002), (4.13); Hilber, Hughes and Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.HHT(alpha=-0.1)
-    HHT(alpha=-0.1)
     """
 
     name = "hht"
@@ -119,20 +108,9 @@ class GeneralisedAlpha(WeightedNewmark):
     rho : float
         In [0, 1]: 1 dissipates no energy on a linear system, 0 removes the highest modes in one step.
 
-    Raises
-    ------
-    InputError
-        For any other rho.
-
     References
     ----------
     Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.GeneralisedAlpha(rho=0.8)
-    GeneralisedAlpha(rho=0.8)
     """
 
     name = "generalised-alpha"

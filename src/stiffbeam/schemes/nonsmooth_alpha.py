@@ -28,20 +28,9 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
     rho : float
         Spectral radius at infinite frequency, in [0, 1].
 
-    Raises
-    ------
-    InputError
-        For any other rho.
-
     References
     ----------
     Bruels, Acary and Cardona, Comput. Methods Appl. Mech. Eng. 281 (2014) 131-161; here C v~ in the place of C v.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.NonsmoothGeneralisedAlpha(rho=0.8)
-    NonsmoothGeneralisedAlpha(rho=0.8)
     """
 
     name = "nonsmooth-alpha"

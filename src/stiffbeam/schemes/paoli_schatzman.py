@@ -25,20 +25,9 @@ class PaoliSchatzman(RigidScheme):
     beta : float
         Stable at any step for beta >= 1/4.
 
-    Raises
-    ------
-    InputError
-        For any smaller beta.
-
     References
     ----------
     Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> sb.PaoliSchatzman(beta=0.25)
-    PaoliSchatzman(beta=0.25)
     """
 
     name = "paoli-schatzman"

@@ -37,11 +37,6 @@ class SDIRK(Scheme):
         False solves for the rates K_i of y = (q, q'), or of a first-order y: (4.10) and (4.12). True solves for the
         accelerations alone, with Abar = A A and Bbar = b^T A: (4.14), on second-order systems. The two are equal.
 
-    Raises
-    ------
-    InputError
-        For any other gamma.
-
     References
     ----------
     Dumont (2002), (4.7)-(4.14); Owren and Simonsen, Comput. Methods Appl. Mech. Eng. 122 (1995) 1-10.
