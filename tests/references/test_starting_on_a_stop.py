@@ -176,7 +176,9 @@ def test_rounding_before_the_motion_ends_no_horizon():
 
 
 @pytest.mark.parametrize("pull", [0.0, -1.0])
-@pytest.mark.parametrize("law", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 1e3}], ids=["rigid", "spring"])
+@pytest.mark.parametrize(
+    "law", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 1e3}], ids=["rigid", "spring"]
+)
 def test_what_rests_on_a_stop_touches_it_where_a_force_presses(law, pull):
     contact = sb.Contact([1.0], sb.Stops(lower=0.0, **law))
     loads = [([1.0], sb.Constant(pull))] if pull else []

@@ -58,7 +58,7 @@ class Structure:
 
         Raises TypeError for arrays of other shapes. The caller keeps the arrays as long as it is used.
         """
-        known, given = self.known | sizes, arrays.get
+        known, given = {**self.known, **sizes}, arrays.get
         shapes, at = self.sizes(known), list[int | None]()
         for name, place, dtype, optional in self.arrays:
             x = given(name)

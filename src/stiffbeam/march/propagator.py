@@ -255,7 +255,7 @@ class Propagator:
                 # A moving stop adds its offset to positions and the rate of its offset to velocities.
                 for rates, value in ((False, evaluate), (True, offset_rate)):
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
-                    moved[..., here] += value(function, times[..., here])
+                    moved[..., here] += value(function, times[..., here])  # type: ignore[arg-type]
             rows[:, :R] += self.entries.of_readings(moved, R)
             velocity += moved[..., readers.end_rates]
         return Inflow(rows, velocity)

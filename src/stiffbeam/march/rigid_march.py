@@ -15,7 +15,7 @@ from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, 
 from ..model.equations import Modal
 from ..model.modes import modes
 from ..model.system import System
-from ..model.time_functions import LoadFunction, evaluate, offset_rate, offset_values
+from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.scheme import WHERE_CLOSED as CONDITION
@@ -272,7 +272,7 @@ def _first_reactions(view: Coordinates, y: Array, force: Array) -> Array:
     return solve_node(r, np.ascontiguousarray(compliance), law) @ rows
 
 
-def _places_before(offset: LoadFunction | None, at: Array, dt: float) -> Array:
+def _places_before(offset: TimeFunction | None, at: Array, dt: float) -> Array:
     """o(t - dt); before t = 0 such that (o(dt) - o(-dt))/(2 dt) is the rate there, as a scheme takes the positions."""
     places = np.array(offset_values(offset, np.maximum(at - dt, 0.0)), float)
     if at[0] == 0.0:
