@@ -61,7 +61,7 @@ typedef struct { /* one call */
     int full; /* terms of a series at full length */
     Series s;
     Flight g;
-    double *turned, *turned_rate, *at_eta, *at_rate, *P, *r, *v, *A, *b; /* scratch; of impacts */
+    double *turned, *turned_rate, *at_eta, *at_rate, *terms, *P, *r, *v, *A, *b; /* scratch; of impacts */
     Int *on, *at, *left;
     Output *out;
 } Motion;
@@ -1514,7 +1514,7 @@ static size_t layout(Motion *x, double *block)
     if (T < n + f->F) T = n + f->F;
 #define REALS(name, count) (name = block ? block + at : NULL, at += (count))
 #define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
-    REALS(x->turned, n), REALS(x->turned_rate, n), REALS(x->at_eta, n), REALS(x->at_rate, n);
+    REALS(x->turned, n), REALS(x->turned_rate, n), REALS(x->at_eta, n), REALS(x->at_rate, n), REALS(x->terms, 4 * T);
     REALS(x->s.a, MOST * n), REALS(x->s.u, MOST * m), REALS(x->s.lam, MOST * m), REALS(x->s.G, MOST * B);
     INTS(x->s.held, m), REALS(x->s.inverse, m * m), REALS(x->s.A, m * m);
     REALS(x->g.z, 2 * N), REALS(x->g.poly, 2 * N * ROOM), INTS(x->g.degree, N), REALS(x->g.Z, 2 * m * T), REALS(x->g.slide, m * ROOM);
@@ -1655,13 +1655,115 @@ static void shifted(double *p, int n, double a)
         for (int l = n - 1; l >= k; l--) p[l] += a * p[l + 1];
 }
 
+/* Depth of the only contact, pressed without damping, at tau of a flight, with its rate and curvature. */
+static double depth_at(const Free *f, Flight *g, double way, double stop, double tau, double *rate, double *curve)
+{
+    Int T = g->T;
+    const double *restrict Zx = g->Z, *restrict Zy = g->Z + T, *restrict sigma = f->sorted, *restrict omega = sigma + T;
+    double u = 0.0, v = 0.0, w = 0.0, x = 0.0, y = 0.0, z = 0.0;
+    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], tau, g->C, g->S);
+#pragma omp simd reduction(+ : u, v, w)
+    for (Int k = 0; k < T; k++) {
+        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = omega[k] * (Zx[k] * g->S[k] + Zy[k] * g->C[k]);
+        u += re;
+        v += sigma[k] * re - im;
+        w += (sigma[k] * sigma[k] - omega[k] * omega[k]) * re - 2.0 * sigma[k] * im;
+    }
+    for (Int k = g->deg; k >= 0; k--) {
+        z = z * tau + 2.0 * y;
+        y = y * tau + x;
+        x = x * tau + g->slide[k];
+    }
+    *rate = way * (v + y), *curve = way * (w + z);
+    return way * (u + x - stop);
+}
+
+/* One turn of all terms by C + i S, and the sums of their values and rates. */
+HOT static void turn_all(double *restrict x, double *restrict y, const double *restrict C, const double *restrict S,
+                         const double *restrict sigma, const double *restrict omega, Int T, double sums[2])
+{
+    double u = 0.0, v = 0.0;
+#pragma omp simd reduction(+ : u, v)
+    for (Int k = 0; k < T; k++) {
+        double old = x[k];
+        x[k] = old * C[k] - y[k] * S[k];
+        y[k] = old * S[k] + y[k] * C[k];
+        u += x[k];
+        v += sigma[k] * x[k] - omega[k] * y[k];
+    }
+    sums[0] = u, sums[1] = v;
+}
+
+/* The largest depth of a pressed spring in a flight over [a, b], if above `best`: samples a radian of the fastest motion
+ * apart, and Newton's method for the turns between them that may exceed the best so far. */
+static double deepest(Motion *x, const Free *f, double way, double stop, double a, double b, double best)
+{
+    Flight *g = &x->g;
+    Int T = g->T;
+    const double *sigma = f->sorted, *omega = sigma + T;
+    double turns = 0.0; /* what decays makes no maximum of its own */
+    for (Int k = 0; k < T; k++) turns = most(turns, omega[k]);
+    Int count = 1 + (Int)((b - a) * turns);
+    double d = (b - a) / (double)count, rate, curve, sums[2], depth = depth_at(f, g, way, stop, a, &rate, &curve);
+    double *X = x->terms, *Y = X + T, *C = Y + T, *S = C + T;
+    for (Int k = 0; k < T; k++) {
+        X[k] = g->Z[k] * g->C[k] - g->Z[T + k] * g->S[k];
+        Y[k] = g->Z[k] * g->S[k] + g->Z[T + k] * g->C[k];
+    }
+    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], d, C, S);
+    best = most(best, depth);
+    for (Int i = 1; i <= count; i++) {
+        double tau = a + i * d, u = 0.0, v = 0.0, before = depth, rise = rate;
+        turn_all(X, Y, C, S, sigma, omega, T, sums);
+        for (Int k = g->deg; k >= 0; k--) {
+            v = v * tau + u;
+            u = u * tau + g->slide[k];
+        }
+        depth = way * (sums[0] + u - stop), rate = way * (sums[1] + v);
+        if (i == count) best = most(best, depth_at(f, g, way, stop, b, &rate, &curve));
+        if (!(rise > 0.0 && rate < 0.0)) continue;
+        double meet = (depth - before - rate * d) / (rise - rate); /* of the tangents at both ends */
+        if (before + rise * least(most(meet, 0.0), d) < best) continue;
+        double lo = tau - d, hi = tau, at = lo + d * rise / (rise - rate), r, w;
+        for (int it = 0; it < 30; it++) {
+            double y = depth_at(f, g, way, stop, at, &r, &w);
+            best = most(best, y);
+            if (r > 0.0) lo = at;
+            else hi = at;
+            double step = w < 0.0 ? -r / w : INFINITY;
+            if (fabs(r * step) <= 1e-17 * y) break; /* flat there */
+            at = lo <= at + step && at + step <= hi ? at + step : 0.5 * (lo + hi);
+        }
+    }
+    return best;
+}
+
+/* The integral of depth over [a, b] of a flight: of an exponential, (exp(lambda d) - 1)/lambda. */
+static double depths(Motion *x, const Free *f, double way, double stop, double a, double b)
+{
+    const Flight *g = &x->g;
+    Int T = g->T;
+    const double *Zx = g->Z, *Zy = g->Z + T, *sigma = f->sorted, *omega = sigma + T;
+    double d = b - a, sum = -stop * d, c[ROOM];
+    waves_at(f->sorted, omega, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
+    for (Int k = 0; k < T; k++) {
+        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = Zx[k] * g->S[k] + Zy[k] * g->C[k], half = sin(0.5 * omega[k] * d);
+        double size = sigma[k] * sigma[k] + omega[k] * omega[k], less = expm1(sigma[k] * d);
+        double real = less * cos(omega[k] * d) - 2.0 * half * half, imag = (1.0 + less) * sin(omega[k] * d);
+        double A = real * sigma[k] + imag * omega[k], B = imag * sigma[k] - real * omega[k];
+        sum += size > 0.0 ? (re * A - im * B) / size : re * d;
+    }
+    slide_at(g, 0, a, (int)g->deg, c);
+    for (int k = (int)g->deg; k >= 0; k--) sum += c[k] * pow(d, k + 1) / (k + 1.0);
+    return way * sum;
+}
+
 Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
                 const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int contact,
                 Int count, const double *starts, const double *ends, double *peak, double *impulse)
 {
-    (void)up, (void)low; /* series throughout: the largest value of a polynomial is certain */
     State c = {0};
-    Motion x = {.free = f, .V = V, .c = &c, .radians = radians};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
     double *block = prepared(&x), *own = own_state(&c, f), p[MOST + 1];
     Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
     double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
@@ -1679,7 +1781,11 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
                 double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side, stop = stop_of(f, contact, side);
                 double a = most(0.0, starts[i] - c.t), b = least(h, until - c.t);
                 if (c.t + h == c.t) break;
-                if (a < b) {
+                if (a < b && flown) {
+                    see(flown, c.t, &x.g);
+                    peak[i] = kappa * deepest(&x, flown, way, stop, a, b, peak[i] / kappa);
+                    impulse[i] += kappa * depths(&x, flown, way, stop, a, b);
+                } else if (a < b) {
                     int degree = rigid(f, contact) ? K - 2 : K - 1;
                     for (int l = 0; l <= degree; l++)
                         p[l] = rigid(f, contact) ? -way * x.s.lam[l * m + contact]
