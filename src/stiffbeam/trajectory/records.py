@@ -364,16 +364,14 @@ def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, imp
     return work, taken
 
 
-def as_it_starts(
-    system: System, channel: int, t: Array, u: Array, v: Array, start: tuple[Array, Array] | None = None
-) -> tuple[Array, Array]:
-    """u and v of a channel at the times t with those of the ``start`` at t = 0, by default the system's (q0, v0): on a
-    stop, rounding would decide the side. The velocity of rigid stops stays, because an impact may have turned it."""
+def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """u and v of a channel at the times t with those of the system's start at t = 0: on a stop, rounding would decide
+    the side. The velocity of rigid stops stays, because an impact may have turned it."""
     begins = t == 0.0
     if not np.any(begins):
         return u, v
     row, offset = system.channels[channel]
-    at_start, moving = channel_motion(row, offset, 0.0, *((system.q0, system.v0) if start is None else start))
+    at_start, moving = channel_motion(row, offset, 0.0, system.q0, system.v0)
     u = np.where(begins, at_start, u)
     if not system.rigid:
         v = np.where(begins, moving, v)

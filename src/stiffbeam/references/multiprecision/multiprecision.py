@@ -280,7 +280,8 @@ class PreciseSolver:
     def place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
         """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
         last step of it with the coordinates there."""
-        rates, begun = np.concatenate([x.rates for x in self.regimes.values()]), float(piece.t)
+        rates: Any = np.concatenate([x.rates for x in self.regimes.values()])
+        begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
         turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
         before = piece.sides[contact]
