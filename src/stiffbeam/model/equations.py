@@ -140,15 +140,18 @@ _FLOWS: Recent[tuple[float, Array, Array, Array]] = Recent(8)
 
 
 def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[float, Array, Array, Array]:
-    """The speed that velocities are divided by, and the ``responses`` of (q, v) and of forces on q over t."""
+    """The speed that velocities are divided by, and e^{At}, t phi_1(At) B, t phi_2(At) B of y' = A y + B f, y = (q, v):
+    what a state, a force and its change over t do."""
     n, inverse = len(mass), np.linalg.inv(mass)
     # Velocities in units of the fastest motion, so that the two halves are of one size.
     fastest = np.sqrt(np.max(np.abs(inverse @ stiffness), initial=0.0)) or 1.0 / t
-    top = np.hstack([np.zeros((n, n)), fastest * np.eye(n)])
-    A = np.vstack([top, -np.hstack([inverse @ stiffness / fastest, inverse @ damping])])
-    B = np.vstack([np.zeros((n, n)), inverse / fastest])
-    E, P, Q = (x.copy() for x in responses(A, B, t))  # without the matrix that they are parts of
-    return fastest, E, P, Q
+    # One exponential gives all three: that of [[A, B, 0], [0, 0, I], [0, 0, 0]], with A and B times t (Van Loan).
+    whole = np.zeros((4 * n, 4 * n))
+    whole[:n, n : 2 * n] = fastest * t * np.eye(n)
+    whole[n : 2 * n, : 2 * n] = -t * np.hstack([inverse @ stiffness / fastest, inverse @ damping])
+    whole[n : 2 * n, 2 * n : 3 * n], whole[2 * n : 3 * n, 3 * n :] = t * inverse / fastest, np.eye(n)
+    E, P, Q = np.split(scipy.linalg.expm(whole)[: 2 * n], [2 * n, 3 * n], axis=1)
+    return fastest, E.copy(), P.copy(), Q.copy()  # without the matrix that they are parts of
 
 
 class Modal(Equation):
@@ -204,16 +207,6 @@ class Modal(Equation):
             raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
         ahead, back = (oscillation(omega, sign * c, t)[3] for sign in (1.0, -1.0))
         return (ahead + np.exp(-c * t) * back) / (t * t)
-
-
-def responses(A: Array, B: Array, t: float) -> tuple[Array, Array, Array]:
-    """(e^{At}, t phi_1(At) B, t phi_2(At) B): what a state, a force and its change over t do to y' = A y + B f."""
-    # One exponential gives all three: that of [[A, B, 0], [0, 0, I], [0, 0, 0]], with A and B times t (Van Loan).
-    m, k = B.shape
-    whole = np.zeros((m + 2 * k, m + 2 * k))
-    whole[:m, :m], whole[:m, m : m + k], whole[m : m + k, m + k :] = A * t, B * t, np.eye(k)
-    exponential = scipy.linalg.expm(whole)
-    return exponential[:m, :m], exponential[:m, m : m + k], exponential[:m, m + k :]
 
 
 def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:

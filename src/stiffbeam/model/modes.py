@@ -339,7 +339,8 @@ def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:
     definite = lowest >= 1e-8
     if not definite:  # its vectors are for the next pass
         scaled += (1e-3 - lowest) * np.eye(len(S))
-    singular, _, vectors, work, _, _ = scipy.linalg.lapack.dgejsv(
+    jacobi: Any = getattr(scipy.linalg.lapack, "dgejsv")  # noqa: B009  which scipy's types do not know
+    singular, _, vectors, work, _, _ = jacobi(
         np.linalg.cholesky(scaled).T * size, joba=0, jobu=3, jobv=0, jobr=0, jobp=0
     )
     values = (singular * (work[0] / work[1])) ** 2 if definite else np.sum(vectors * (S @ vectors), axis=0)

@@ -186,7 +186,7 @@ class Superposition:
     3.0
     """
 
-    terms: tuple[tuple[float, TimeFunction], ...]
+    terms: tuple[tuple[float, LoadFunction], ...]
 
     def __init__(self, *functions: TimeFunction) -> None:
         itself("time function", self, Superposition)
@@ -202,7 +202,7 @@ class Superposition:
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
 
     @classmethod
-    def weighted(cls, terms: Iterable[tuple[float, TimeFunction]]) -> Superposition:
+    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
         """A sum of multiples of functions that have been checked."""
         total = object.__new__(cls)
         object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
@@ -222,7 +222,7 @@ class Superposition:
 
     def value(self, t: ArrayLike) -> Array:
         """The sum of the terms, each with its factor."""
-        return self._sum("value", t)
+        return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
 
     def rate(self, t: ArrayLike) -> Array:
         """The sum of the terms' derivatives, each with its factor."""
