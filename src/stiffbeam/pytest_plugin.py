@@ -13,39 +13,26 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def reference_solution() -> Callable[..., Reference]:
-    """``reference_solution(problem_or_case_or_system, cells=25, t_end=1.0, form="displacement", **options)``.
+    """``reference_solution(case_or_system, t_end=None, **options)``.
 
     A multiprecision reference, of rigid stops an exact one, computed once and cached between test runs. A case is
-    named ("table10", a file) or given; its cells and t_end are the defaults then. options: those of
+    named ("table10", a file) or passed, and ends at its own t_end by default. options: those of
     ``stiffbeam.cached_reference``, as method="cvode", t_eval=times, rtol=1e-9.
     """
-    from dataclasses import replace
-
     from .basics.validation import InputError
     from .files.cases import Case, find_case
     from .files.reference_cache import cached_reference
-    from .model.problem import BeamProblem
-    from .model.semidiscretisation import semidiscretise
     from .model.system import System
 
-    def make(
-        what: Any, cells: int | None = None, t_end: float | None = None, form: str | None = None, **options: Any
-    ) -> Reference:
+    def make(what: Any, t_end: float | None = None, **options: Any) -> Reference:
         case = find_case(what) if isinstance(what, str) else what
         if isinstance(case, Case):
-            system = (replace(case, cells=cells) if cells else case).system(form)
-            end = t_end or case.t_end
-        elif isinstance(case, (BeamProblem, System)):
-            if t_end is None or (isinstance(case, BeamProblem) and cells is None):
-                remedy = "for example reference_solution(problem, t_end=1.0, cells=25)"
-                raise InputError("reference_solution", case, "be given t_end, and cells for a BeamProblem", remedy)
-            system = case if isinstance(case, System) else semidiscretise(case, cells or 0, form or "displacement")
-            end = t_end
-        else:
-            remedy = "for example reference_solution('table10')"
-            raise InputError("reference_solution", what, "be a BeamProblem, a System, a case or its name", remedy)
-        chosen: dict[str, Any] = {"method": "exact" if system.rigid else "multiprecision"} | options
-        return cached_reference(system, end, **chosen)
+            case, t_end = case.system(), t_end or case.t_end
+        if not isinstance(case, System) or t_end is None:
+            rule, remedy = "be a case, its name, or a System with t_end", "for example reference_solution('table10')"
+            raise InputError("reference_solution", what, rule, remedy)
+        chosen: dict[str, Any] = {"method": "exact" if case.rigid else "multiprecision"} | options
+        return cached_reference(case, t_end, **chosen)
 
     return make
 

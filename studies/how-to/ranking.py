@@ -31,3 +31,4 @@ if __name__ == "__main__":
         print(f"{table}, longest: {best} to t = {finest.matched_until[best]:.3g} of {finest.horizon[best]:.3g}")
     of = f"of {4 * len(ERRORS)}"
     print("First at equal error: " + ", ".join(f"{name} {count} {of}" for name, count in first.items()))
+    assert first["HHT(alpha=-0.1)"] == 0

@@ -250,7 +250,7 @@ def test_a_body_held_on_a_rigid_stop_presses_all_the_time(since):
 
 
 def test_reactions_of_rigid_stops_count_when_they_press(tmp_path):
-    """Impacts, held contact, impulses of the other contact: by two solvers, and of a file evenly over each contact."""
+    """Impacts, held contact, impulses of the other contact: by two solvers. A file alone has impacts only."""
     loads = [([1.0, 1.0], sb.Harmonic(1.5, 1.3)), ([1.0, 1.0], sb.Constant(0.3))]
     contacts = [sb.Contact(row, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.0)) for row in np.eye(2)]
     system = sb.System.from_matrices(
@@ -267,7 +267,7 @@ def test_reactions_of_rigid_stops_count_when_they_press(tmp_path):
         for name in ("impulse", "contact"):
             assert one[name].value > 0.1
             assert other[name].value == pytest.approx(one[name].value, rel=2e-3)
-            assert table[name].value == pytest.approx(one[name].value, rel=0.1 if name == "impulse" else 2e-3)
+            assert np.isnan(table[name].value)
 
 
 @pytest.mark.slow

@@ -181,9 +181,10 @@ import stiffbeam as sb
 PROBLEM = sb.BeamProblem(
     stiffness=300.0, stops=sb.Stops(-0.1, 0.1, stiffness=5e6), base=sb.Harmonic(amplitude=0.2, frequency=10.0)
 )
+SYSTEM = sb.semidiscretise(PROBLEM, cells=8)
 
 def test_my_integrator(reference_solution, assert_within_reference):
-    reference = reference_solution(PROBLEM, cells=8, t_end=0.5)
+    reference = reference_solution(SYSTEM, t_end=0.5)
     run = sb.integrate(reference.system, sb.SDIRK(), dt=1e-6, t_end=0.06)
     assert_within_reference(run, reference, tolerance=1e-3)
     assert_within_reference((run.t, *run.states), reference, tolerance=1e-3)  # as a solver of one's own returns them
@@ -195,7 +196,7 @@ def test_my_integrator(reference_solution, assert_within_reference):
         assert_within_reference((run.t, run.tip, run.tip, run.tip), reference, tolerance=1e-3)
 
 def test_it_refuses_what_nobody_knows(reference_solution, assert_within_reference):
-    reference = reference_solution(PROBLEM, cells=8, t_end=0.05)
+    reference = reference_solution(SYSTEM, t_end=0.05)
     run = sb.integrate(reference.system, sb.SDIRK(), dt=1e-4, t_end=0.1)
     with pytest.raises(sb.InputError, match="horizon"):
         assert_within_reference(run, reference, tolerance=1.0)

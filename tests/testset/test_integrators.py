@@ -173,17 +173,6 @@ def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
     assert "no pivot" in str(answer)
 
 
-def test_mass_solves_of_an_explicit_scheme_are_evaluations():
-    class Explicit(sb.Scheme):
-        order, nodes = 1, (0.0,)
-
-        def step(self, equation, dt, z, loads, reactions):
-            return z + dt * equation.rate(z, loads[0] + reactions[0]), [z]
-
-    assert not integrator(Explicit()).implicit
-    assert all(integrator(name).implicit for name in ("bdf2", "HHT(alpha=-0.1)", "exponential-flow", "moreau-jean"))
-
-
 @pytest.mark.slow
 def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
     """As a function and as arrays the same errors at the same steps; order 5 = 2s - 1 without contact."""

@@ -19,7 +19,7 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +43,9 @@ if TYPE_CHECKING:
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
-CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the work where panels are halved, and where the refinement ends
-GRADED = 8.0 ** -np.arange(1, 5)  # panels begin there in a contact, for forces that die out fast after its beginning
+CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the works and number of nodes at which the refinement ends
+GRADED = 8.0 ** -np.arange(1, 5)  # panels end there in a contact, for forces with a fast or steep beginning or end
+GRADED = np.append(GRADED, 1.0 - GRADED)
 SAMPLES, PARTS, ROUNDS = np.linspace(0.0, 1.0, 65), 8, 5  # of the search for v = 0 in a contact
 RATES = {
     "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
@@ -110,8 +111,7 @@ class ContactRates:
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times. "impacts" of rigid stops: their table, each impact spread evenly over its
-        contact.
+        a reference, or the output times. "impacts" of rigid stops: their impacts only, without impulse and duration.
     """
 
     since: float
@@ -309,25 +309,16 @@ def _reactions(run: Trajectory) -> Array | None:
 
 
 def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array) -> tuple[str, Array]:
-    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part."""
-    contact, end = run.contacts[i], float(edges[-1])
-    source, blows = "impacts", []
+    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part. NaN
+    for arrays and for files without their system, where only the impacts are known."""
+    blows: Any = []
     if isinstance(run, Reference) and run.solution is not None:
-        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), end)
+        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), float(edges[-1]))
     elif reactions is not None:
         source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])
         spans = np.stack([pressed * dt, (pressed + 1) * dt, np.abs(reactions[pressed, i]) * dt], axis=1)
     else:
-        # The table of impacts: each presses evenly from its time to its end.
-        listed, _ = contact.impacts.listed()
-        ends, impulses = np.where(np.isnan(listed.ends), end, listed.ends), listed.impulses.copy()
-        still_open = np.isnan(impulses)
-        # A single open impact has what the others leave of the whole impulse.
-        if np.sum(still_open) == 1:
-            impulses[still_open] = contact.impulse - np.nansum(impulses)
-        spans = np.stack([listed.times, ends, impulses], axis=1)
-        at_once = listed.times == ends
-        spans, blows = spans[~at_once], spans[at_once][:, [0, 2]]
+        return "impacts", np.full((2, len(edges) - 1), np.nan)
     begins, ends, impulses = np.reshape(spans, (-1, 3)).T
     times, at_once = np.reshape(blows, (-1, 2)).T
     # Both grow evenly within a span and stay between two.
@@ -377,14 +368,14 @@ def _sliding(v: Array, tangent: Array | None) -> Array:
 
 
 def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
-    """Gauss nodes in every contact, on panels that are halved as long as that changes a work."""
+    """Gauss nodes in every contact, on panels that are halved until the works no longer change."""
     listed, _ = run.contacts[i].impacts.listed()
     starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     starts, ends = starts[ends > starts], ends[ends > starts]
     if not len(starts):
         none = np.zeros(0)
         return "events", (none, none, none, none, none)
-    law, lengths = run.contacts[i].stops, (ends - starts)[:, None]
+    law = run.contacts[i].stops
 
     def read(t: Array) -> Array:
         """Force, velocity and, with a tangent, sliding velocity (2 or 3, ...) at times of any shape."""
@@ -395,6 +386,27 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
             rows.append(_sliding(run.state_at(t.ravel())[1], tangent))
         return np.reshape(rows, (-1, *t.shape))
 
+    left, width = _panels(read, starts, ends, edges)
+    while True:
+        # Panels and halves from one set of times: those of two solves differ by more than the halves do.
+        halves, begins = 0.5 * np.repeat(width, 2), np.repeat(left, 2)
+        begins[1::2] += halves[1::2]
+        lengths = np.append(width, halves)[:, None]
+        t, weights = np.append(left, begins)[:, None] + lengths * (NODES + 1.0) / 2.0, lengths * WEIGHTS / 2.0
+        force, *speeds = read(t)
+        works = np.array([np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds])
+        whole, total = np.sum(works[:, : len(left)], axis=1), np.sum(works[:, len(left) :], axis=1)
+        error = np.max(np.abs(total - whole) / np.where(total > 0.0, total, 1.0), initial=1e-15)
+        if error <= CLOSE or t.size > MOST_NODES:
+            break
+        left, width = begins, halves
+    t, weights, force, v, *sliding = (x[len(left) :].ravel() for x in (t, weights, force, *speeds))
+    return f"events, quadrature to {error:.0e}", (t, weights, force, v, *(sliding or [np.full(len(t), np.nan)]))
+
+
+def _panels(read: Callable[[Array], Array], starts: Array, ends: Array, edges: Array) -> tuple[Array, Array]:
+    """Begins and lengths of panels in every contact, at whose ends all corners of the integrands lie."""
+    lengths = (ends - starts)[:, None]
     # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there. A few rounds of many parts each: an
     # adaptive solver solves again for every set of times. An error e of the corner changes the work by e^2.
     samples, turns = starts[:, None] + lengths * SAMPLES, []
@@ -414,32 +426,4 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     # The last panel of a contact ends with it.
     last = np.searchsorted(left, ends, "left") - 1
     width[last] = ends - left[last]
-
-    def panels(left: Array, width: Array) -> tuple[Array, Array]:
-        """Times, weights, forces, velocities (4 or 5, panels, nodes), and the works of each panel (1 or 2, panels)."""
-        t, weights = left[:, None] + width[:, None] * (NODES + 1.0) / 2.0, width[:, None] * WEIGHTS / 2.0
-        force, *speeds = read(t)
-        works = [np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds]
-        return np.stack([t, weights, force, *speeds]), np.array(works)
-
-    nodes, count, totals, change = list[Array](), 0, np.zeros(1), np.zeros(1)
-    while len(left):
-        # Panels and halves from one set of times: those of two solves differ by more than the halves do.
-        halves = 0.5 * np.repeat(width, 2)
-        begins = np.repeat(left, 2)
-        begins[1::2] += halves[1::2]
-        both, works = panels(np.append(left, begins), np.append(width, halves))
-        left, width, new = begins, halves, both[:, len(left) :]
-        whole, works = np.split(works, [len(works[0]) // 3], axis=1)
-        off = np.abs(works[:, ::2] + works[:, 1::2] - whole)
-        totals = totals + np.sum(works, axis=1) - (np.sum(whole, axis=1) if count else 0.0)
-        count += new[0].size
-        done = np.all(off <= CLOSE * totals[:, None] / len(starts), axis=0) | (2 * count > MOST_NODES)
-        change = change + np.sum(off[:, done], axis=1)
-        both = np.repeat(done, 2)
-        nodes.append(new[:, both].reshape(len(new), -1))
-        left, width = left[~both], width[~both]
-    t, weights, force, v, *sliding = np.concatenate(nodes, axis=1)
-    error = np.max(np.divide(change, totals, out=np.zeros(len(totals)), where=totals > 0.0), initial=1e-15)
-    speeds = v, sliding[0] if sliding else np.full(len(t), np.nan)
-    return f"events, quadrature to {error:.0e}", (t, weights, force, *speeds)
+    return left, width
