@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -222,6 +222,10 @@ class PreciseMotion(Motion):
 
     precise: list[Piece] = field(default_factory=list)
     sampled: list[Array] = field(default_factory=list)  # the last times of ``path``, and all channels there
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In another process it is a motion in float64, from the same states behind the events.
+        return Motion, tuple(getattr(self, x.name) for x in fields(Motion))
 
     def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
         # The last times that were read are kept, as those of other motions are.
