@@ -116,7 +116,7 @@ def compare_case(
         for run in of_form[form]:
             progress(f"measuring {run.label}", 0, 0)
             _measure(result, run, main)
-        result.truths |= _truth(case, form) if main.horizon < case.t_end else {}
+        result.truths.update(_truth(case, form) if main.horizon < case.t_end else {})
         further.append((main, solutions))
     measured(result, None)
     for main, solutions in further:
