@@ -8,6 +8,7 @@ impacts follow the exact ones at the finest step tried.
 """
 
 from collections import Counter
+from typing import Any
 
 from stiffbeam.schemes import SCHEMES
 from stiffbeam.studies import study
@@ -19,7 +20,7 @@ if __name__ == "__main__":
     first: Counter[str] = Counter()
     for table in ("table10", "table11", "table12", "table13"):
         out = f"stiffbeam-output/{table}"
-        options = {"integrators": list(SCHEMES), "views": ["time", "matched"], "kinds": ["contact"]}
+        options: dict[str, Any] = {"integrators": list(SCHEMES), "views": ["time", "matched"], "kinds": ["contact"]}
         records = study("converge", table, folder=f"{out}/points", **options)
         records.save(out)
         for error in ERRORS:

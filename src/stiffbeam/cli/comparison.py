@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
@@ -76,70 +77,81 @@ def compare(
         Add rates of impacts, impulse and work at every stop, and all impacts as CSV.
     """
     json_file = json
-    from ..files.cases import compared_runs, find_case
-    from ..integrators import parse_integrator
-    from ..measures.report import WIDTH, largest, short
-    from ..schemes.labels import split_runs
+    from ..files.cases import find_case
     from ..studies.comparison import compare_case
 
     chosen = find_case(case)
     for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
         if value is not None:
             positive(name, value)
-    if schemes is None:
-        runs = compared_runs(chosen)
-    else:
-        runs = [_like_case(parse_integrator(text, chosen.forms[0]), text, chosen) for text in split_runs(schemes)]
-    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
+    runs, names = _asked(chosen, schemes, references)
     check_json(json_file)
-    for flag, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
-        if not present:
-            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
-    folder = out if out is not None else default_folder(chosen.name)
-    written: list[Path] = []
-    answered: list[CaseComparison] = []
-    shown: list[int] = []  # failures that are printed
-    terminal = console(WIDTH, quiet=str(json_file) == "-")
-
-    def keep(run: Trajectory) -> None:
-        # Each trajectory is saved as soon as it is there: an interrupt loses only the one that is running.
-        if not written:
-            make_folder(folder)
-            title = "" if chosen.title == chosen.name else f"  {chosen.title}"
-            terminal.print(Text.assemble((chosen.name, "bold"), title))
-        written.append(run.save(folder / f"{file_name(run.label)}.nc"))
-        if not answered and run.work.steps:  # of no reference
-            name = short(run.label.partition("@")[0])
-            terminal.print(f"{name}: {largest(run)} ({run.work.seconds:.2g} s)", soft_wrap=True)
-
-    def measured(result: CaseComparison, solution: Trajectory | None) -> None:
-        answered.append(result)
-        shown.append(len(result.failures))  # the table has those of the first call
-        _print_result(terminal, result, case) if solution is None else _print_line(terminal, result, solution)
-
+    if dt is not None or t_end is not None:
+        chosen = replace(chosen, dt=dt or chosen.dt, t_end=t_end or chosen.t_end)
+    shown = _Shown(case, chosen, out if out is not None else default_folder(chosen.name), str(json_file) == "-")
     with progress() as show:
         try:
-            result = compare_case(chosen, runs, names, contact, dt, t_end, show, keep, cache, budget, measured)
+            result = compare_case(chosen, runs, names, contact, shown.keep, cache, budget, shown.measured)
         except KeyboardInterrupt:
-            if answered:  # what is printed is written too
-                _write(answered[-1], folder, written)
+            if shown.result is not None:  # what is printed is written too
+                _write(shown.result, shown.folder, shown.written)
             raise
-        for line in _report(result).failed()[shown[0] :]:
-            terminal.print(line)
-        rated = _rates(result) if rates else []
-        for label, each in rated:
-            terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
         # The answer comes first: to load matplotlib and to draw takes as long again.
+        rated = shown.rest(result, rates)
         show("drawing", 0, 0)
-        written += _draw(result, folder)
-        written += _rate_tables(rated, folder)
-        _write(result, folder, written)
-    records = result.to_dict() | {"files": [path.name for path in written]}
+        shown.written += _draw(result, shown.folder)
+        shown.written += _rate_tables(rated, shown.folder)
+        _write(result, shown.folder, shown.written)
+    records = result.to_dict() | {"files": [path.name for path in shown.written]}
     if not write_json("compare", records, json_file):
-        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
-        say(f"Written: {len(written)} files in {folder}")
+        say("\n" + "\n".join(f"Picture: {path}" for path in shown.written if path.suffix == ".png"))
+        say(f"Written: {len(shown.written)} files in {shown.folder}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
+
+
+class _Shown:
+    """What is printed and saved of a comparison while it runs.
+
+    result: None until the table is printed. printed: failures that are. written: files.
+    """
+
+    def __init__(self, name: str, case: CaseFile, folder: Path, quiet: bool) -> None:
+        from ..measures.report import WIDTH
+
+        self.name, self.case, self.folder, self.terminal = name, case, folder, console(WIDTH, quiet=quiet)
+        self.result: CaseComparison | None = None
+        self.printed, self.written = 0, list[Path]()
+
+    def keep(self, run: Trajectory) -> None:
+        """Save a trajectory as soon as it is there: an interrupt loses only the one that is running."""
+        from ..measures.report import largest, short
+
+        if not self.written:
+            make_folder(self.folder)
+            title = "" if self.case.title == self.case.name else f"  {self.case.title}"
+            self.terminal.print(Text.assemble((self.case.name, "bold"), title))
+        self.written.append(run.save(self.folder / f"{file_name(run.label)}.nc"))
+        if self.result is None and run.work.steps:  # of no reference
+            name = short(run.label.partition("@")[0])
+            self.terminal.print(f"{name}: {largest(run)} ({run.work.seconds:.2g} s)", soft_wrap=True)
+
+    def measured(self, result: CaseComparison, solution: Trajectory | None) -> None:
+        """Print the tables of the schemes and the main reference, or how far a further one agrees with the main one."""
+        self.result, self.printed = result, len(result.failures) if solution is None else self.printed
+        if solution is None:
+            _print_result(self.terminal, result, self.name)
+        else:
+            _print_line(self.terminal, result, solution)
+
+    def rest(self, result: CaseComparison, rates: bool) -> list[tuple[str, ContactRates]]:
+        """Print the failures of further references and, where asked for, the rates, which are returned."""
+        for line in _report(result).failed()[self.printed :]:
+            self.terminal.print(line)
+        rated = _rates(result) if rates else []
+        for label, each in rated:
+            self.terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
+        return rated
 
 
 def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
@@ -177,6 +189,25 @@ def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> 
     tables = {"comparison-rates.csv": rates, "comparison-impacts.csv": impacts}
     joined = {name: pandas.concat(x).set_index(["run", "contact"]) for name, x in tables.items()}
     return [write_whole(folder / name, table.to_csv()) for name, table in joined.items()]
+
+
+def _asked(
+    case: CaseFile, schemes: str | None, references: str | None
+) -> tuple[list[tuple[Any, str]], list[str] | None]:
+    """The integrators to run with their forms, by default those of the case, and the names of the references."""
+    from ..files.cases import compared_runs
+    from ..integrators import parse_integrator
+    from ..schemes.labels import split_runs
+
+    if schemes is None:
+        runs: list[tuple[Any, str]] = list(compared_runs(case))
+    else:
+        runs = [_like_case(parse_integrator(text, case.forms[0]), text, case) for text in split_runs(schemes)]
+    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
+    for flag, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
+        if not present:
+            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
+    return runs, names
 
 
 def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[Integrator | Scheme, str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.progress import current
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference
@@ -71,9 +71,6 @@ def compare_case(
     runs: Sequence[tuple[Any, str]] | None = None,
     references: Sequence[str] | None = None,
     contact: str = "implicit",
-    dt: float | None = None,
-    t_end: float | None = None,
-    progress: Show = silent,
     keep: Callable[[Trajectory], None] = lambda trajectory: None,
     cache: bool = False,
     budget: float = BUDGET,
@@ -82,8 +79,7 @@ def compare_case(
     """Run every scheme over the case's time span and compare it with a reference of the same form.
 
     The schemes run first, then the main reference, the first of ``references`` that supports the system, over the whole
-    span, then the others to its horizon; they are compared like the schemes. A run that fails is reported and the
-    others go on.
+    span, then the others to its horizon, compared like the schemes. After a run that fails the others go on.
 
     runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
     label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None for
@@ -92,17 +88,13 @@ def compare_case(
     store the references, and use stored ones. budget: CPU seconds that a further reference may take, the main one
     four times as many; one that would take more ends earlier.
     """
-    case = replace(case, dt=dt or case.dt, t_end=t_end or case.t_end)
     step_count(case.dt, case.t_end)
     one_of("contact", contact, TREATMENTS)
     positive("budget", budget)
-    first = case.system()
-    if references is None:
-        alone = COMPARED_RIGID if first.rigid else COMPARED[1:] if substitute(first, case.t_end) else COMPARED
-        references = alone
+    references = _asked(case) if references is None else references
     for name in references:
         method_of(name, "references")
-    result, pairs = CaseComparison(case), list(case.runs if runs is None else runs)
+    result, pairs, progress = CaseComparison(case), list(case.runs if runs is None else runs), current()
     forms = dict.fromkeys(form for _, form in pairs)
     chosen = {form: integrators(x for x, of_run in pairs if of_run == form) for form in forms}
     solvers = [one.source for several in chosen.values() for one in several if one.kind == SOLVER]
@@ -110,24 +102,21 @@ def compare_case(
     refused, of_form = list[Exception](), dict[str, list[Trajectory]]()
     for form, several in chosen.items():
         begin = len(result.runs)
-        errors = [_scheme(result, one, systems[form], contact, progress, keep) for one in several if one.kind != SOLVER]
+        errors = [_scheme(result, one, systems[form], contact, keep) for one in several if one.kind != SOLVER]
         refused += filter(None, errors)
         of_form[form] = result.runs[begin:]
     if not result.runs and refused and all(isinstance(error, InputError) and error.field != "dt" for error in refused):
         raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
     methods, further = list(dict.fromkeys([*references, *solvers])), []
     for form, system in systems.items():
-        solutions = _references(system, methods, result, progress, cache, budget)
+        solutions = _references(system, methods, result, cache, budget)
         main = next(solutions, None)
         if main is None:
             continue
         for run in of_form[form]:
             progress(f"measuring {run.label}", 0, 0)
             _measure(result, run, main)
-        if main.horizon < case.t_end and (folder := shipped()) is not None:
-            true = frozen(folder, case, form, case.t_end)
-            if true is not None and true.provenance["t_end"] == case.t_end:
-                result.truths[form] = true
+        result.truths.update(_truth(case, form) if main.horizon < case.t_end else {})
         further.append((main, solutions))
     measured(result, None)
     for main, solutions in further:
@@ -139,12 +128,24 @@ def compare_case(
     return result
 
 
+def _asked(case: Case) -> Sequence[str]:
+    """The references of ``COMPARED`` that support the case."""
+    system = case.system()
+    return COMPARED_RIGID if system.rigid else COMPARED[1:] if substitute(system, case.t_end) else COMPARED
+
+
+def _truth(case: Case, form: str) -> dict[str, Reference]:
+    """By form, of a table of the paper: the stored solution over the whole span."""
+    folder = shipped()
+    true = None if folder is None else frozen(folder, case, form, case.t_end)
+    return {form: true} if true is not None and true.provenance["t_end"] == case.t_end else {}
+
+
 def _scheme(
-    result: CaseComparison, one: Integrator, system: System, contact: str, progress: Show,
-    keep: Callable[[Trajectory], None],
-) -> Diverged | InputError | SolverFailure | None:  # fmt: skip
+    result: CaseComparison, one: Integrator, system: System, contact: str, keep: Callable[[Trajectory], None]
+) -> Diverged | InputError | SolverFailure | None:
     """Run an integrator that chooses no steps itself and add it to the result; returns the reason if that fails."""
-    case, label = result.case, f"{one.label}@{system.form}"
+    case, label, progress = result.case, f"{one.label}@{system.form}", current()
     steps = round(case.t_end / case.dt)
     progress(label, 0, steps)
     try:
@@ -163,10 +164,10 @@ def _scheme(
 
 
 def _references(
-    system: System, methods: Sequence[str], result: CaseComparison, progress: Show, cache: bool, budget: float
+    system: System, methods: Sequence[str], result: CaseComparison, cache: bool, budget: float
 ) -> Iterator[Reference]:
     """Yield the main reference, the first of ``methods`` that can take the system, then the others to its horizon."""
-    main, case = None, result.case
+    main, case, progress = None, result.case, current()
     steps, seconds = round(case.t_end / case.dt), 4.0 * budget
     for method in methods:
         label = f"{method}@{system.form}"
