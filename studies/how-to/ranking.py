@@ -18,6 +18,7 @@ ERRORS = (1e-3, 1e-4)
 
 if __name__ == "__main__":
     first: Counter[str] = Counter()
+    longest = []
     for table in ("table10", "table11", "table12", "table13"):
         out = f"stiffbeam-output/{table}"
         options: dict[str, Any] = {"integrators": list(SCHEMES), "views": ["time", "matched"], "kinds": ["contact"]}
@@ -29,7 +30,8 @@ if __name__ == "__main__":
             first.update(name for name, _ in ranked[:1])
         finest = records.found.sort_values("dt").groupby("integrator").first()
         best = finest.matched_until.idxmax()
+        longest.append(best)
         print(f"{table}, longest: {best} to t = {finest.matched_until[best]:.3g} of {finest.horizon[best]:.3g}")
     of = f"of {4 * len(ERRORS)}"
     print("First at equal error: " + ", ".join(f"{name} {count} {of}" for name, count in first.items()))
-    assert first["HHT(alpha=-0.1)"] == 0
+    assert "HHT(alpha=-0.1)" not in longest

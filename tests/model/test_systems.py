@@ -170,7 +170,9 @@ def test_a_reference_arrives_with_its_horizon_and_can_be_compared_with(method):
     copy, run = again(found), sb.integrate(system, sb.HHT(), 1e-4, 0.02)
     rounding = 1e-12 if method == "multiprecision" else 0.0  # in another process a motion in float64
     for name in (*OUTPUTS, "horizon"):
-        same(getattr(found, name), getattr(copy, name), rounding)
+        if not (rounding and name == "energy"):  # whose loss is rounding alone
+            same(getattr(found, name), getattr(copy, name), rounding)
+    same(found.energy.energy, copy.energy.energy, rounding)
     mine, theirs = sb.compare(run, found), sb.compare(again(run), copy)
     for other in (theirs, again(mine)):
         same(mine.to_dict(), other.to_dict(), 1e-8)  # a motion that is read at other times has other roundings
