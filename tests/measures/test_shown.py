@@ -103,7 +103,7 @@ def test_the_tables_hold_the_numbers(things):
     assert any(row[0] == "HHT(alpha=-0.1)" for row in compared)
     several: Comparison = things["comparison"]
     column = next(row for row in compared if row[0] == "run").index("impacts")
-    assert [row[column] for row in compared if row[0].strip() == several.contacts[1].place][1] == str(
+    assert [row[column] for row in compared if row[0].strip() == several.contacts[1].name][1] == str(
         several.contacts[1].run.impacts
     )
 

@@ -15,11 +15,12 @@ from ..basics.progress import Show, silent
 from ..basics.storage import write_whole
 from ..basics.units import with_unit
 from ..basics.validation import InputError, file_path, instance, integer, positive
+from ..measures.comparison import contact_name
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
 from .chart import new_figure, short, tip_name, tip_symbol
-from .runs import contact_name, line_of
+from .runs import line_of
 
 POINTS = 80  # along a beam
 FADE = 0.6  # of a flash that is left in the next frame
@@ -30,20 +31,16 @@ def animate(
     file: str | Path,
     seconds: float = 8.0,
     frames_per_second: int = 20,
-    t_end: float | None = None,
     show: Show = silent,
-    dpi: int = 90,
 ) -> Path:
-    """Write the motion of ``runs``, all of one system, as .gif or .mp4, ``seconds`` long.
+    """Write the motion of ``runs``, all of one system, as .gif or .mp4, ``seconds`` long, to the end of the shortest.
 
     Above: the beam, or for matrices every contact point, between its stops. A flash marks a run that is on a stop
-    during the frame; its size is the root of the impact's peak force, on one scale for all runs. Below: the tip over
-    time. t_end: by default that of the run that ends first. dpi: 90 makes frames of 720 x 504. Raises InputError for
-    runs of several systems or without theirs, and if no writer is installed.
+    during the frame and fades after it. Below: the tip over time. Raises InputError for runs of several systems or
+    without theirs, and if no writer is installed.
     """
     path, system = file_path("file", file), _system(runs)
     end = min(float(run.t[-1]) for run in runs)
-    end = end if t_end is None else min(end, positive("t_end", t_end))
     count = max(2, round(positive("seconds", seconds) * integer("frames_per_second", frames_per_second, 1)))
     writer = _writer(path)
     figure, draw = _stage(runs, system, np.linspace(0.0, end, count))
@@ -55,7 +52,7 @@ def animate(
         film = FuncAnimation(figure, draw, frames=count)
         step = partial(show, f"animating {path.name}")
         try:
-            film.save(whole, writer(fps=frames_per_second), dpi=integer("dpi", dpi, 10), progress_callback=step)
+            film.save(whole, writer(fps=frames_per_second), dpi=90, progress_callback=step)
         except IndexError as error:  # Pillow's writer cannot end a film of no frames, and hides why there are none
             raise error.__context__ or error from None
         return write_whole(path, whole.read_bytes())
@@ -100,17 +97,15 @@ def motion_of(run: Trajectory, system: System, t: Array) -> tuple[Array, Array, 
     return x, system.displacement(times, q, x), tip
 
 
-def flashes_of(run: Trajectory, t: Array, strongest: float) -> Array:
+def flashes_of(run: Trajectory, t: Array) -> Array:
     """Size from 0 to 1 of the flash in every frame, at every contact, on its lower and its upper stop."""
     flashes = np.zeros((len(t), len(run.contacts), 2))
     before = np.append(-np.inf, t[:-1])
     for i, contact in enumerate(run.contacts):
-        impacts = contact.impacts
-        for begin, over, side, peak in zip(impacts.times, impacts.ends, impacts.stops, impacts.peaks, strict=True):
+        for begin, over, side in zip(contact.impacts.times, contact.impacts.ends, contact.impacts.stops, strict=True):
             # Every frame that overlaps the contact, so that one shorter than a frame shows too.
             here = (t >= begin) & (before < (over if np.isfinite(over) else t[-1]))
-            size = np.sqrt(peak / strongest) if np.isfinite(peak) and strongest else 1.0
-            flashes[here, i, int(side > 0)] = np.maximum(flashes[here, i, int(side > 0)], size)
+            flashes[here, i, int(side > 0)] = 1.0
     for k in range(1, len(t)):
         flashes[k] = np.maximum(flashes[k], FADE * flashes[k - 1])
     return flashes
@@ -122,8 +117,7 @@ def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, A
     figure = new_figure(5.6, width=8.0)
     above, below = figure.subplots(2, 1, height_ratios=(1.6, 1.0))
     moves = [motion_of(run, system, t) for run in runs]
-    strongest = max((float(np.nanmax(c.impacts.peaks, initial=0.0)) for run in runs for c in run.contacts), default=0.0)
-    flashes = [flashes_of(run, t, strongest) for run in runs]
+    flashes = [flashes_of(run, t) for run in runs]
     stops = [_stop_marks(system, i, t) for i in range(len(system.contacts))]
     edges = [np.max(np.abs(edge[np.isfinite(edge)]), initial=0.0) for _, both in stops for edge in both]
     reach = 1.15 * max([*(float(np.max(np.abs(shape))) for _, shape, _ in moves), *edges])

@@ -12,7 +12,7 @@ from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.units import Units, with_unit
 from ..basics.validation import InputError
-from ..measures.comparison import Comparison
+from ..measures.comparison import Comparison, contact_name
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import largest, verdict
 from ..model.contact import Stops
@@ -91,15 +91,6 @@ def comparison_panels(
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
     return figure
-
-
-def contact_name(system: System, i: int) -> str:
-    """A contact with its place along the beam or, if it acts on one unknown, the row of that."""
-    number = f"contact {i}" if len(system.contacts) > 1 else "the contact"
-    if system.problem is not None:
-        return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"
-    rows = np.flatnonzero(system.contacts[i].row)
-    return f"{number}, row {rows[0]}" if len(rows) == 1 and system.size > 1 else number
 
 
 def _draw_motion(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float) -> None:

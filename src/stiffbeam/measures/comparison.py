@@ -113,12 +113,12 @@ UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 class ContactComparison:
     """Comparison of one contact of the run with the same contact of the reference.
 
-    place: its place, "" for the only contact. run, reference: on [0, window]; the reference's impacts are sampled at
+    name: see ``contact_name``. run, reference: on [0, window]; the reference's impacts are sampled at
     the run's steps, and its share, peak and impulse are by events if it has them, else sampled too. run_totals,
     reference_totals: the same to t_end, single runs that are comparable only statistically.
     """
 
-    place: str
+    name: str
     run: ContactMeasures
     reference: ContactMeasures
     matching: Matching
@@ -141,10 +141,6 @@ class Tables:
         frame = pandas.json_normalize([c.records(named=True) for c in self._all()], sep="_")
         frame.attrs["units"] = list(self._all()[0].units)
         return frame
-
-    def to_latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return report(self._all()).latex()
 
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
@@ -360,16 +356,15 @@ def _missing(run: Trajectory, system: System, contacts: Sequence[ContactComparis
     """What the run lacks, with the reason; the result has NaN for it."""
     arrays = run.provenance.get("source") == "arrays"
     for c, record, contact in zip(contacts, run.contacts, system.contacts, strict=True):
-        name = c.place or "contact"
         if record.impacts.kind == "unknown":
-            yield f"{name}: its position is not the tip's, and the run came without states: pass [t, q, v]"
+            yield f"{c.name}: its position is not the tip's, and the run came without states: pass [t, q, v]"
         if arrays and c.reference.impacts < SEEN * c.reference.event_impacts:
             yield (
-                f"{name}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
+                f"{c.name}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
                 f"{c.reference.event_impacts} impacts; pass every step if these are thinned"
             )
         if arrays and contact.stops.rigid:
-            yield f"{name}: positions tell neither share, peak nor impulse of a rigid stop"
+            yield f"{c.name}: positions tell neither share, peak nor impulse of a rigid stop"
     if not run.has_energy:
         without = "states (q, v)" if run.pieces is None else "the reactions of its rigid stops"
         yield f"energy: the run came without {without}"
@@ -407,7 +402,7 @@ def _contact(
     unpaired = record.impacts.kind == "unknown"
     measures = {end: (of_run(end), of_reference(end)) for end in {window, t_end}}
     return ContactComparison(
-        place=_place(system, i),
+        name=contact_name(system, i),
         run=measures[window][0],
         reference=measures[window][1],
         matching=Matching(0, window, np.nan, np.nan)
@@ -436,7 +431,7 @@ def _sampled(run: Trajectory, i: int, impacts: Impacts, force: Array, t: Array, 
     record = run.contact_between(0.0, end, i)
     if record is None:
         return sampled
-    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse, events=True)
+    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse)
 
 
 def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeasures:
@@ -450,11 +445,9 @@ def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeas
     return ContactMeasures(count, events, share, np.nan, impulse)
 
 
-def _place(system: System, i: int) -> str:
-    """Place of contact i: along the beam, for matrices its number; "" for the only one."""
-    if len(system.contacts) == 1:
-        return ""
+def contact_name(system: System, i: int) -> str:
+    """Number of contact i with its place along a beam; "the contact" where there is no other."""
+    number = f"contact {i}" if len(system.contacts) > 1 else "the contact"
     if system.problem is None:
-        return f"contact {i}"
-    place = float(system.problem.place(system.problem.all_stops[i]))
-    return f"stops at x = {place:g}"
+        return number
+    return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"

@@ -158,15 +158,14 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
 @dataclass(frozen=True)
 class ContactMeasures:
     """Measures of one contact of a trajectory over a span: sampled impacts, share of steps in contact, peak |sigma| and
-    impulse, the sum of |sigma| dt. If by ``events``: the share of time, the peak between the steps and the integral of
-    |sigma|. event_impacts: the impacts of the trajectory itself; those of a reference are by events."""
+    impulse, the sum of |sigma| dt. Of a solver with events: the share of time, the peak between the steps and the
+    integral of |sigma|. event_impacts: the impacts of the trajectory itself; those of a reference are by events."""
 
     impacts: int
     event_impacts: int
     fraction: float
     peak_force: float
     impulse: float
-    events: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML and LaTeX."""
+"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML."""
 
 from __future__ import annotations
 
@@ -159,15 +159,6 @@ class Report:
         before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
         return before + "".join(tables) + after
 
-    def latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return "\n".join(
-            frame.style.hide(axis="index").to_latex(
-                hrules=True, caption=title, position="ht", column_format="l" + "r" * (len(frame.columns) - 1)
-            ).replace("%", r"\%").replace("_", r"\_")
-            for title, frame in self.tables
-        )  # fmt: skip
-
 
 def report(
     comparisons: Sequence[Comparison],
@@ -228,7 +219,7 @@ def _lines(comparisons: Sequence[Comparison], main: str) -> Iterator[_Line]:
     for name, c, run in [(main, comparisons[0], False), *runs]:
         yield _Line(name, c, run, c.contacts[touched[0]] if len(touched) == 1 else None, several=several)
         for i in touched if several else ():
-            yield _Line(f"  {c.contacts[i].place.removeprefix('stops at ')}", c, run, c.contacts[i], whole=False)
+            yield _Line(f"  {c.contacts[i].name}", c, run, c.contacts[i], whole=False)
 
 
 def _touched(comparisons: Sequence[Comparison]) -> list[int]:
