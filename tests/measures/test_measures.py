@@ -20,28 +20,17 @@ def impacts(times, stops):
     return Impacts.at(times, stops, "sampled")
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
 @pytest.mark.parametrize("lag", [-0.031, 0.0, 0.0004, 0.05])
-def test_a_known_lag_is_recovered(lag):
+def test_a_known_lag_is_recovered_in_any_unit_of_time(lag, unit):
     """u_run(t) = u_ref(t - lag): a late run has a positive lag. Hermite interpolation is good to dt^4."""
     t = np.arange(0.0, 3.0 + 1e-9, 1e-3)
-    u_ref = lambda s: np.sin(7.0 * s) + 0.3 * np.sin(19.0 * s + 1.0)  # noqa: E731
-    v = 7.0 * np.cos(7.0 * (t - lag)) + 5.7 * np.cos(19.0 * (t - lag) + 1.0)
-    found = phase_lag(t, u_ref(t - lag), v, u_ref, 3.0, drive=7.0, first=4.0)
+    u_ref = lambda s: np.sin(7.0 * s / unit) + 0.3 * np.sin(19.0 * s / unit + 1.0)  # noqa: E731
+    v = (7.0 * np.cos(7.0 * (t - lag)) + 5.7 * np.cos(19.0 * (t - lag) + 1.0)) / unit
+    found = phase_lag(t * unit, u_ref((t - lag) * unit), v, u_ref, 3.0 * unit, drive=7.0 / unit, first=4.0 / unit)
     assert not found.undefined
-    assert abs(found.lag - lag) < 1e-7
+    assert abs(found.lag / unit - lag) < 1e-7
     assert found.residual < 1e-6
-
-
-@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e9])
-def test_a_lag_does_not_depend_on_the_unit_of_time(unit):
-    """Brent's method has an absolute tolerance of 1e-11: a lag in seconds of a motion of nanoseconds was that of the
-    grid, a hundredth of a period off."""
-    t = np.arange(0.0, 3.0 + 1e-9, 1e-3) * unit
-    u_ref = lambda s: np.sin(7.0 * s / unit)  # noqa: E731
-    late = 0.00137 * unit
-    v = 7.0 / unit * np.cos(7.0 * (t - late) / unit)
-    found = phase_lag(t, u_ref(t - late), v, u_ref, 3.0 * unit, drive=7.0 / unit, first=4.0 / unit)
-    assert found.lag / unit == pytest.approx(0.00137, rel=1e-5)
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.12])
@@ -144,23 +133,17 @@ def test_impacts_count_from_where_the_contact_has_moved():
     assert [list(x.times) for x in pair] == [[0.7], [0.7]]
 
 
-def test_the_spectrum_shows_a_sinusoid_with_its_amplitude():
-    t = np.arange(0, 6001) * 1e-3
-    u = 0.3 + 0.7 * np.sin(10 * t + 0.2) + 0.05 * np.cos(30 * t)
-    omega, amplitude = amplitude_spectrum(t, u, 10.0)
-    for w, a in ((0.0, 0.3), (10.0, 0.7), (30.0, 0.05)):
-        assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.01)
-
-
 @pytest.mark.parametrize("given", [True, False])
-def test_the_spectrum_of_uneven_times_is_that_of_the_motion(given):
-    """Steps of 1 to 9 ms: 1 ms at the end, which alone would scale every frequency by five."""
-    t = np.cumsum(np.concatenate([[0.0], np.random.default_rng(1).uniform(1e-3, 9e-3, 1250)]))
-    t = np.append(t, t[-1] + 1e-3 * np.arange(1, 40))
+@pytest.mark.parametrize("uneven", [True, False])
+def test_the_spectrum_shows_a_sinusoid_with_its_amplitude(uneven, given):
+    """Also of steps of 1 to 9 ms: 1 ms at the end, which alone would scale every frequency by five."""
+    t = np.arange(0, 6001) * 1e-3
+    if uneven:
+        t = np.cumsum(np.concatenate([[0.0], np.random.default_rng(1).uniform(1e-3, 9e-3, 1250), np.full(39, 1e-3)]))
     u, v = 0.7 * np.sin(10 * t + 0.2) + 0.05 * np.cos(30 * t), 7.0 * np.cos(10 * t + 0.2) - 1.5 * np.sin(30 * t)
-    omega, amplitude = amplitude_spectrum(t, u, 10.0, v if given else None)
-    for w, a in ((10.0, 0.7), (30.0, 0.05)):
-        assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.02)
+    omega, amplitude = amplitude_spectrum(t, 0.3 + u, 10.0, v if given else None)
+    for w, a in ((0.0, 0.3), (10.0, 0.7), (30.0, 0.05)):
+        assert amplitude[np.argmin(np.abs(omega - w))] == pytest.approx(a, rel=0.02 if uneven else 0.01)
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +159,7 @@ def test_compare_says_what_its_definitions_say(compared, table10):
     _, ref, run, c = compared
     assert c.window == min(0.6, ref.horizon)
     inside = run.t <= c.window * (1 + 1e-12)
-    u, v = ref.at(run.t[inside])
+    u, _ = ref.at(run.t[inside])
     error = run.tip[inside] - u
     assert c.tip_error_max == pytest.approx(np.max(np.abs(error)) / np.max(np.abs(u)))
     assert c.tip_error_rms == pytest.approx(np.sqrt(np.mean(error**2)) / np.max(np.abs(u)))
@@ -192,7 +175,6 @@ def test_compare_says_what_its_definitions_say(compared, table10):
     assert c.energy_lost == pytest.approx(run.energy.loss[last] / most)
     assert 0 < contact.matching.matched_until == c.matched_until <= c.window
     assert contact.matching.matched > 3
-    del v
 
 
 @pytest.mark.slow
@@ -232,13 +214,12 @@ def test_the_comparison_prints_and_goes_to_json(compared):
 
 
 def test_what_cannot_be_compared_is_refused(compared, table10):
-    system, ref, run, _ = compared
+    system, ref, *_ = compared
     other = sb.integrate(sb.semidiscretise(table10, 10), sb.HHT(), 1e-4, 0.1)
     with pytest.raises(sb.InputError, match="same system"):
         sb.compare(other, ref)
     with pytest.raises(sb.InputError, match="every"):
         sb.compare(sb.integrate(system, sb.HHT(), 1e-4, 0.1, every=10), ref)
-    del run
 
 
 def test_a_contact_away_from_the_tip_is_compared_at_the_contact():

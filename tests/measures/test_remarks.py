@@ -18,36 +18,19 @@ NEAR = replace(FAR, stops=STILL.stops)
 PULSE = sb.Sampled([0.0, 0.1, 0.2, 1.0], [0.0, 1.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {},
-        {"base": sb.Harmonic(0.0, 10.0)},
-        {"loads": sb.PointLoad(position=0.5, time=sb.Constant(0.0))},
-        {"loads": sb.PointLoad(position=0.5, time=sb.Sampled([0.0, 1.0], [0.0, 0.0]))},
-        {"stops": sb.Stops(lower=0.0, upper=0.1, stiffness=5e6)},
-    ],
-)
-def test_what_stays_at_rest_is_known_and_its_exact_motion_is_zero(change: dict[str, object]) -> None:
+@pytest.mark.parametrize(("change", "still"), [
+    ({}, True), ({"base": sb.Harmonic(0.0, 10.0)}, True), ({"base": sb.Harmonic(1e-9, 10.0)}, False),
+    ({"loads": sb.PointLoad(position=0.5, time=sb.Constant(0.0))}, True),
+    ({"loads": sb.PointLoad(position=0.5, time=sb.Sampled([0.0, 1.0], [0.0, 0.0]))}, True),
+    ({"loads": sb.PointLoad(position=0.5, time=PULSE)}, False), ({"initial_velocity": lambda x: 1e-9 + 0 * x}, False),
+    ({"stops": sb.Stops(lower=0.0, upper=0.1, stiffness=5e6)}, True),
+    ({"stops": sb.Stops(lower=0.01, upper=0.1, stiffness=5e6)}, False),  # pressed at the start
+    ({"stops": sb.Stops(lower=-0.1, stiffness=5e6, motion=sb.Harmonic(0.2, 10.0))}, False),
+])  # fmt: skip
+def test_what_stays_at_rest_is_known(change: dict[str, object], still: bool) -> None:
     system = sb.semidiscretise(replace(STILL, **change), cells=4)
-    assert stays_at_rest(system)
-    assert not np.any(sb.reference(system, t_end=0.5).tip)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"base": sb.Harmonic(1e-9, 10.0)},
-        {"loads": sb.PointLoad(position=0.5, time=PULSE)},
-        {"initial_velocity": lambda x: 1e-9 + 0 * x},
-        {"stops": sb.Stops(lower=0.01, upper=0.1, stiffness=5e6)},  # pressed at the start
-        {"stops": sb.Stops(lower=-0.1, stiffness=5e6, motion=sb.Harmonic(0.2, 10.0))},
-    ],
-)
-def test_what_moves_does_not_count_as_at_rest(change: dict[str, object]) -> None:
-    system = sb.semidiscretise(replace(STILL, **change), cells=4)
-    assert not stays_at_rest(system)
-    assert np.any(sb.reference(system, t_end=0.5).tip)
+    assert stays_at_rest(system) == still
+    assert np.any(sb.reference(system, t_end=0.5).tip) != still
 
 
 @pytest.mark.parametrize(

@@ -141,18 +141,17 @@ def _few_ticks(axis: XAxis | YAxis, low: float, high: float, most: float) -> Non
         axis.set_minor_formatter(NullFormatter())
 
 
-def mark_order(axis: Axes, orders: Iterable[float], x: float = 0.96, y: float = 0.05, width: float = 0.09) -> None:
+def mark_order(axis: Axes, orders: Sequence[float], x: float = 0.96, y: float = 0.05) -> None:
     """Triangles of slope p on a log-log axis, the first at the right, to hold lines against; p < 0 for lines that fall.
 
-    x, y: where the first one's upright meets its base, as shares of the axis; width: that of one, more where the axis
-    spans so many decades that it would be flat. Call when the limits are final.
+    x, y: where the first one's upright meets its base, as shares of the axis. They are wider where the axis spans so
+    many decades that they would be flat. Call when the limits are final.
     """
     if (axis.get_xscale(), axis.get_yscale()) != ("log", "log"):
         return
     (left, right), (low, high) = np.log10(axis.get_xlim()), np.log10(axis.get_ylim())
-    orders = list(orders)
     steepest = max(map(abs, orders)) * abs(right - left) / (high - low)
-    width = min(max(width, FLAT / steepest), 0.7 / len(orders))
+    width = min(max(0.09, FLAT / steepest), 0.7 / len(orders))
     run = width * abs(right - left)
     for order in orders:
         rise = order * run / (high - low)
@@ -220,12 +219,6 @@ def heading(case: Case, text: str) -> str:
     return f"{name}: {text}"
 
 
-def in_lines(title: str, width: int) -> str:
-    """A title in lines of at most ``width`` letters, none of which begins with the % of a number or an equals sign."""
-    held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
-    return textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " ")
-
-
 def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
     """u(1, t) as in the paper, u(L, t) of a beam that is not of length 1, at L/2 where its end is held, u(t) of
     matrices."""
@@ -277,7 +270,9 @@ def finish(figure: Figure, title: str) -> None:
     from matplotlib.ticker import AutoLocator
 
     width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
-    figure.suptitle(in_lines(title, width), fontsize=11)
+    # No line begins with the % of a number or with an equals sign.
+    held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
+    figure.suptitle(textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " "), fontsize=11)
     for letter, axis in zip(ascii_letters, [x for x in figure.axes if x.get_label() != "<colorbar>"], strict=False):
         axis.set_title(f"({letter}) {axis.get_title(loc='center')}", loc="left", fontsize=10.5)
         axis.set_title("", loc="center")

@@ -19,7 +19,7 @@ from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, look, new_figure, short, tip_name, tip_symbol
+from .chart import COLOURS, look, new_figure, shared_legend, short, tip_name, tip_symbol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,8 +88,7 @@ def comparison_panels(
     whole = min((float(run.t[-1]) for run in schemes), default=np.inf)
     span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
     _draw_spectra(panel(f"spectrum{span}", last=True), main, schemes)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, handlelength=3.2)
+    shared_legend(figure)
     return figure
 
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
-Counts = tuple[str, str, str, str]  # impacts, share of the time, peak and impulse of a contact
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
 WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
 LINE = 100  # columns of a sentence on a wide terminal: longer lines are hard to follow
@@ -202,12 +201,16 @@ class _Line:
     whole: bool = True
     several: bool = False  # its contacts have lines of their own
 
-    def counts(self, measures: ContactMeasures | None) -> Counts:
+    def counts(self, measures: ContactMeasures | None) -> dict[str, str]:
         """Impacts at the time steps, share of the time, peak and impulse; empty where the lines of contacts follow."""
-        if measures is None:
-            return ("", "", "", "") if self.several else ("0", percent(0.0), "0", "0")
-        impacts = str(measures.impacts) if measures.impacts >= 0 else DASH
-        return impacts, percent(measures.fraction), number(measures.peak_force, 4), number(measures.impulse, 4)
+        force, impulse = (with_unit(self.of.units, *name) for name in (("peak force", "force"), ("impulse", "impulse")))
+        if measures is None and self.several:
+            return dict.fromkeys(("impacts", "contact time", force, impulse), "")
+        x = measures or ContactMeasures(0, 0, 0.0, 0.0, 0.0)
+        return {
+            "impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction),
+            force: number(x.peak_force, 4), impulse: number(x.impulse, 4),
+        }  # fmt: skip
 
 
 def _lines(comparisons: Sequence[Comparison], main: str) -> Iterator[_Line]:
@@ -248,7 +251,7 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
     rows = []
     for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
         c, one, known = line.of, line.contact, line.run and (line.contact is None or line.contact.run.impacts >= 0)
-        impacts, share, *_ = line.counts(one and (one.run if line.run else one.reference))
+        counts = line.counts(one and (one.run if line.run else one.reference))
         until = c.matched_until if line.whole else one.matching.matched_until if one and known else np.nan
         errors = line.run and line.whole
         rows.append({
@@ -258,8 +261,8 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
             delay: number(one.matching.median_delay, 2) if one and known else DASH,
             "energy lost": percent(c.energy_lost) if errors else DASH,
             "impacts right to": _until(until, c.window, first.window) if line.run else DASH,
-            "impacts": impacts,
-            "contact time": share,
+            "impacts": counts["impacts"],
+            "contact time": counts["contact time"],
         })  # fmt: skip
     return f"To the horizon t = {number(first.window)}, {first.reference.partition('@')[2]} form", _frame(rows)
 
@@ -267,7 +270,7 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
 def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple[str, Any]:
     """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
     first = comparisons[0]
-    units, end = first.units, max(c.t_end for c in comparisons)
+    end = max(c.t_end for c in comparisons)
     # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
     beyond = first.window < end * (1 - 1e-9)
     said = ": one realisation each, compare statistically" if beyond else ""
@@ -275,27 +278,18 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
     if not beyond and parted < first.window:
         said = f"; impacts differ from t = {number(parted)} on"
 
-    def row(name: str, counts: Counts, speed: float = np.nan, lost: float = np.nan) -> dict[str, str]:
-        impacts, share, peak, impulse = counts
-        return {
-            "run": name, "ns per step": number(speed, 3), "impacts": impacts, "contact time": share,
-            with_unit(units, "peak force", "force"): peak, with_unit(units, "impulse", "impulse"): impulse,
-            "energy lost": percent(lost),
-        }  # fmt: skip
-
     rows, role = list[dict[str, str]](), "double precision" if truth else "reference"
     for line in _lines(comparisons, f"{method_of(first.reference)} ({role})"):
         c, one = line.of, line.contact
-        counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
-        if line.run and line.whole and c.steps:
-            rows.append(row(line.name, counts, c.ns_per_step, c.totals_energy_lost))
-        elif not line.run or c.steps:
-            rows.append(row(line.name, counts))
+        speed, lost = (c.ns_per_step, c.totals_energy_lost) if line.run and line.whole else (np.nan, np.nan)
+        if c.steps or not line.run:
+            counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
+            rows.append({"run": line.name, "ns per step": number(speed), **counts, "energy lost": percent(lost)})
         if truth is not None and len(rows) == len(truth.contacts) == 1 and one is not None:
-            record = truth.contacts[0]
-            sampled = truth.impacts_sampled(first.dt).count
-            measures = ContactMeasures(sampled, sampled, record.fraction, record.peak_force, record.impulse)
-            rows.insert(0, row(f"exact ({truth.provenance['digits']} digits)", line.counts(measures)))
+            record, sampled = truth.contacts[0], truth.impacts_sampled(first.dt).count
+            counts = line.counts(ContactMeasures(sampled, 0, record.fraction, record.peak_force, record.impulse))
+            name = f"exact ({truth.provenance['digits']} digits)"
+            rows.insert(0, {"run": name, "ns per step": DASH, **counts, "energy lost": DASH})
     return f"To t = {end:g}, {first.reference.partition('@')[2]} form{said}", _frame(rows)
 
 
