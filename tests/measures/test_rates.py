@@ -295,7 +295,7 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
 
 
 def test_exceedances_are_counted_with_their_interval():
-    """Against counts by NumPy; the bounds of 0 and 3 events are those of tables of Poisson's law."""
+    """Against counts by NumPy; the bounds of 3 events are those of tables of Poisson's law."""
     system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=400.0), damping=0.02, load=sb.Harmonic(1.0, 2.6))
     run = sb.reference(system, 200.0)
     rates, impacts = sb.contact_rates(run), run.contacts[0].impacts
@@ -303,9 +303,8 @@ def test_exceedances_are_counted_with_their_interval():
     half = rates.exceedance(float(np.median(peaks)))
     assert half.value * 200.0 == pytest.approx(np.sum(peaks > np.median(peaks)))
     assert 0.0 < half.low < half.value < half.high
-    few, none = rates.exceedance(0.5 * (peaks[-3] + peaks[-4])), rates.exceedance(2.0 * peaks[-1])
+    few = rates.exceedance(0.5 * (peaks[-3] + peaks[-4]))
     assert [200.0 * x for x in (few.low, few.value, few.high)] == pytest.approx([0.6187, 3.0, 8.7673], rel=1e-4)
-    assert [200.0 * x for x in (none.low, none.value, none.high)] == pytest.approx([0.0, 0.0, 3.6889], rel=1e-4)
     assert rates.exceedance(0.0).value == pytest.approx(rates.rates[0]["impact"].value)
     rigid = one_mass(4.0, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5), v=1.0)
     assert np.isnan(sb.contact_rates(sb.reference(rigid, 5.0)).exceedance(1.0).value)

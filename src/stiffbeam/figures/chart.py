@@ -170,17 +170,13 @@ def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
     if not known.size or np.min(known) > threshold:
         log_scale(axis, x=False)
         return
-    from matplotlib.ticker import FixedLocator, NullLocator
-
     low, high = float(np.min(known)), float(np.max(known))
-    down, up = (max(1.0, np.log10(max(abs(end), threshold) / threshold)) for end in (min(low, 0.0), high))
+    decades = np.log10(max(-low, high, threshold) / threshold)
     # The linear part is as wide as a twelfth of all decades, so that the ticks at its ends stay apart from zero's.
-    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, (down + up) / 12.0))
+    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, decades / 6.0))
     axis.set_ylim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
-    ends = (int(np.floor(np.log10(threshold))), int(np.ceil(np.log10(max(-low, high, threshold)))))
-    powers = 10.0 ** np.arange(ends[0] + 1, ends[1] + 1, max(1, (ends[1] - ends[0]) // 6))
-    axis.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
-    axis.yaxis.set_minor_locator(NullLocator())
+    locator: Any = axis.yaxis.get_major_locator()
+    locator.set_params(numticks=7)
 
 
 def say_empty(axis: Axes, text: str = "no point could be evaluated") -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 OMEGA = r"angular frequency $\omega$"
 TICKS = 6  # of an axis of times: more would run into each other
-CONTENT = 0.999  # of the power of a curve, where an axis of frequencies without a drive ends
+CONTENT = 0.01  # of the largest amplitude: where smaller ones follow, an axis of frequencies without a drive ends
 
 
 def comparison_figure(results: Sequence[Comparison]) -> Figure:
@@ -286,24 +286,15 @@ def drive_axis(axis: Axes, units: Units, drive: float) -> str:
     """Label of an axis of frequencies: with ticks at the odd multiples of a drive, else as long as its curves have
     content."""
     if not drive:
-        if end := _end_of_content(axis):
+        curves = [np.asarray(line.get_xydata())[1:] for line in axis.get_lines()]  # without the means
+        known = [xy[xy[:, 1] > CONTENT * np.max(xy[:, 1], initial=0.0), 0] for xy in curves]
+        if end := max((float(x[-1]) for x in known if len(x)), default=0.0):
             axis.set_xlim(0.0, 1.5 * end)
         return with_unit(units, OMEGA, "frequency")
     odd = range(1, 16, 2)
     axis.set_xlim(0.0, 15.5 * drive)
     axis.set_xticks([k * drive for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
     return f"{OMEGA}, in multiples of the drive a = {drive:g}"
-
-
-def _end_of_content(axis: Axes) -> float:
-    """The frequency below which CONTENT of the power of every curve lies, without its mean; 0 without a curve."""
-    ends = [0.0]
-    for line in axis.get_lines():
-        across, amplitude = (np.asarray(x, float) for x in (line.get_xdata(), line.get_ydata()))
-        power = np.cumsum(np.where(across > 0.0, amplitude**2, 0.0))
-        if len(power) and power[-1] > 0.0:
-            ends.append(float(across[np.searchsorted(power, CONTENT * power[-1])]))
-    return max(ends)
 
 
 def run_figure(run: Trajectory) -> Figure:
