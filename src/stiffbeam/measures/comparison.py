@@ -240,27 +240,18 @@ class Comparison(Tables):
         return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
 
 
-@dataclass(frozen=True, repr=False)
-class Comparisons(Tables):
-    """Several runs against one reference, as one table: a sequence of Comparison."""
-
-    comparisons: tuple[Comparison, ...]
+class Comparisons(Tables, tuple["Comparison", ...]):
+    """Several runs against one reference, as one table: a tuple of Comparison."""
 
     def _all(self) -> tuple[Comparison, ...]:
-        return self.comparisons
-
-    def __getitem__(self, i: int) -> Comparison:
-        return self.comparisons[i]
-
-    def __len__(self) -> int:
-        return len(self.comparisons)
+        return self
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
-        return {"comparisons": [c.to_dict() for c in self.comparisons]}
+        return {"comparisons": [c.to_dict() for c in self]}
 
     def __repr__(self) -> str:
-        return f"<Comparisons of {', '.join(c.label for c in self.comparisons)}>"
+        return f"<Comparisons of {', '.join(c.label for c in self)}>"
 
 
 @overload
@@ -303,7 +294,7 @@ def compare(
     True
     """
     if isinstance(run, (list, tuple)) and run and all(isinstance(each, Trajectory) for each in run):
-        return Comparisons(tuple(_compared(each, reference) for each in run))
+        return Comparisons(_compared(each, reference) for each in run)
     return _compared(run, reference)
 
 
