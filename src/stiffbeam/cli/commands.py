@@ -27,6 +27,7 @@ from .output import (
     Form,
     Json,
     Step,
+    asked_case,
     check_json,
     console,
     default_folder,
@@ -90,14 +91,11 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
         out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
     ) -> int:  # fmt: skip
-        from ..files.cases import find_case
         from ..studies.base import perform
         from ..studies.common import smoke_options
 
         check_json(json)
-        chosen, options = find_case(case), kind() if options is None else options
-        if dt is not None or t_end is not None:
-            chosen = replace(chosen, dt=chosen.dt if dt is None else dt, t_end=chosen.t_end if t_end is None else t_end)
+        chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
         if smoke:
             plain = kind()
             small = smoke_options(kind, chosen).items()
