@@ -48,7 +48,7 @@ OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
     "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
-    "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.",
+    "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
     "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
 }
 
@@ -133,8 +133,8 @@ _SHARED = """
 
 
 def reference(
-    case: CaseName, *, method: str | None = None, form: Form = None, digits: str = "auto", rtol: float | None = None,
-    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+    case: CaseName, *, method: str | None = None, form: Form = None, digits: int | None = None,
+    rtol: float | None = None, t_end: EndTime = None, out: Path | None = None, json: Json = None,
 ) -> None:  # fmt: skip
     """Compute a reference solution, and write it to a file.
 
@@ -145,29 +145,27 @@ def reference(
     method
         exact, multiprecision or an adaptive solver; by default the best for the case.
     digits
-        Digits of multiprecision: a number, or auto.
+        Digits of multiprecision; by default as many as the case needs.
     rtol
         Relative tolerance of the adaptive solvers; by default 1e-10.
     out
         netCDF file to write.
     """
-    from ..files.cases import case_text, find_case
+    from ..files.cases import case_text
     from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
     check_json(json)
-    chosen = find_case(case)
-    system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
+    chosen = asked_case(case, None, t_end)
+    system, end = chosen.system(form), chosen.t_end
     method = method or (BEST[1] if substitute(system, end) else BEST[0])
     kind = REFERENCES[method].kind if method in REFERENCES else ""
-    for flag, fits in (("--digits", digits == "auto" or kind == MULTIPRECISION),
+    for flag, fits in (("--digits", digits is None or kind == MULTIPRECISION),
                        ("--rtol", rtol is None or kind == ADAPTIVE)):  # fmt: skip
         if not fits and kind:
             raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
-    if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
-        raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
-    many = "auto" if digits == "auto" else int(digits)
+    many = "auto" if digits is None else digits
     with progress() as show:
         show(f"{method}@{system.form}", 0, 0)
         solution = reference(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution of durations
-SIDES = {1: "upper", -1: "lower"}
 SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
 HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
@@ -176,9 +175,7 @@ class Ensemble(Study):
             summaries = table[(table.kind == "summary") & (table.method == method)]
             for row in summaries.to_dict("records"):
                 texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
-                line[with_unit(units, f"durations, {row['stop']} stop", "time")] = (
-                    f"median {texts[0]}, half of the time from {texts[1]}"
-                )
+                line[with_unit(units, "durations", "time")] = f"median {texts[0]}, half of the time from {texts[1]}"
             small.append(line)
         counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
@@ -189,8 +186,7 @@ class Ensemble(Study):
             pd.DataFrame(small),
             f"Members perturbed by {self.size:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
             "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the "
-            f"loads{over}. The largest force grows with the span. Half of the time in contact is spent in longer "
-            "contacts than stated.",
+            f"loads{over}. The largest force grows with the span.",
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -219,7 +215,7 @@ class Ensemble(Study):
         axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
         axis = figure.add_subplot(grid[1, 2:4])
         ended = table[table.kind == "quantile"]
-        for (label, _), rows in ended.groupby(["method", "stop"], sort=False) if len(ended) else ():
+        for (label, _), rows in ended.groupby(["method", "contact_number"], sort=False) if len(ended) else ():
             style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
             axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
         log_scale(axis, y=False)
@@ -260,19 +256,14 @@ def _sampled(run: Trajectory, t: Array) -> Trajectory:
 
 
 def _durations(number: int, impacts: Any) -> list[Row]:
-    """The distribution of durations over all contacts of all members, stop by stop."""
-    rows: list[Row] = []
-    for side, name in SIDES.items():
-        durations = impacts.durations[impacts.stops == side]
-        closed = np.sort(durations[np.isfinite(durations)])
-        if not len(closed):
-            continue
-        where: Row = {"contact_number": number, "stop": name}
-        rows.append(where | {
-            "kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed),
-        })  # fmt: skip
-        levels = zip(LEVELS, np.quantile(closed, LEVELS), strict=True)
-        rows += [where | {"kind": "quantile", "level": float(q), "duration": float(d)} for q, d in levels]
+    """The distribution of durations over all contacts of all members."""
+    closed = np.sort(impacts.durations[np.isfinite(impacts.durations)])
+    if not len(closed):
+        return []
+    median, half = float(np.median(closed)), half_time(closed)
+    rows: list[Row] = [{"contact_number": number, "kind": "summary", "median": median, "half_time": half}]
+    for q, d in zip(LEVELS, np.quantile(closed, LEVELS), strict=True):
+        rows.append({"contact_number": number, "kind": "quantile", "level": float(q), "duration": float(d)})
     return rows
 
 
