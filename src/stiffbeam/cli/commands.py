@@ -302,13 +302,12 @@ def _installed() -> dict[str, str]:
 
 
 def _places() -> dict[str, Any]:
-    """Caches, frozen references, threads, devices."""
+    """Cache, threads, devices."""
     from ..basics.resources import cores
     from ..basics.storage import directory
     from ..references.adaptive.diffrax import jax_devices
-    from ..studies.references import shipped
 
-    cache, frozen = directory(), shipped()
+    cache = directory()
     size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
     try:
         devices = ", ".join(str(device) for device in jax_devices())
@@ -316,7 +315,6 @@ def _places() -> dict[str, Any]:
         devices = str(error)
     return {
         "cache": f"{cache}, {size / 1e6:.0f} MB",
-        "frozen references": "none" if frozen is None else f"{frozen}, {len(list(frozen.glob('*.nc')))} files",
         "threads": cores(),
         "JAX devices": devices,
     }

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution of durations
+LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
 SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
 HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
@@ -75,7 +74,7 @@ class Ensemble(Study):
     labels: ClassVar = {
         "count": ("impacts", ""), "fraction": ("share of the time in contact, %", ""),
         "energy_lost": ("energy lost", "energy"), "force": (r"peak force of an impact $\max|\sigma|$", "force"),
-        "duration": ("duration of a contact", "time"), "level": ("share of the contacts that are shorter", ""),
+        "duration": ("duration of a contact", "time"), "level": ("share of the contacts with less", ""),
     }  # fmt: skip
 
     def points(self, case: Case) -> list[Row]:
@@ -91,7 +90,7 @@ class Ensemble(Study):
         return perturbed_members(system, self.members, self.size, self.rng, t_end=case.t_end)
 
     def run(self, case: Case, method: str) -> list[Row]:
-        """Rows of members, quantiles of peak forces and of durations, and the spectrum."""
+        """Rows of members, the distributions of durations and peak forces, and the spectrum."""
         system, dt, t_end = case.system(self.form), case.dt, case.t_end
         members = self.members_of(case, system)
         every = common.to_the_end(round(t_end / dt), SAMPLES)
@@ -127,10 +126,7 @@ class Ensemble(Study):
                 }
                 for i in range(len(many))
             ]  # fmt: skip
-            peaks = contact.impacts.peaks[np.isfinite(contact.impacts.peaks)]
-            peak: Row = {"kind": "peak", "contact_number": number}
-            rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
-            rows += _durations(number, contact.impacts)
+            rows += _distributions(number, contact.impacts)
         return rows + _spectrum(t, many.tip[whole], drive)
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -190,7 +186,7 @@ class Ensemble(Study):
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
+        """Every member a dot in the line of its method and contact, the mean as a bar; distributions; spectra."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
         groups = [
             (str(method), f" at contact {n:g}" if several else "", rows)
@@ -210,16 +206,13 @@ class Ensemble(Study):
             axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
-        axis = figure.add_subplot(grid[1, :2])
-        _peaks(axis, groups)
-        axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
-        axis = figure.add_subplot(grid[1, 2:4])
-        ended = table[table.kind == "quantile"]
-        for (label, _), rows in ended.groupby(["method", "contact_number"], sort=False) if len(ended) else ():
-            style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
-            axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
-        log_scale(axis, y=False)
-        axis.set(title="durations of contacts", xlabel=labels["duration"], ylabel=labels["level"], ylim=(0.0, 1.0))
+        for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
+            axis = figure.add_subplot(grid[1, 2 * i : 2 * i + 2])
+            for method, _, rows in groups if name in table else ():
+                style: Any = look(method) | {"marker": "", "lw": 1.1}
+                axis.plot(rows[name], rows.level, label=short(method), **style)
+            log_scale(axis, y=False)
+            axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
         axis = figure.add_subplot(grid[1, 4:])
         self._spectra(axis, table[table.kind == "spectrum"], case)
         shared_legend(figure, 5)
@@ -255,16 +248,16 @@ def _sampled(run: Trajectory, t: Array) -> Trajectory:
     return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
-def _durations(number: int, impacts: Any) -> list[Row]:
-    """The distribution of durations over all contacts of all members."""
-    closed = np.sort(impacts.durations[np.isfinite(impacts.durations)])
-    if not len(closed):
-        return []
-    median, half = float(np.median(closed)), half_time(closed)
-    rows: list[Row] = [{"contact_number": number, "kind": "summary", "median": median, "half_time": half}]
-    for q, d in zip(LEVELS, np.quantile(closed, LEVELS), strict=True):
-        rows.append({"contact_number": number, "kind": "quantile", "level": float(q), "duration": float(d)})
-    return rows
+def _distributions(number: int, impacts: Any) -> list[Row]:
+    """The distributions of durations and peak forces over all contacts of all members."""
+    closed, peaks = (np.sort(x[np.isfinite(x)]) for x in (impacts.durations, impacts.peaks))
+    rows: list[Row] = [{"kind": "quantile", "level": float(q)} for q in LEVELS]
+    for name, values in (("duration", closed), ("force", peaks)):
+        for row, value in zip(rows, np.quantile(values, LEVELS) if len(values) else (), strict=False):
+            row[name] = float(value)
+    if len(closed):
+        rows.append({"kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed)})
+    return [{"contact_number": number} | row for row in rows]
 
 
 def half_time(durations: Array) -> float:
@@ -351,16 +344,4 @@ def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale
                 axis.axvline(mean, color="black", lw=0.9, ls=":")
     if quantity == "energy_lost":
         axis.axvline(0.0, color="black", lw=0.9, ls=":")
-    name_lines(axis, [short(method) + place for method, place, _ in groups])
-
-
-def _peaks(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
-    """Quantiles of the peak force of all impacts."""
-    for i, (method, _, rows) in enumerate(groups):
-        force, colour = rows.force[rows.kind == "peak"].to_numpy() if "force" in rows else [], look(method)["color"]
-        if len(force):
-            for k, width in ((0, 1.2), (1, 5.0)):
-                axis.hlines(i, force[k], force[-1 - k], color=colour, lw=width)
-            axis.plot(force[2], i, "o", mfc="white", color=colour)
-    log_scale(axis, y=False)
     name_lines(axis, [short(method) + place for method, place, _ in groups])

@@ -21,7 +21,7 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, near, number
-from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
+from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.report import percent
@@ -237,20 +237,16 @@ class Sweep(Study):
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
-        colour = look(str(contacts.method.iloc[0]))["color"]
-        colours = [colour, *(other for other in COLOURS if other != colour)]
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
         parts = _places(contacts)
         for i, (label, rows) in enumerate(parts):
             rows = rows.sort_values(self.parameter)
-            style: dict[str, Any] = {"lw": width, "marker": ".", "ms": 3.0 if width else 1.5, "ls": dashed(i)}
-            axis.plot(
-                rows[self.parameter],
-                rows[quantity] / scale,
-                color=colours[i % len(colours)],
-                label=label.strip(),
-                **style,
-            )
+            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {
+                "marker": ".",
+                "lw": width,
+                "linestyle": dashed(i),
+            }
+            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
