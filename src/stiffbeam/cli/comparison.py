@@ -99,7 +99,6 @@ def compare(
         for label, each in rated:
             terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
         # The answer comes first: to load matplotlib and to draw takes as long again.
-        rated = shown.rest(result, rates)
         show("drawing", 0, 0)
         written += _draw(result, folder)
         written += _rate_table(rated, folder)
