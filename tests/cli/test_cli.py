@@ -63,18 +63,6 @@ def test_cases_lists_every_table(command):
     assert "stiffbeam cases --show NAME" in out
 
 
-def test_cases_as_json_is_a_list_of_seventeen(command):
-    code, out, err = command("cases", "--json", "-")
-    rows = json.loads(out)["cases"]
-    assert (code, err) == (0, "")
-    assert [row["name"] for row in rows] == [f"table{k}" for k in range(1, 18)]
-    ten = rows[9]
-    assert (ten["cells"], ten["dt"], ten["t_end"]) == (25, 1e-4, 5.0)
-    assert ten["runs"][0] == "HHT(alpha=-0.1)@displacement"
-    assert sorted(ten["published"]["impacts"].values()) == [3904, 4494]
-    assert any("t_end" in note for note in ten["inferred"])
-
-
 @pytest.mark.slow
 def test_a_case_shown_is_a_file_that_compare_takes(command, tmp_path):
     code, out, _ = command("cases", "--show", "table10")

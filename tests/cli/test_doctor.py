@@ -66,9 +66,3 @@ def test_where_jax_finds_no_device_the_remedy_is_said(platform):
     for said in (done.stdout, done.stderr):
         assert "JAX must start its devices" in said
         assert "set JAX_PLATFORMS=cpu" in said
-
-
-@pytest.mark.slow
-def test_the_package_is_a_program():
-    done = subprocess.run([sys.executable, "-m", "stiffbeam", "--version"], capture_output=True, text=True)
-    assert done.stdout.startswith("stiffbeam ")

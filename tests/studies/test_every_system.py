@@ -20,7 +20,6 @@ REFUSED = {
     "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
     "orbits": "a linear law|one drive frequency|exactly one Harmonic drive|be a multiple of 2 pi",
     "modes": "does not oscillate|no mode oscillates",  # over-damped, or without any stiffness beside the stops
-    "chaos": "neighbouring motions become equal",  # by blows with e = 0, after which nothing of a neighbour is left
 }
 NAMES = ("chaos", "converge", "energy", "ensemble", "modes", "orbits", "rigid", "space", "sweep")
 OPTIONS = {  # beside the smoke options: longer where these are too short, else cheaper

@@ -137,6 +137,7 @@ def test_what_repeats_itself():
     assert repeats_after(np.tile([0.3, -0.2, 0.1], 14), 1.0) == 3
     assert repeats_after(np.tile([0.3, 0.3004], 14), 1.0) == 1
     assert repeats_after(chaos, 1.0) == 0
+    assert repeats_after(chaos[:5], 1.0) is None  # too short to tell
 
 
 def test_a_value_that_overflows_is_a_row_and_the_others_stand():

@@ -9,7 +9,7 @@ import stiffbeam as sb
 from stiffbeam.files.cases import case_of
 from stiffbeam.integrators import integrator, integrators
 from stiffbeam.schemes.labels import user_source
-from stiffbeam.studies.comparison import compare_case
+from stiffbeam.studies.comparison import CaseComparison
 
 S6 = np.sqrt(6.0)
 NODES = np.array([(4.0 - S6) / 10.0, (4.0 + S6) / 10.0, 1.0])
@@ -98,7 +98,8 @@ def test_compare_takes_functions_recorded_runs_and_solvers():
     """Radau IIA as a function and as arrays is one motion; the solver is a further reference."""
     system, dt, t_end = pair(), 0.01, 0.6
     runs = [(x, "matrices") for x in ("trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams")]
-    result = compare_case(case_of(system, dt, t_end), runs, ["exact"])
+    result = CaseComparison(case_of(system, dt, t_end))
+    list(result.run(runs, ["exact"]))
     assert not result.failures
     assert [x.provenance["method"] for x in result.references] == ["exact", "cvode-adams"]
     errors = {x.label: x.tip_error_rms for x in result.comparisons}
@@ -124,7 +125,8 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
         return t, np.where(t > 0.5 * t_end, np.inf, t)
 
     runs = [(x, "matrices") for x in (short, raising, overflowing, "trapezoidal")]
-    result = compare_case(case_of(pair(), 0.01, 0.5), runs, ["exact"])
+    result = CaseComparison(case_of(pair(), 0.01, 0.5))
+    list(result.run(runs, ["exact"]))
     messages = dict(result.failures)
     assert "returned no later times" in messages["short@matrices"]
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]

@@ -27,6 +27,7 @@ from .output import (
     Form,
     Json,
     Step,
+    asked_case,
     check_json,
     console,
     default_folder,
@@ -47,7 +48,7 @@ OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
     "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
-    "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh, data and time span.",
+    "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
     "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
 }
 
@@ -90,14 +91,11 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
         out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
     ) -> int:  # fmt: skip
-        from ..files.cases import find_case
         from ..studies.base import perform
         from ..studies.common import smoke_options
 
         check_json(json)
-        chosen, options = find_case(case), kind() if options is None else options
-        if dt is not None or t_end is not None:
-            chosen = replace(chosen, dt=chosen.dt if dt is None else dt, t_end=chosen.t_end if t_end is None else t_end)
+        chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
         if smoke:
             plain = kind()
             small = smoke_options(kind, chosen).items()
@@ -135,8 +133,8 @@ _SHARED = """
 
 
 def reference(
-    case: CaseName, *, method: str | None = None, form: Form = None, digits: str = "auto", rtol: float | None = None,
-    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+    case: CaseName, *, method: str | None = None, form: Form = None, digits: int | None = None,
+    rtol: float | None = None, t_end: EndTime = None, out: Path | None = None, json: Json = None,
 ) -> None:  # fmt: skip
     """Compute a reference solution, and write it to a file.
 
@@ -147,29 +145,27 @@ def reference(
     method
         exact, multiprecision or an adaptive solver; by default the best for the case.
     digits
-        Digits of multiprecision: a number, or auto.
+        Digits of multiprecision; by default as many as the case needs.
     rtol
         Relative tolerance of the adaptive solvers; by default 1e-10.
     out
         netCDF file to write.
     """
-    from ..files.cases import case_text, find_case
+    from ..files.cases import case_text
     from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
     check_json(json)
-    chosen = find_case(case)
-    system, end = chosen.system(form), chosen.t_end if t_end is None else t_end
+    chosen = asked_case(case, None, t_end)
+    system, end = chosen.system(form), chosen.t_end
     method = method or (BEST[1] if substitute(system, end) else BEST[0])
     kind = REFERENCES[method].kind if method in REFERENCES else ""
-    for flag, fits in (("--digits", digits == "auto" or kind == MULTIPRECISION),
+    for flag, fits in (("--digits", digits is None or kind == MULTIPRECISION),
                        ("--rtol", rtol is None or kind == ADAPTIVE)):  # fmt: skip
         if not fits and kind:
             raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
-    if digits != "auto" and not (digits.isascii() and digits.isdigit() and len(digits) < 10):
-        raise InputError("--digits", digits, "be a number of digits or auto", "for example 100")
-    many = "auto" if digits == "auto" else int(digits)
+    many = "auto" if digits is None else digits
     with progress() as show:
         show(f"{method}@{system.form}", 0, 0)
         solution = reference(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
@@ -306,13 +302,12 @@ def _installed() -> dict[str, str]:
 
 
 def _places() -> dict[str, Any]:
-    """Caches, frozen references, threads, devices."""
+    """Cache, threads, devices."""
     from ..basics.resources import cores
     from ..basics.storage import directory
     from ..references.adaptive.diffrax import jax_devices
-    from ..studies.references import shipped
 
-    cache, frozen = directory(), shipped()
+    cache = directory()
     size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
     try:
         devices = ", ".join(str(device) for device in jax_devices())
@@ -320,7 +315,6 @@ def _places() -> dict[str, Any]:
         devices = str(error)
     return {
         "cache": f"{cache}, {size / 1e6:.0f} MB",
-        "frozen references": "none" if frozen is None else f"{frozen}, {len(list(frozen.glob('*.nc')))} files",
         "threads": cores(),
         "JAX devices": devices,
     }

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
 from rich.console import Console
 from rich.text import Text
 
@@ -20,6 +21,7 @@ from .output import (
     EndTime,
     Json,
     Step,
+    asked_case,
     check_json,
     console,
     default_folder,
@@ -30,128 +32,132 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
 
     from ..files.cases import Case as CaseFile
-    from ..integrators import Integrator
     from ..measures.rates import ContactRates
     from ..measures.report import Report
-    from ..schemes import Scheme
     from ..studies.comparison import CaseComparison
     from ..trajectory.trajectory import Trajectory
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a comparison."""
+
+    schemes: Annotated[
+        str | None,
+        Parameter(help="Comma-separated schemes, solvers, functions module:function: 'BDF2,SDIRK.printed,mymodule:f'."),
+    ] = None
+    references: Annotated[
+        str | None,
+        Parameter(help="Comma-separated; the first that supports the case is the main one. Default: all that do."),
+    ] = None
+    contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
+    cache: Annotated[bool, Parameter(help="Store references and use stored ones.")] = True
+    budget: Annotated[float, Parameter(help="Seconds for each reference; one that needs more ends earlier.")] = BUDGET
+    rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
+
+
 def compare(
-    case: CaseName,
-    *,
-    schemes: str | None = None,
-    references: str | None = None,
-    contact: str = "implicit",
-    dt: Step = None,
-    t_end: EndTime = None,
-    out: Path | None = None,
-    json: Json = None,
-    cache: bool = True,
-    budget: float = BUDGET,
-    rates: bool = False,
-) -> int:
+    case: CaseName, *, options: Annotated[Options | None, Parameter(name="*")] = None, dt: Step = None,
+    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+) -> int:  # fmt: skip
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories.
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
 
     Parameters
     ----------
-    schemes
-        Comma-separated schemes, solvers and functions module:function, such as 'BDF2,SDIRK.printed,mymodule:radau'.
-    references
-        Comma-separated; the first that supports the case is the main one. By default those that support it.
-    contact
-        implicit, conserving, or extrapolated as in the paper.
     out
         Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
-    cache
-        Store references and use stored ones.
-    budget
-        Seconds for each reference; one that needs more ends earlier.
-    rates
-        Add rates of impacts, impulse and work at every stop, and all impacts as CSV.
     """
-    json_file = json
-    from ..files.cases import find_case
-    from ..studies.comparison import compare_case
+    from ..measures.report import WIDTH
+    from ..studies.comparison import CaseComparison
 
-    chosen = find_case(case)
-    for name, value in (("--dt", dt), ("--t-end", t_end), ("--budget", budget)):
-        if value is not None:
-            positive(name, value)
-    runs, names = _asked(chosen, schemes, references)
-    check_json(json_file)
-    if dt is not None or t_end is not None:
-        chosen = replace(chosen, dt=dt or chosen.dt, t_end=t_end or chosen.t_end)
-    shown = _Shown(case, chosen, out if out is not None else default_folder(chosen.name), str(json_file) == "-")
+    chosen, options = asked_case(case, dt, t_end), options or Options()
+    positive("--budget", options.budget)
+    runs = _runs(chosen, options.schemes)
+    names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
+    check_json(json)
+    for flag, listed in (("--schemes", runs), ("--references", names)):
+        if listed == []:
+            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
+    folder = out if out is not None else default_folder(chosen.name)
+    result = CaseComparison(chosen, options.contact, options.budget, options.cache)
+    terminal, written = console(WIDTH, quiet=str(json) == "-"), list[Path]()
     with progress() as show:
         try:
-            result = compare_case(chosen, runs, names, contact, shown.keep, cache, budget, shown.measured)
+            told = _follow(result, result.run(runs, names), terminal, case, folder, written)
         except KeyboardInterrupt:
-            if shown.result is not None:  # what is printed is written too
-                _write(shown.result, shown.folder, shown.written)
+            if result.comparisons:  # what is printed is written too
+                _write(result, folder, written)
             raise
+        for line in _report(result).failed()[told:]:
+            terminal.print(line)
+        rated = _rates(result) if options.rates else []
+        for label, each in rated:
+            terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
         # The answer comes first: to load matplotlib and to draw takes as long again.
-        rated = shown.rest(result, rates)
         show("drawing", 0, 0)
-        shown.written += _draw(result, shown.folder)
-        shown.written += _rate_tables(rated, shown.folder)
-        _write(result, shown.folder, shown.written)
-    records = result.to_dict() | {"files": [path.name for path in shown.written]}
-    if not write_json("compare", records, json_file):
-        say("\n" + "\n".join(f"Picture: {path}" for path in shown.written if path.suffix == ".png"))
-        say(f"Written: {len(shown.written)} files in {shown.folder}")
+        written += _draw(result, folder)
+        written += _rate_table(rated, folder)
+        _write(result, folder, written)
+    records = result.to_dict() | {"files": [path.name for path in written]}
+    if not write_json("compare", records, json):
+        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
+        say(f"Written: {len(written)} files in {folder}")
     failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
 
 
-class _Shown:
-    """What is printed and saved of a comparison while it runs.
+def _runs(case: CaseFile, schemes: str | None) -> list[tuple[Any, str]]:
+    """The runs that are asked for, (integrator, form). A bare ``hht`` has the parameters that it has in the case."""
+    from ..files.cases import compared_runs
+    from ..integrators import parse_integrator
+    from ..schemes.labels import split_runs
 
-    result: None until the table is printed. printed: failures that are. written: files.
+    if schemes is None:
+        return compared_runs(case)
+    runs = list[tuple[Any, str]]()
+    for text in split_runs(schemes):
+        run, form = parse_integrator(text, case.forms[0])
+        if run.kind == "scheme" and "(" not in text and ".printed" not in text:
+            of_case = [x for x in case.runs if x[0].name == run.source.name and ("@" not in text or x[1] == form)]
+            run, form = next(iter(of_case), (run, form))
+        runs.append((run, form))
+    return runs
+
+
+def _follow(
+    result: CaseComparison, solutions: Iterator[Trajectory], terminal: Console, case: str, folder: Path,
+    written: list[Path],
+) -> int:  # fmt: skip
+    """Print and save each run and reference as soon as it is there: an interrupt loses only the one that is running.
+
+    The tables are printed when all schemes are compared. Returns the number of failures that they have.
     """
+    from ..measures.report import largest, short
 
-    def __init__(self, name: str, case: CaseFile, folder: Path, quiet: bool) -> None:
-        from ..measures.report import WIDTH
-
-        self.name, self.case, self.folder, self.terminal = name, case, folder, console(WIDTH, quiet=quiet)
-        self.result: CaseComparison | None = None
-        self.printed, self.written = 0, list[Path]()
-
-    def keep(self, run: Trajectory) -> None:
-        """Save a trajectory as soon as it is there: an interrupt loses only the one that is running."""
-        from ..measures.report import largest, short
-
-        if not self.written:
-            make_folder(self.folder)
-            title = "" if self.case.title == self.case.name else f"  {self.case.title}"
-            self.terminal.print(Text.assemble((self.case.name, "bold"), title))
-        self.written.append(run.save(self.folder / f"{file_name(run.label)}.nc"))
-        if self.result is None and run.work.steps:  # of no reference
-            name = short(run.label.partition("@")[0])
-            self.terminal.print(f"{name}: {largest(run)} ({run.work.seconds:.2g} s)", soft_wrap=True)
-
-    def measured(self, result: CaseComparison, solution: Trajectory | None) -> None:
-        """Print the tables of the schemes and the main reference, or how far a further one agrees with the main one."""
-        self.result, self.printed = result, len(result.failures) if solution is None else self.printed
-        if solution is None:
-            _print_result(self.terminal, result, self.name)
-        else:
-            _print_line(self.terminal, result, solution)
-
-    def rest(self, result: CaseComparison, rates: bool) -> list[tuple[str, ContactRates]]:
-        """Print the failures of further references and, where asked for, the rates, which are returned."""
-        for line in _report(result).failed()[self.printed :]:
-            self.terminal.print(line)
-        rated = _rates(result) if rates else []
-        for label, each in rated:
-            self.terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
-        return rated
+    mains, told = list[str](), 0
+    for solution in solutions:
+        if not written:
+            make_folder(folder)
+            name, title = result.case.name, result.case.title
+            terminal.print(Text.assemble((name, "bold"), "" if title == name else f"  {title}"))
+        if result.references and not mains:
+            mains, told = [one.label for one in result.references], len(result.failures)
+            _print_result(terminal, result, case)
+        written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+        if not mains and solution.work.steps:
+            name = short(solution.label.partition("@")[0])
+            terminal.print(f"{name}: {largest(solution)} ({solution.work.seconds:.2g} s)", soft_wrap=True)
+        elif mains and solution.label not in mains:
+            _print_line(terminal, result, solution)
+    if not mains:
+        told = len(result.failures)
+        _print_result(terminal, result, case)
+    return told
 
 
 def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
@@ -173,51 +179,15 @@ def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
     return [(one.label, contact_rates(one)) for one in solutions]
 
 
-def _rate_tables(measured: Sequence[tuple[str, ContactRates]], folder: Path) -> list[Path]:
-    """A table with a line for each run and stop, and one with a line for each impact."""
+def _rate_table(rated: list[tuple[str, ContactRates]], folder: Path) -> list[Path]:
+    """A table with a line for each run and stop."""
     import pandas
 
-    if not measured:  # those of an earlier comparison would be taken for this one's
-        for name in ("rates", "impacts"):
-            (folder / f"comparison-{name}.csv").unlink(missing_ok=True)
+    if not rated:
         return []
-    rates, impacts = [], []
-    for label, each in measured:
-        rates.append(each.to_dataframe().reset_index().assign(run=label))
-        records = enumerate(each.run.contacts)
-        impacts += [one.impacts.to_dataframe().assign(run=label, contact=i) for i, one in records]
-    tables = {"comparison-rates.csv": rates, "comparison-impacts.csv": impacts}
-    joined = {name: pandas.concat(x).set_index(["run", "contact"]) for name, x in tables.items()}
-    return [write_whole(folder / name, table.to_csv()) for name, table in joined.items()]
-
-
-def _asked(
-    case: CaseFile, schemes: str | None, references: str | None
-) -> tuple[list[tuple[Any, str]], list[str] | None]:
-    """The integrators to run with their forms, by default those of the case, and the names of the references."""
-    from ..files.cases import compared_runs
-    from ..integrators import parse_integrator
-    from ..schemes.labels import split_runs
-
-    if schemes is None:
-        runs: list[tuple[Any, str]] = list(compared_runs(case))
-    else:
-        runs = [_like_case(parse_integrator(text, case.forms[0]), text, case) for text in split_runs(schemes)]
-    names = None if references is None else [name.strip() for name in references.split(",") if name.strip()]
-    for flag, present in (("--schemes", schemes is None or runs), ("--references", names is None or names)):
-        if not present:
-            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
-    return runs, names
-
-
-def _like_case(run: tuple[Integrator, str], text: str, case: CaseFile) -> tuple[Integrator | Scheme, str]:
-    """A bare ``hht`` or ``sdirk`` takes the parameters it has in the case."""
-    scheme, form = run
-    if scheme.kind == "scheme" and "(" not in text and ".printed" not in text:
-        for case_scheme, case_form in case.runs:
-            if case_scheme.name == scheme.source.name and ("@" not in text or case_form == form):
-                return case_scheme, form if "@" in text else case_form
-    return run
+    rates = [each.to_dataframe().reset_index().assign(run=label) for label, each in rated]
+    table = pandas.concat(rates).set_index(["run", "contact"])
+    return [write_whole(folder / "comparison-rates.csv", table.to_csv())]
 
 
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:

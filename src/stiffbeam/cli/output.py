@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,10 +16,12 @@ from cyclopts import Parameter
 from ..basics.progress import TALK
 from ..basics.storage import make_folder
 from ..basics.text import cut, plain
-from ..basics.validation import InputError, file_path
+from ..basics.validation import InputError, file_path, positive
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from ..files.cases import Case
 
 # Options that several commands have.
 CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or file.toml:name.")]
@@ -28,6 +31,15 @@ Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or
 Json = Annotated[
     Path | None, Parameter(allow_leading_hyphen=True, help="Write the records to this file, - for stdout.")
 ]
+
+
+def asked_case(case: str, dt: float | None, t_end: float | None) -> Case:
+    """The case, with the time step and the end time that are given."""
+    from ..files.cases import find_case
+
+    given = {"dt": dt, "t_end": t_end}
+    asked = {name: positive(f"--{name.replace('_', '-')}", x) for name, x in given.items() if x is not None}
+    return replace(find_case(case), **asked)
 
 
 def console(width: int | None = None, quiet: bool = False) -> Console:

@@ -42,7 +42,7 @@ DASHES = (
 )  # fmt: skip
 SOLVERS = ("0.25", "#999933", "#882255", "#44AA99", "#AA4499", "#332288")  # muted, none of a scheme
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-EXACT = ("exact", "multiprecision", "reference", "tangent flow")  # what stands for the exact motion
+EXACT = ("exact", "multiprecision", "reference")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
 LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items() if scheme.look is not None}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}

@@ -191,9 +191,6 @@ class Advise(Study):
             over = f", in the mean over {first.members:g} members" if first.members else ""
             verdict = f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {first.t_end:g}, {run.work:g} "
             verdict += f"linear solves, relative errors {errors}{over}."
-            if first.members:
-                single = ", ".join(f"{name} {first[f'scatter_{name}']:.2g}" for name in met)
-                notes.append(f"A single motion scatters about its mean by (relative) {single}.")
             least = wanted.get("tip", WANT["tip"])
             notes.append(f"The tip is within {least:g} max|u| of the exact one to t = {first.trusted_until:.4g}.")
         for row in table[table.kind == "cannot"].itertuples():
@@ -314,11 +311,10 @@ class Search:
         show, steps = current(), self._coarsest(most)
         best: Probe | None = None
         alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
-        smallest = ""
         while alive and steps <= most and not self.ended:
             refined, level = [], []
             for done, (scheme, contact, before) in enumerate(alive):
-                show(f"advise: runs of {steps} steps{smallest}", done, len(alive))
+                show(f"advise: runs of {steps} steps", done, len(alive))
                 # A run takes twice as long as the one of half the steps, which has as many members.
                 last = 0.0 if before is None else 2.0 * before.seconds * max(1, self.criterion.members)
                 if clock() + last > self.until and (level or self.tried):
@@ -337,9 +333,6 @@ class Search:
                     best = good
                     continue
                 refined.append((scheme, contact, run))
-            if level:
-                least = {name: min(p.errors[name] for p in level) for name in want}
-                smallest = "; least errors so far: " + ", ".join(f"{name} {x:.2g}" for name, x in least.items())
             self.tried += level
             alive, steps = refined, 2 * steps
         return best

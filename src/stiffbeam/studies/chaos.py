@@ -1,8 +1,8 @@
 """Divergence of neighbouring motions: Lyapunov exponents of the exact flow and of the schemes, and the portrait.
 
 The horizon is shorter than a period of the drive, so one run from t = 0 sees one phase of it only. Pairs
-are therefore started at many times along the exact motion and followed while their distance is small. The tangent flow
-along the exact motion is an independent check: it needs no small distance.
+are therefore started at many times along the exact motion and followed while their distance is small. Independent of
+this, ``lyapunov`` measures the growth of tangent vectors along the exact motion.
 
 Neighbours of a motion that is not chaotic diverge at most in proportion to t: twofold while t doubles. An impact that
 one of them misses separates them once. An exponent is stated only if most pairs, with 95 %, diverge or approach more
@@ -31,9 +31,7 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Superposition
 from ..references.ensemble import reference_ensemble
-from ..references.horizon import MERGED, lyapunov
 from ..trajectory.ensemble import Ensemble
-from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
 
@@ -46,8 +44,6 @@ CLOSE, CLOSE_TO_TOLERANCE = 1e-11, 1e-7  # the distance of a pair: far above rou
 THREEFOLD = np.log(3.0)
 STEPS = 10  # of a scheme in the span, at least
 SURE = 6  # pairs, the fewest that can tell a median with 95 %: five alike have 1 chance in 16 to be so by chance
-FLOWS = {"exact": "exact", "tangent flow": "tangent"}
-SEGMENTS = 20  # of the span, for the scatter of the tangent flow's rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +72,7 @@ class Chaos(Study):
     }  # fmt: skip
 
     def points(self, case: Case) -> list[Row]:
-        """Pairs by each method, and the tangent flow."""
+        """Pairs by each method."""
         system = case.system(self.form)
         exact = common.solve_once(system, case.t_end)
         dt, span = case.dt, self.span
@@ -91,19 +87,12 @@ class Chaos(Study):
             span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
         known = exact.provenance["method"] == "exact"
         size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
-        shared = {"kind": "pairs", "size": size, "span": dt * round(span / dt)}
-        pairs = [shared | {"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
-        return [*pairs, *([{"kind": "tangent", "method": "tangent flow"}] if known else [])]
+        shared = {"size": size, "span": dt * round(span / dt)}
+        return [shared | {"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
 
-    def run(self, case: Case, kind: str, method: str, size: float = 0.0, span: float = 0.0) -> list[Row]:
-        """Rows of pairs of neighbouring motions, or of the tangent flow."""
+    def run(self, case: Case, method: str, size: float, span: float) -> list[Row]:
+        """Exponent of every pair of neighbouring motions, and the mean distance over time."""
         system = case.system(self.form)
-        if kind == "pairs":
-            return self._pairs(case, system, method, size, span)
-        return _tangent(system, case.t_end)
-
-    def _pairs(self, case: Case, system: System, method: str, size: float, span: float) -> list[Row]:
-        """Exponent of every pair, and the mean distance over time."""
         basis, motion = undamped_modes(system), scales(system, case.t_end)
         exact = common.solve_once(system, case.t_end)
         dt, count = case.dt, self.starts
@@ -152,13 +141,13 @@ class Chaos(Study):
             reason = "most pairs do not diverge or approach threefold in the second half of the span"
             return Answer(f"{unseen}: {reason}.", notes=few)
         rate, notes = with_unit(units, "lambda", "rate"), "Means over the starts, ± 95 % by their scatter."
-        if "tangent flow" in known:
-            mean, interval = (x / np.log(10.0) for x in known["tangent flow"])
+        said = []
+        if "exact" in known:
+            mean, interval = known["exact"]
+            said.append(f"{mean:.3g} ± {interval:.2g} for the exact flow")
             time = unit_of(units, "time") or "unit of time"
-            notes += f" By the tangent flow the exact motion loses {mean:.2g} ± {interval:.2g} digits per {time}."
-        rates = {method: mean for method, (mean, _) in known.items() if method not in ("exact", "tangent flow")}
-        flow = next(((f"{x} flow", known[name]) for name, x in FLOWS.items() if name in known), None)
-        said = [f"{flow[1][0]:.3g} ± {flow[1][1]:.2g} for the {flow[0]}"] if flow else []
+            notes += f" The exact motion loses {mean / np.log(10.0):.2g} digits per {time}."
+        rates = {method: mean for method, (mean, _) in known.items() if method != "exact"}
         said += [f"{common.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
         return Answer(
             f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(said)}.",
@@ -257,27 +246,6 @@ def growth(t: Array, distance: Array, least: float, limit: float) -> tuple[float
     late = here[t[here] >= 0.5 * (t[here[0]] + t[here[-1]])]
     slope, late_slope = (float(np.polyfit(t[part], np.log(distance[part]), 1)[0]) for part in (here, late))
     return slope, late_slope * float(t[late[-1]] - t[late[0]])
-
-
-def _tangent(system: System, t_end: float) -> list[Row]:
-    """The growth rate of tangent vectors in each of SEGMENTS parts of the span, the first left out.
-
-    After a blow with restitution 0, or a rest on a stop, nothing is left of the distance: refused, with the time.
-    """
-    try:
-        grown = lyapunov(system, t_end)
-    except SolverFailure as failure:
-        if failure.reason != MERGED:
-            raise
-        return [{"lost": f"from t = {failure.t:.3g} on {MERGED}"}]
-    edges = np.linspace(0.0, t_end, SEGMENTS + 1)
-    logs = np.interp(edges, grown.t, np.mean(grown.log_growth, axis=1))
-    rates = np.diff(logs) / np.diff(edges)
-    late = np.where(np.arange(SEGMENTS) < SEGMENTS // 2, np.nan, 0.5 * t_end * rates)
-    return [
-        {"pair": k, "start": float(edges[k]), "exponent": float(rates[k]), "late": float(late[k])}
-        for k in range(1, SEGMENTS)
-    ]
 
 
 def exponents(table: Table) -> dict[str, tuple[float, float] | None]:

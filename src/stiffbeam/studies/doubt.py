@@ -1,29 +1,24 @@
 """Contributions of rounding, of scheme and time step, of the mesh, and of the data to the uncertainty of results.
 
-A rate has a contribution of its finite time span besides.
-
     rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
     scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
     mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on cubic elements or by a finer model;
                 2^p/(2^p - 1) of that on twice as many cells, p the order of the form
     data        deviation(Q)/|mean(Q)| over the drawn members
-    span        sqrt(mean(V))/|mean(Q)|, V the variance of a member's rate over its span (``measures/rates.py``)
 
-Q: impacts, impacts per time, largest force, impulse and time in contact at each contact, and the energy in the mean
-over time; all members have the same parameters, a Latin hypercube sample, in every column. For the tip the columns are
-rms distances over the largest |u|. The first four columns of the rate are those of the impacts; its column span is the
-distance to the rate of a run without end, which a motion that nothing drives does not have.
+Q: impacts, largest force, impulse and time in contact at each contact, and the energy in the mean over time; all
+members have the same parameters, a Latin hypercube sample, in every column. For the tip the columns are rms distances
+over the largest |u|. The rate over a longer run has an interval of its own, see ``measures/rates.py``.
 
-Intervals hold with 95 %: bootstrap over the members (BCa). Mesh and span have a bracket besides:
+Intervals hold with 95 %: bootstrap over the members (BCa). The mesh has a bracket besides:
 
     cubic elements on the cells of the case    0.9 to 1.1    compliant stops, forms of order 2; measured on random beams
     twice the cells                            2/3 to 3/2    rigid stops, hermite form; p is the order of smooth motions
     a finer model of matrices                  2/3 to 2      1 to 4/3 of the distance, with a margin of 3/2
-    span                                       1/2 to 2      87 of 100 records of an oscillator under noise
 
 A source is the largest if it is in 97.5 % of the resamples, in each of which all columns have the same members and are
 at the unfavourable ends of their brackets. If none is, those that may be the largest are named together. Rounding need
-not exceed data and span, which contain it.
+not exceed data, which contain it.
 """
 
 from __future__ import annotations
@@ -42,14 +37,12 @@ from ..basics.arrays import Array
 from ..basics.progress import current
 from ..basics.resources import over_slices
 from ..basics.units import with_unit
-from ..basics.validation import InputError, Rng, generator, number, positive
+from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import style_of
 from ..files.cases import Case
-from ..measures.rates import stationary_mean, windows
 from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
 from ..model.system import System
-from ..model.time_functions import Constant
 from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
@@ -62,11 +55,10 @@ if TYPE_CHECKING:
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 LEAST = 8  # elements of the finer mesh
 OUTPUTS = 400  # of the tip, at least where there are so many steps
-RATE = "impact rate"
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
               "time in contact": "fraction"}  # fmt: skip
-UNITS = {"tip": "length", RATE: "rate", "largest force": "force", "impulse": "impulse", "energy": "energy"}
-SOURCES = ("rounding", "scheme", "mesh", "data", "span")
+UNITS = {"tip": "length", "largest force": "force", "impulse": "impulse", "energy": "energy"}
+SOURCES = ("rounding", "scheme", "mesh", "data")
 RESAMPLES = 2000
 SURE = 0.975  # of the resamples in which the source that is named is the largest
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
@@ -75,12 +67,11 @@ CUBIC_ELEMENTS = (0.9, 1.1)  # of the distance to them
 # Of the distance to a finer model, which is 1 of the error of one without error and 3/4 of one of half the width at
 # order 2: from 1 to 4/3 of it, with a margin of 3/2 to either side.
 FINER_MODEL = (2 / 3, 2.0)
-SPAN = (0.5, 2.0)  # of a deviation over the span: all members share their loads, so their scatter lacks it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt(Study):
-    """How uncertain is each result of a run, and is it by rounding, scheme, mesh, data or time span?
+    """How uncertain is each result of a run, and is it by rounding, scheme, mesh or data?
 
     Exact motions of ``members`` systems with random parameters on two meshes are compared with runs of the scheme. The
     ranges of the parameters are those of the case file, in its table case.uncertain. For matrices the table case.finer
@@ -95,7 +86,6 @@ class Doubt(Study):
     )
     members: int = option(48, "number of systems with random parameters", least=8)
     rng: int = option(1, "seed of the random systems", least=0)
-    tolerance: float = option(0.05, "of the data horizon, relative to the largest |u|")
     form: str | None = common.form()
     contact: str = common.treatment()
     finer: Annotated[System | None, Parameter(parse=False)] = option(
@@ -107,7 +97,6 @@ class Doubt(Study):
 
     def require(self, case: Case) -> None:
         """Raise InputError for a case without uncertain parameters, and for a finer model of a beam."""
-        positive("tolerance", number("tolerance", self.tolerance))
         form = self.form or case.forms[0]
         drawn_members(case.system(form), self.uncertain or case.uncertain, self.members, self.rng)
         if self.finer is not None and case.beam is not None:
@@ -144,8 +133,7 @@ class Doubt(Study):
         if horizon < t_end:
             starts = perturbed_members(system, self.members, ROUNDING, self.rng, t_end=t_end)
             many["rounding"] = reference_ensemble(system, t_end, starts, t)
-        shared = {"scheme": str(scheme), "horizon": horizon,
-                  "data_horizon": agreement_horizon(exact.t, exact.tip, self.tolerance)}  # fmt: skip
+        shared = {"scheme": str(scheme), "horizon": horizon}
         rows = list[Row]()
         for quantity, (mean, columns) in columns_of(exact, many, of_mesh).items():
             largest, shares = ranked(columns), {name: share(x, abs(mean)) for name, x in columns.items()}
@@ -169,8 +157,7 @@ class Doubt(Study):
         columns = ["95 % intervals", "mean", "largest", *(x for x in SOURCES if x in set(table.source))]
         first = table.iloc[0]
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
-        notes += f"the motion certain to t = {first.horizon:.4g}, data to t = {first.data_horizon:.4g}: 95 % of the "
-        notes += f"members within {percent(self.tolerance)}."
+        notes += f"the motion certain to t = {first.horizon:.4g}."
         if "mesh" not in columns:
             notes += " The case has matrices and no finer model: for the error of the mesh write [case.finer] beside "
             notes += "[case.system], or pass finer=."
@@ -224,18 +211,6 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
     return varied_members(system, columns)
 
 
-def agreement_horizon(t: Array, tips: Array, tolerance: float, least: float = 0.95) -> float:
-    """Time to which a share ``least`` of the members, tips (M, k) at t (k,), agree to a tolerance of the largest |u|.
-
-    A member agrees until its distance from the median over the members first exceeds ``tolerance`` max |median|. The
-    horizon is the last output time before fewer than ``least`` of the members do.
-    """
-    middle = np.median(tips, axis=0)
-    apart = np.abs(tips - middle) > tolerance * np.max(np.abs(middle))
-    agree = np.mean(~np.logical_or.accumulate(apart, axis=1), axis=0) >= least
-    return float(t[-1] if np.all(agree) else t[max(0, int(np.argmin(agree)) - 1)])
-
-
 def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float, float]]:
     """The system on a finer mesh, and what times the distance to it is the error of the mesh: the value and the ends of
     its bracket. None for matrices without a finer model."""
@@ -258,19 +233,12 @@ def measured(many: Ensemble) -> dict[str, Array]:
     for i, contact in enumerate(many.contacts):
         place = f" at contact {i}" if len(many.contacts) > 1 else ""
         found |= {name + place: np.asarray(getattr(contact, field), float) for name, field in QUANTITIES.items()}
-        if _driven(many.members.system):
-            found[RATE + place] = found["impacts" + place] / float(many.provenance["t_end"])
 
     def means(part: Sequence[int]) -> list[float]:
         return [float(np.mean(each)) for each in energies(many, part)]
 
     slices = over_slices(means, range(len(many)), MEMBERS_PER_SLICE)
     return found | {"energy": np.concatenate(list(slices))}
-
-
-def _driven(system: System) -> bool:
-    """Return True if a load or a stop depends on time."""
-    return any(not isinstance(f, Constant) for _, f in system.loads) or any(c.offset for c in system.contacts)
 
 
 def columns_of(
@@ -296,8 +264,6 @@ def columns_of(
         columns = {source: shift(each[name], wanted) for source, each in values.items() if source != "rounding"}
         columns["rounding"] = scatter(none if past is None else values["rounding"][name])
         columns["data"] = scatter(wanted)
-        if _kind(name) == RATE:
-            columns["span"] = _span(exact, int(name.rpartition(" ")[2]) - 1 if " at contact " in name else 0)
         found[name] = float(np.mean(wanted)), columns
     for _, columns in found.values():
         if "mesh" in columns:
@@ -305,24 +271,11 @@ def columns_of(
     return found
 
 
-def _span(exact: Ensemble, contact: int) -> Column:
-    """The column of the deviations of the members' rates over their span."""
-    edges = windows(exact.members.system, 0.0, float(exact.provenance["t_end"]))
-    width = float(edges[1] - edges[0])
-    times = [exact.contacts[contact].impacts_of(k).times for k in range(len(exact))]
-    rates = [stationary_mean(np.histogram(x, edges)[0] / width).deviation for x in times]
-    return Column(_roots, np.array(rates), (1.0, *SPAN))
-
-
 # ---------------------------------------------------------------- intervals and the largest source
 
 
 def _deviations(x: Array, axis: int = -1) -> Array:
     return np.std(x, axis=axis, ddof=1)
-
-
-def _roots(x: Array, axis: int = -1) -> Array:
-    return np.sqrt(np.mean(x**2, axis=axis))
 
 
 @dataclass(frozen=True)
@@ -380,22 +333,17 @@ def share(column: Column, scale: float) -> tuple[float, float, float]:
 
 
 def ranked(columns: Mapping[str, Column]) -> tuple[str, ...]:
-    """The largest source, or those that may be the largest. Data and span, which contain the scatter of rounding, do
-    not count against it."""
-
-    def contains(source: str, other: str) -> bool:
-        return other == "rounding" and source in ("data", "span")
-
+    """The largest source, or those that may be the largest. Data, which contain the scatter of rounding, do not count
+    against it."""
     # A source at the low end of its bracket is held against all others at their high ends.
     least, most = ({x: c.factors[end] * np.abs(c.resampled()) for x, c in columns.items()} for end in (1, 2))
     names = sorted(columns, key=lambda x: -columns[x].size)
     for name in names:
-        rivals = [most[x] for x in names if x != name and not contains(x, name)]
+        rivals = [most[x] for x in names if x != name and (name, x) != ("rounding", "data")]
         if columns[name].size > 0.0 and np.mean(np.all([least[name] >= x for x in rivals], axis=0)) >= SURE:
             return (name,)
-    # Rounding stands for data and span if they may be its scatter alone.
-    rounding = most.get("rounding")
-    names = [x for x in names if not contains(x, "rounding") or rounding is None
-             or np.mean(least[x] >= rounding) >= SURE]  # fmt: skip
+    # Rounding stands for data if they may be its scatter alone.
+    if "rounding" in most and "data" in names and np.mean(least["data"] >= most["rounding"]) < SURE:
+        names.remove("data")
     first = least[names[0]]
     return (names[0], *([x for x in names[1:] if np.mean(first >= most[x]) < SURE] or names[1:2]))

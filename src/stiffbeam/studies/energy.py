@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from ..figures.chart import lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
-from ..trajectory.records import Ledger, supplied
+from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory
 from . import common
 from .base import Answer, Row, Study, Table, option
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the energy balance is kept
-MOST = 100.0  # per cent: a larger share is a number at a bar that is as long as the longest of the others
+MOST = 100.0  # per cent: a longer bar ends here, beside its number
 ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
 REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
@@ -77,8 +77,8 @@ class Energy(Study):
         for row in schemes.to_dict("records"):
             share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
             if not row["sure"]:
-                most = _supplied(table[(table.scheme == row["scheme"]) & (table.form == row["form"])])
-                loss = f"{percent(row['loss'] / most)} ± {percent(row['spread'] / most)}" if most > 0.0 else "not known"
+                loss, off = (percent(row[x] / (row["supplied"] or np.nan)) for x in ("loss", "spread"))
+                loss = f"{loss} ± {off}"
                 known = False
             elif np.isfinite(row["lost_fraction"]):
                 lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
@@ -119,13 +119,13 @@ class Energy(Study):
         for j, form in enumerate(forms):
             left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
             end = f"{table[table.form == form].t.max():g}"
-            _shares(left, dict(iter(table[table.form == form].groupby("scheme"))), names)
+            _shares(left, table[table.form == form], names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
 
 
 def _row(ledger: Ledger, k: int) -> Row:
-    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "viscous", "spread", "loss")
+    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous", "spread", "loss")
     row: Row = {name: float(getattr(ledger, name)[k]) for name in names}
     sure = bool(ledger.is_resolved(k))
     parts = {"lost_in_contact": ledger.loss_in_contact[k], "lost_free": ledger.loss_without_contact[k]}
@@ -133,35 +133,17 @@ def _row(ledger: Ledger, k: int) -> Row:
     return row | {"sure": sure, "lost_fraction": float(ledger.lost_fraction(k))}
 
 
-def _supplied(rows: Table) -> float:
-    """The energy supplied up to the last of these rows of one run."""
-    return float(supplied(rows.energy.iloc[0], rows.input.to_numpy())[-1])
-
-
-def _shares(axis: Axes, runs: dict[Any, Table], names: list[str]) -> None:
+def _shares(axis: Axes, rows: Table, names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
-    lasts = {name: (runs[name].iloc[-1], _supplied(runs[name])) for name in names if name in runs}
-    shares = {
-        part: np.array([100.0 * row[part] / most if most > 0.0 else np.nan for row, most in lasts.values()])
-        for part, *_ in PARTS
-    }
-    longest = max([1.0, *(abs(x) for each in shares.values() for x in each if abs(x) <= MOST)])
+    last = rows.groupby("scheme").last().reindex(names)
     for part, words, colour, place in PARTS:
-        at, share = place + np.array([names.index(x) for x in lasts], int), shares[part]
-        bars = axis.barh(at, np.clip(share, -longest, longest), 0.3, color=colour, label=words)
-        texts = [_percent(x) if abs(x) <= longest else f"off scale: {_percent(x)}" for x in share]
+        share = last[part] / last.supplied.where(last.supplied > 0.0)
+        bars = axis.barh(np.arange(len(names)) + place, (100.0 * share).clip(-MOST, MOST), 0.3, color=colour)
+        bars.set_label(words)
+        texts = ["0" if abs(x) < ROUNDING else percent(x) for x in share]
         axis.bar_label(bars, texts, padding=3, fontsize=7.5, color="0.3")
-    for name in (x for x in lasts if not lasts[x][0].sure):
-        axis.text(0.0, names.index(name), " not known", va="center", fontsize=7.5, color="0.3")
     axis.axvline(0.0, color="0.5", lw=0.9)
-    axis.set_xlim(-1.4 * longest, 1.4 * longest)
+    axis.margins(x=0.25)
     name_lines(axis, [short(name) for name in names])
     if names:
         axis.legend(fontsize=8, loc="lower left")
-
-
-def _percent(share: float) -> str:
-    """A share as text next to its bar: two digits below 10, "0" for rounding errors."""
-    if abs(share) < 0.05:
-        return "0" if abs(share) < 1e-6 else "<0.1"
-    return f"{share:.2g}" if abs(share) < 10.0 else f"{share:.0f}" if abs(share) < 1e4 else f"{share:.0e}"

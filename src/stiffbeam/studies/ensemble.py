@@ -40,9 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distribution of durations
-SIDES = {1: "upper", -1: "lower"}
+LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
 SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
 HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
@@ -76,7 +74,7 @@ class Ensemble(Study):
     labels: ClassVar = {
         "count": ("impacts", ""), "fraction": ("share of the time in contact, %", ""),
         "energy_lost": ("energy lost", "energy"), "force": (r"peak force of an impact $\max|\sigma|$", "force"),
-        "duration": ("duration of a contact", "time"), "level": ("share of the contacts that are shorter", ""),
+        "duration": ("duration of a contact", "time"), "level": ("share of the contacts with less", ""),
     }  # fmt: skip
 
     def points(self, case: Case) -> list[Row]:
@@ -92,7 +90,7 @@ class Ensemble(Study):
         return perturbed_members(system, self.members, self.size, self.rng, t_end=case.t_end)
 
     def run(self, case: Case, method: str) -> list[Row]:
-        """Rows of members, quantiles of peak forces and of durations, and the spectrum."""
+        """Rows of members, the distributions of durations and peak forces, and the spectrum."""
         system, dt, t_end = case.system(self.form), case.dt, case.t_end
         members = self.members_of(case, system)
         every = common.to_the_end(round(t_end / dt), SAMPLES)
@@ -128,10 +126,7 @@ class Ensemble(Study):
                 }
                 for i in range(len(many))
             ]  # fmt: skip
-            peaks = contact.impacts.peaks[np.isfinite(contact.impacts.peaks)]
-            peak: Row = {"kind": "peak", "contact_number": number}
-            rows += [peak | {"quantile": q, "force": float(np.quantile(peaks, q))} for q in QUANTILES if len(peaks)]
-            rows += _durations(number, contact.impacts)
+            rows += _distributions(number, contact.impacts)
         return rows + _spectrum(t, many.tip[whole], drive)
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -176,9 +171,7 @@ class Ensemble(Study):
             summaries = table[(table.kind == "summary") & (table.method == method)]
             for row in summaries.to_dict("records"):
                 texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
-                line[with_unit(units, f"durations, {row['stop']} stop", "time")] = (
-                    f"median {texts[0]}, half of the time from {texts[1]}"
-                )
+                line[with_unit(units, "durations", "time")] = f"median {texts[0]}, half of the time from {texts[1]}"
             small.append(line)
         counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
@@ -189,12 +182,11 @@ class Ensemble(Study):
             pd.DataFrame(small),
             f"Members perturbed by {self.size:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
             "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the "
-            f"loads{over}. The largest force grows with the span. Half of the time in contact is spent in longer "
-            "contacts than stated.",
+            f"loads{over}. The largest force grows with the span.",
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Every member a dot in the line of its method and contact, the mean as a bar; forces as quantiles; spectra."""
+        """Every member a dot in the line of its method and contact, the mean as a bar; distributions; spectra."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
         groups = [
             (str(method), f" at contact {n:g}" if several else "", rows)
@@ -214,16 +206,13 @@ class Ensemble(Study):
             axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
-        axis = figure.add_subplot(grid[1, :2])
-        _peaks(axis, groups)
-        axis.set(title="forces: median, 50 %, 90 %", xlabel=labels["force"])
-        axis = figure.add_subplot(grid[1, 2:4])
-        ended = table[table.kind == "quantile"]
-        for (label, _), rows in ended.groupby(["method", "stop"], sort=False) if len(ended) else ():
-            style: Any = look(str(label)) | {"marker": "", "lw": 1.1}
-            axis.plot(rows.duration, rows.level, label=short(str(label)), **style)
-        log_scale(axis, y=False)
-        axis.set(title="durations of contacts", xlabel=labels["duration"], ylabel=labels["level"], ylim=(0.0, 1.0))
+        for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
+            axis = figure.add_subplot(grid[1, 2 * i : 2 * i + 2])
+            for method, _, rows in groups if name in table else ():
+                style: Any = look(method) | {"marker": "", "lw": 1.1}
+                axis.plot(rows[name], rows.level, label=short(method), **style)
+            log_scale(axis, y=False)
+            axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
         axis = figure.add_subplot(grid[1, 4:])
         self._spectra(axis, table[table.kind == "spectrum"], case)
         shared_legend(figure, 5)
@@ -259,21 +248,16 @@ def _sampled(run: Trajectory, t: Array) -> Trajectory:
     return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
-def _durations(number: int, impacts: Any) -> list[Row]:
-    """The distribution of durations over all contacts of all members, stop by stop."""
-    rows: list[Row] = []
-    for side, name in SIDES.items():
-        durations = impacts.durations[impacts.stops == side]
-        closed = np.sort(durations[np.isfinite(durations)])
-        if not len(closed):
-            continue
-        where: Row = {"contact_number": number, "stop": name}
-        rows.append(where | {
-            "kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed),
-        })  # fmt: skip
-        levels = zip(LEVELS, np.quantile(closed, LEVELS), strict=True)
-        rows += [where | {"kind": "quantile", "level": float(q), "duration": float(d)} for q, d in levels]
-    return rows
+def _distributions(number: int, impacts: Any) -> list[Row]:
+    """The distributions of durations and peak forces over all contacts of all members."""
+    closed, peaks = (np.sort(x[np.isfinite(x)]) for x in (impacts.durations, impacts.peaks))
+    rows: list[Row] = [{"kind": "quantile", "level": float(q)} for q in LEVELS]
+    for name, values in (("duration", closed), ("force", peaks)):
+        for row, value in zip(rows, np.quantile(values, LEVELS) if len(values) else (), strict=False):
+            row[name] = float(value)
+    if len(closed):
+        rows.append({"kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed)})
+    return [{"contact_number": number} | row for row in rows]
 
 
 def half_time(durations: Array) -> float:
@@ -360,16 +344,4 @@ def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale
                 axis.axvline(mean, color="black", lw=0.9, ls=":")
     if quantity == "energy_lost":
         axis.axvline(0.0, color="black", lw=0.9, ls=":")
-    name_lines(axis, [short(method) + place for method, place, _ in groups])
-
-
-def _peaks(axis: Axes, groups: list[tuple[str, str, Table]]) -> None:
-    """Quantiles of the peak force of all impacts."""
-    for i, (method, _, rows) in enumerate(groups):
-        force, colour = rows.force[rows.kind == "peak"].to_numpy() if "force" in rows else [], look(method)["color"]
-        if len(force):
-            for k, width in ((0, 1.2), (1, 5.0)):
-                axis.hlines(i, force[k], force[-1 - k], color=colour, lw=width)
-            axis.plot(force[2], i, "o", mfc="white", color=colour)
-    log_scale(axis, y=False)
     name_lines(axis, [short(method) + place for method, place, _ in groups])

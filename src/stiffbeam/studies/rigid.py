@@ -119,7 +119,7 @@ class Rigid(Study):
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Hollow markers: not yet as many impacts as on rigid stops. Lines: fits to the others."""
+        """Hollow markers: other impacts than on rigid stops. The others give the order in the legend."""
         labels, near, kappa = table.attrs["labels"], same_impacts(table), case.system().contacts[0].stops.stiffness
         grid = figure.add_gridspec(2, 6)
         for i, (name, title) in enumerate(PANELS.items()):
@@ -135,12 +135,7 @@ class Rigid(Study):
             label = f"in 1/κ: {order}" if np.isfinite(order.slope) else "as many impacts as rigid stops"
             axis.plot(kept.kappa, kept[name], label=label, **style)
             others = table[(table[name] > 0.0) & ~table.index.isin(near.index)]
-            if len(others):
-                axis.plot(others.kappa, others[name], label="not yet the impacts of rigid stops",
-                          **style | {"mfc": "white"})  # fmt: skip
-            if np.isfinite(order.slope):
-                ends = np.array([kept.kappa.min(), kept.kappa.max()])
-                axis.plot(ends, order.constant * ends**-order.slope, color=style["color"], lw=1.4)
+            axis.plot(others.kappa, others[name], label="other impacts than rigid stops", **style | {"mfc": "white"})
             log_scale(axis)
             axis.legend(frameon=False, fontsize=8)
 

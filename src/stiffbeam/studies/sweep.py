@@ -21,7 +21,7 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, near, number
-from ..figures.chart import COLOURS, dashed, log_scale, look, tip_name, tip_symbol
+from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..measures.report import percent
@@ -93,7 +93,7 @@ class Sweep(Study):
 
     smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
     named_by: ClassVar = ("parameter", "second")
-    height: ClassVar = 8.2
+    height: ClassVar = 9.4
 
     def points(self, case: Case) -> list[Row]:
         """Batches of values that march together, after the checks of the options."""
@@ -172,7 +172,7 @@ class Sweep(Study):
             named = dict(zip(names_of(point), value, strict=True))
             try:
                 setup = setup_of(system, point, value, scheme)
-                groups.setdefault(setup.kind, []).append((named | _facts(setup, point), setup))
+                groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
@@ -186,28 +186,20 @@ class Sweep(Study):
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
         first, names, small = table.iloc[0], self._names(), list[Row]()
-        counted, over = self._rate(table, case)
         for place, contacts in _places(table[table.kind == "contact"]):
-            columns = [("count", counted, "", over), ("fraction", "time in contact, %", "", 0.01)]
-            if not _rigid(case.system(self.form), contacts):
-                columns.append(("peak_force", "largest force", "force", 1.0))
-            for name, words, quantity, scale in columns:
+            for name, label, scale in self._measures(contacts, case):
                 known = contacts[contacts[name].notna()]
                 if len(known):
                     least, most = (
                         f"{row[name] / scale:.4g} at " + ", ".join(f"{x} {row[x]:.5g}" for x in names)
                         for row in (known.loc[known[name].idxmin()], known.loc[known[name].idxmax()])
                     )
-                    label = with_unit(case.units, words, quantity) + place
-                    small.append({"over all values": label, "least": least, "most": most})
+                    small.append({"over all values": label + place, "least": least, "most": most})
         notes = f"{self.periods} periods of the drive after {self.transient}."
         if "t_end" in table:
             notes = f"Single runs, t = 0 to {first.t_end:g}."
-        elif table.left.max() == 1.0:
-            notes += " Nothing damps this system, so its transient never ends: another start gives another answer."
-        elif table.left.max() > SAME:
-            left = percent(table.left.max())
-            notes += f" Without contact {left} of a free vibration is left after that transient: raise transient."
+        else:
+            notes += _transient(case.system(self.form), self.transient, self.parameter)
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
         ranges = (f"{x} {table[x].min():g} to {table[x].max():g}" for x in names)
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
@@ -223,20 +215,14 @@ class Sweep(Study):
                 self._maps(figure, i, len(places), group, place, case)
             return
         sections = table[table.kind == "section"]
-        counted, over = self._rate(table, case)
-        measures = [("count", counted, "", "impacts")]
-        if not len(sections):
-            measures.append(("fraction", "share of the time", "", "time in contact"))
-        if not all(contact.stops.rigid for contact in case.system(self.form).contacts):
-            measures.append(("peak_force", r"peak $|\sigma|$", "force", "largest contact force"))
-        measures = measures if len(contacts) else []
+        measures = self._measures(contacts, case) if len(contacts) else []
         heights = ([3.0] if len(sections) else []) + [1.0] * len(measures)
         axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         if len(sections):
             self._section(axes[0], sections, case)
-        for axis, (quantity, label, unit, title) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
-            self._measure(axis, contacts, quantity, over)
-            axis.set(title=title, ylabel=with_unit(case.units, label, unit))
+        for axis, (quantity, label, scale) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
+            self._measure(axis, contacts, quantity, scale)
+            axis.set(title=label)
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
         if _decades(table[self.parameter]):
@@ -250,16 +236,17 @@ class Sweep(Study):
         tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
 
-    def _measure(self, axis: Axes, contacts: Table, quantity: str, over: float) -> None:
-        colour = look(str(contacts.method.iloc[0]))["color"]
-        colours = [colour, *(other for other in COLOURS if other != colour)]
+    def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
         parts = _places(contacts)
         for i, (label, rows) in enumerate(parts):
             rows = rows.sort_values(self.parameter)
-            style: dict[str, Any] = {"lw": width, "marker": ".", "ms": 3.0 if width else 1.5, "ls": dashed(i)}
-            y = rows[quantity] / (over if quantity == "count" else 1.0)
-            axis.plot(rows[self.parameter], y, color=colours[i % len(colours)], label=label.strip(), **style)
+            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {
+                "marker": ".",
+                "lw": width,
+                "linestyle": dashed(i),
+            }
+            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
@@ -267,14 +254,11 @@ class Sweep(Study):
         """Colours on the grid of both parameters; logarithmic where the values are decades apart."""
         from matplotlib.colors import LogNorm
 
-        counted, over = self._rate(group, case)
-        quantities = [("count", counted), ("fraction", "share of time in contact")]
-        if not _rigid(case.system(self.form), group):
-            quantities.append(("peak_force", with_unit(case.units, r"peak force $|\sigma|$", "force")))
-        for j, (quantity, label) in enumerate(quantities):
-            axis = figure.add_subplot(lines, len(quantities), i * len(quantities) + j + 1)
+        measures = self._measures(group, case)
+        for j, (quantity, label, scale) in enumerate(measures):
+            axis = figure.add_subplot(lines, len(measures), i * len(measures) + j + 1)
             grid = group.pivot(index=self.second, columns=self.parameter, values=quantity)
-            values = grid.to_numpy(float) / (over if quantity == "count" else 1.0)
+            values = grid.to_numpy(float) / scale
             known = values[np.isfinite(values)]
             if len(known):
                 norm = LogNorm() if _decades(known) else None
@@ -287,31 +271,35 @@ class Sweep(Study):
     def _names(self) -> list[str]:
         return [self.parameter] if self.second is None else [self.parameter, self.second]
 
-    def _rate(self, table: Table, case: Case) -> tuple[str, float]:
-        """Words for a rate of impacts, and the number of periods or the time that a count is divided by."""
-        if "t_end" not in table:
-            return "impacts per period", float(table.periods.iloc[0])
-        return f"impacts per {unit_of(case.units, 'time') or 'unit of time'}", float(table.t_end.iloc[0])
+    def _measures(self, contacts: Table, case: Case) -> list[tuple[str, str, float]]:
+        """Columns of these contacts, each with its label and its scale: impacts, time in contact, largest force."""
+        per, over = "period", float(contacts.periods.iloc[0])
+        if "t_end" in contacts:
+            per, over = unit_of(case.units, "time") or "unit of time", float(contacts.t_end.iloc[0])
+        measures = [("count", f"impacts per {per}", over), ("fraction", "time in contact, %", 0.01)]
+        # A rigid stop has impulses and no largest force: 0 where nothing touches it.
+        system = case.system(self.form)
+        if not all(system.contacts[int(i)].stops.rigid for i in contacts.contact_number.unique()):
+            measures.append(("peak_force", with_unit(case.units, "largest force", "force"), 1.0))
+        return measures
 
 
-def _facts(setup: Setup, point: Row) -> Row:
-    """Entries of a row: the step, and ``left``, the share of the slowest free vibration that is left after the
-    transient; 0 where stops alone damp."""
-    row: Row = {"dt": setup.dt} if setup.scheme else {}
-    system = setup.system
-    if "t_end" in point:
-        return row
+def _transient(system: System, periods: int, parameter: str) -> str:
+    """A sentence where a free vibration of the case outlasts the transient; stops alone may damp as well."""
     if not system.damped:
         stops = (contact.stops for contact in system.contacts)
         lossy = any(x.damping or x.dissipation or x.restitution not in (None, 1.0) for x in stops)
-        return row | {"left": 0.0 if lossy else 1.0}
+        return "" if lossy else " Nothing damps the case: another start gives another answer."
     natural = modes(system)
     ratio = np.maximum(natural.damping_ratio, 0.0)  # NaN for a rigid motion
     over = np.sqrt(np.maximum(ratio**2 - 1.0, 0.0))
     # Of an overdamped motion the slower of its two decays.
     decay = natural.omega * np.where(over > 0.0, 1.0 / (ratio + over), ratio)
     slowest = float(np.min(decay[np.isfinite(decay)], initial=np.inf))
-    return row | {"left": float(np.exp(-slowest * setup.period * point["transient"]))}
+    left = float(np.exp(-slowest * periods * (drive_period(system, parameter) or 0.0)))
+    if left <= SAME:
+        return ""
+    return f" Without contact {percent(left)} of a free vibration is left after that transient: raise transient."
 
 
 def _march(point: Row, setups: list[Setup]) -> Ensemble:
@@ -341,11 +329,6 @@ def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
         section = enumerate(tips.tolist(), point["transient"] + 1)
         rows += [named | {"kind": "section", "period": n, "tip": tip} for n, tip in section]
     return rows
-
-
-def _rigid(system: System, contacts: Table) -> bool:
-    """True for the rows of a rigid stop, which has impulses and no largest force: 0 where nothing touches it."""
-    return bool(len(contacts)) and system.contacts[int(contacts.contact_number.iloc[0])].stops.rigid
 
 
 def _places(contacts: Table) -> list[tuple[str, Table]]:
