@@ -179,6 +179,7 @@ def test_a_file_makes_the_system_that_python_makes(file):
         ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
         ('"M.mtx"', '"/dev/zero"', "be a file"),
         ('"push.csv"', '"/dev/zero"', "no folder, device or pipe"),
+        ("{ 0 = 1.0 }", "{ }", "be on an unknown"),
         ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
         ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
         ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),

@@ -258,6 +258,8 @@ class Reader:
         if isinstance(value, list):
             return _array(value)
         # A table of single entries, the others zero.
+        if not value:
+            raise InputError("", value, "be on an unknown", "for example { 0 = 1.0 }")
         row = np.zeros(self.size)
         for unknown, x in value.items():
             if not unknown.isdecimal() or int(unknown) >= self.size:

@@ -401,7 +401,8 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
             break
         left, width = begins, halves
     t, weights, force, v, *sliding = (x[len(left) :].ravel() for x in (t, weights, force, *speeds))
-    return f"events, quadrature to {error:.0e}", (t, weights, force, v, *(sliding or [np.full(len(t), np.nan)]))
+    slid = sliding[0] if sliding else np.full(len(t), np.nan)
+    return f"events, quadrature to {error:.0e}", (t, weights, force, v, slid)
 
 
 def _panels(read: Callable[[Array], Array], starts: Array, ends: Array, edges: Array) -> tuple[Array, Array]:

@@ -316,11 +316,6 @@ class System:
         start = {"q0": data.pop("initial_displacement", None), "v0": data.pop("initial_velocity", None)}
         options: Any = {name: np.zeros(len(matrix)) if x is None else x for name, x in start.items()} | data
         damping = np.zeros_like(matrix) if damping is None else damping
-        for vector, _ in loads_of(loads, len(matrix)):
-            if not np.any(vector):
-                raise InputError(
-                    "loads", vector, "be on an unknown: not all zero", "for example ([0, 0, 1], Constant(1.0))"
-                )
         return cls(mass=matrix, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts, **options)  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
