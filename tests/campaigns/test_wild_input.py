@@ -142,7 +142,7 @@ def test_a_reference_ends_where_its_seconds_do(method, t_end):
         ["converge", "table10", "--halvings", "60"], ["ensemble", "table10", "--members", "1000000000000"],
         ["compare", "table10", "--dt", "1e-300"], ["compare", "table10", "--t-end", "1e300"],
         ["sweep", "table10", "--parameter", "frequency", "--values", "8:14:100000000000"],
-        ["reference", "table10", "--digits", "9" * 5000], ["reference", "table10", "--t-end", "nan"],
+        ["reference", "table10", "--digits", "9" * 40], ["reference", "table10", "--t-end", "nan"],
     ],
     ids=" ".join,
 )  # fmt: skip
@@ -152,8 +152,7 @@ def test_a_command_that_asks_too_much_ends_at_once(words, tmp_path, monkeypatch)
     if done.exception is None:  # a study whose points were all refused
         assert "left out" in done.output or "it would take" in done.output
     else:
-        known = isinstance(done.exception, sb.InputError) or "Invalid value" in str(done.exception)
-    assert known, done.exception
+        assert isinstance(done.exception, sb.InputError), done.exception
         assert len(str(done.exception)) <= LONGEST
 
 
