@@ -16,6 +16,7 @@ import numpy as np
 from .basics.resources import clock
 from .basics.validation import InputError, one_of, positive
 from .march.integrate import integrate
+from .model.equations import Matrices
 from .model.system import System
 from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
@@ -86,8 +87,19 @@ class Integrator:
             raise InputError("schemes", self.label, rule, "pass system=case.system(form) to from_arrays")
         return run
 
+    @property
+    def implicit(self) -> bool:
+        """True for a scheme whose step solves with more than the mass: the work of others is evaluations."""
+        if self.kind != SCHEME:
+            return False
+        one, zero = np.eye(1), np.zeros(1)
+        equation, still = Matrices(one, one, one), [zero] * len(self.source.nodes)
+        start = self.source.initial(equation, [np.zeros((2, 1))] * self.source.history, zero)
+        self.source.step(equation, 1.0, start, still, still)
+        return any(key != (0.0, 0.0) for key in equation.solved)
+
     def work(self, run: Trajectory) -> int:
-        """Return the work of its run: linear solves of a scheme, evaluations of others, else steps."""
+        """Return the work of its run: linear solves of an implicit scheme, evaluations of others, else steps."""
         return run.work.steps * len(self.source.nodes) if self.kind == SCHEME else evaluations(run)
 
 

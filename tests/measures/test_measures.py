@@ -209,6 +209,7 @@ def test_the_comparison_prints_and_goes_to_json(compared):
     assert "SDIRK(gamma=0.4359)" in text
     assert "one realisation" in text
     assert "<table" in c._repr_html_()
+    assert c.to_latex().count("\\toprule") == c.to_latex().count("\\begin{table}") == 2
     plain = json.loads(json.dumps(c.to_dict(), allow_nan=False))
     assert plain["contacts"][0]["run"]["impacts"] == c.contacts[0].run.impacts
 

@@ -104,14 +104,14 @@ def test_the_comparison_panels_zoom_on_every_contact():
     figure = sb.compare(run, exact).figure()
     zooms = figure.axes[2:4]
     assert [axis.get_title(loc="left") for axis in zooms] == [
-        "(c) first impact at contact 0", "(d) first impact at contact 1",
+        "(c) first impact at contact 0, row 3", "(d) first impact at contact 1, row 2",
     ]  # fmt: skip
     assert figure.axes[4].get_title(loc="left").startswith("(e) force of contact ")
     assert figure.axes[4].get_ylabel() == r"contact force $\sigma$"
     assert figure.axes[5].get_title(loc="left").startswith("(f) spectrum")
     labels = [axis.get_ylabel() for axis in figure.axes]
     assert labels[0] == "displacement $u(t)$"  # of matrices, which have no tip
-    assert labels[2:4] == ["position at contact 0", "position at contact 1"]
+    assert labels[2:4] == ["position at contact 0, row 3", "position at contact 1, row 2"]
     for axis, contact in zip(zooms, exact.contacts, strict=True):
         start, end = axis.get_xlim()
         assert start < contact.impacts.times[0] < end
@@ -155,8 +155,8 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
     system = row_of_masses((0.3, 9.0, 9.0, 0.1, 9.0))
     text = str(sb.compare(sb.integrate(system, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(system, 4.0)))
     lines = [line.strip() for line in text.splitlines()]
-    assert sum(line.startswith("contact 0 ") for line in lines) == 4  # of reference and run, to the horizon and in all
-    assert sum(line.startswith("contact 3 ") for line in lines) == 4
+    assert sum(line.startswith("contact 0, row ") for line in lines) == 4  # of reference and run, to the horizon and in all
+    assert sum(line.startswith("contact 3, row ") for line in lines) == 4
     assert "Never touched: 3 of 5 contacts." in lines
     free = row_of_masses((9.0, 9.0))
     lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
@@ -190,7 +190,7 @@ def test_pictures_show_six_contacts_that_are_touched():
     system = row_of_masses((9.0, *[0.05] * 8))
     exact, run = sb.reference(system, 3.0), sb.integrate(system, sb.HHT(), 1e-3, 3.0)
     titles = [axis.get_title(loc="left")[4:] for axis in sb.compare(run, exact).figure().axes]
-    wanted = [f"first impact at contact {i}" for i in range(1, 7)]
+    wanted = [f"first impact at contact {i}, row {i}" for i in range(1, 7)]
     assert [title for title in titles if "first impact" in title] == wanted
     assert sum("force of contact" in title for title in titles) == 1
     assert titles[-1].startswith("spectrum")

@@ -197,3 +197,14 @@ def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
     )
     order = smooth.answer.table["order without contact"].iloc[0]
     assert float(order.split()[0]) == pytest.approx(5.0, abs=0.1)
+
+
+def test_mass_solves_of_an_explicit_scheme_are_evaluations():
+    class Explicit(sb.Scheme):
+        order, nodes = 1, (0.0,)
+
+        def step(self, equation, dt, z, loads, reactions):
+            return z + dt * equation.rate(z, loads[0] + reactions[0]), [z]
+
+    assert not integrator(Explicit()).implicit
+    assert all(integrator(name).implicit for name in ("bdf2", "HHT(alpha=-0.1)", "exponential-flow", "moreau-jean"))

@@ -142,6 +142,10 @@ class Tables:
         frame.attrs["units"] = list(self._all()[0].units)
         return frame
 
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return report(self._all()).latex()
+
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
         return DRAW["comparison"](self._all())
@@ -437,8 +441,10 @@ def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeas
 
 
 def contact_name(system: System, i: int) -> str:
-    """Number of contact i with its place along a beam; "the contact" where there is no other."""
+    """Number of contact i with its place along a beam or, if it acts on one unknown, the row of that; "the contact"
+    where there is no other."""
     number = f"contact {i}" if len(system.contacts) > 1 else "the contact"
-    if system.problem is None:
-        return number
-    return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"
+    if system.problem is not None:
+        return f"{number}, x = {float(system.problem.place(system.problem.all_stops[i])):g}"
+    rows = np.flatnonzero(system.contacts[i].row)
+    return f"{number}, row {rows[0]}" if len(rows) == 1 and system.size > 1 else number

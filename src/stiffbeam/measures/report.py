@@ -1,4 +1,4 @@
-"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML."""
+"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML and LaTeX."""
 
 from __future__ import annotations
 
@@ -157,6 +157,15 @@ class Report:
         tables = [f"<p><b>{escape(title)}</b></p>{frame.to_html(index=False)}" for title, frame in self.tables]
         before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
         return before + "".join(tables) + after
+
+    def latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return "\n".join(
+            frame.style.hide(axis="index").to_latex(
+                hrules=True, caption=title, position="ht", column_format="l" + "r" * (len(frame.columns) - 1)
+            ).replace("%", r"\%").replace("_", r"\_")
+            for title, frame in self.tables
+        )  # fmt: skip
 
 
 def report(

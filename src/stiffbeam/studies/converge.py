@@ -60,8 +60,8 @@ class Converge(Study):
     contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
-    Work of a scheme: linear solves, of an explicit one with the mass. Of a solver: evaluations of the right-hand side
-    or linear solves, whichever are more. Of a function: what its Trajectory counts, else its steps.
+    Work of an implicit scheme: linear solves. Of an explicit one: evaluations of the force. Of a solver: evaluations of
+    the right-hand side or linear solves, whichever are more. Of a function: what its Trajectory counts, else its steps.
 
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
     """
@@ -225,7 +225,7 @@ class Converge(Study):
         best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if best is not None:
-            unit = "solves" if self.chosen(case)[best].kind == SCHEME else "evaluations"
+            unit = "solves" if self.chosen(case)[best].implicit else "evaluations"
             verdict += f" Least work for a tip error of {ERROR:g}: {_count(costs[best])} {unit} ({short(best)})."
         notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: for a tip "
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
