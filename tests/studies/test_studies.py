@@ -206,3 +206,23 @@ def test_a_failure_of_arithmetic_is_a_row():
 
     STUDIES.pop("broken")
     assert evaluate(Broken(), None, {"number": 1.0})[0]["lost"].startswith("ZeroDivisionError")
+
+
+def test_a_point_file_that_is_a_link_is_neither_read_nor_followed(tmp_path):
+    doubled(folder=tmp_path / "points", numbers=[1.0])
+    (file,) = (tmp_path / "points").iterdir()
+    stranger = tmp_path / "stranger"
+    stranger.write_text('[{"twice": 99.0}]')
+    file.unlink()
+    file.symlink_to(stranger)
+    assert doubled(folder=tmp_path / "points", numbers=[1.0]).table.twice.tolist() == [2.0]
+    assert stranger.read_text() == '[{"twice": 99.0}]'
+    assert not file.is_symlink()
+
+
+def test_a_point_file_names_no_code(tmp_path):
+    doubled(folder=tmp_path, numbers=[1.0])
+    (file,) = tmp_path.iterdir()
+    file.write_text(json.dumps([{"scheme": "antigravity:Scheme", "twice": 1.0, "number": 1.0, "exact": 0.0}]))
+    assert doubled(folder=tmp_path, numbers=[1.0]).table.scheme.tolist() == ["antigravity:Scheme"]
+    assert "antigravity" not in sys.modules

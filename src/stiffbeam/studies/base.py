@@ -322,7 +322,7 @@ def evaluate(study: Study, case: Case, point: Row) -> list[Row]:
 
 
 class Store:
-    """Finished points in a folder: one JSON file each, written in one step.
+    """Finished points in a folder: one JSON file each, written in one step. A link is never read or followed.
 
     Its files hold numbers and texts. Their names are hashes of the key and of the point, so that nothing in a file
     selects what is run.
@@ -338,7 +338,7 @@ class Store:
             return _plain_rows(compute())[0]
         text = json.dumps([self.key, point], sort_keys=True, default=partial(_described, source=True))
         file = self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
-        if file.is_file():
+        if file.is_file() and not file.is_symlink():
             try:
                 rows = json.loads(file.read_text(encoding="utf-8"))
                 if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
