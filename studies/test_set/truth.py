@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.references.multiprecision.multiprecision import carry
+from stiffbeam.references.multiprecision.multiprecision import Piece, carry
 
 DIGITS = 30
 mp.mp.dps = 60
@@ -69,14 +69,15 @@ def piecewise(system: sb.System, t_end: float, samples: int, digits: int = 70, g
 
 
 def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard: int) -> Truth:
-    solution, sample, _ = carry(system, t_end, digits, guard)
+    solution, channels = carry(system, t_end, digits, guard), len(system.channels)
     tip, stops = system.tip_channel, system.contacts[0].stops
 
     def at(t: Any, channel: int) -> tuple[list[Any], list[Any]]:
         """Position and velocity at times that are doubles, as mpf."""
         # flint writes what it knows; a little more than mpmath carries.
-        u, v = sample(np.atleast_1d(t), lambda x: mp.mpf(x.mid().str(mp.mp.dps + 5, radius=False)))
-        return list(u[:, channel]), list(v[:, channel])
+        times, value = np.atleast_1d(t), lambda x: mp.mpf(x.mid().str(mp.mp.dps + 5, radius=False))
+        seen = solution.values(times, solution.piece_at(times), Piece.channels, value)
+        return list(seen[:, channel]), list(seen[:, channels + channel])
 
     def near(t: float) -> tuple[Any, Any, Any]:
         """Position, velocity and acceleration of the first contact at a double: what is sought is nearer than 1e-16."""

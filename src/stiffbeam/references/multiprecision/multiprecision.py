@@ -231,7 +231,7 @@ class PreciseMotion(Motion):
         # The last times that were read are kept, as those of other motions are.
         if piece is None and self.last and np.array_equal(self.last[0][0], t):
             return self.last[0][1:]
-        z = self._rounded(t, self.piece_at(t) if piece is None else piece, Piece.whole)
+        z = self.values(t, self.piece_at(t) if piece is None else piece, Piece.whole)
         n = self.system.size
         found = *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
         if piece is None:
@@ -241,16 +241,22 @@ class PreciseMotion(Motion):
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each: no sum of float64 has cancelled in them."""
         if not self.sampled or not np.array_equal(self.sampled[0], t):
-            self.sampled[:] = np.array(t), self._rounded(t, self.piece_at(t), Piece.channels)
+            self.sampled[:] = np.array(t), self.values(t, self.piece_at(t), Piece.channels)
         seen = self.sampled[1]
         return seen[:, channel], seen[:, len(self.system.channels) + channel]
 
-    def _rounded(self, t: Array, piece: NDArray[np.int64], read: Callable[[Piece, float], Any]) -> Array:
-        """What is read of the pieces at times t (k,), as the given segments have it."""
+    def values(
+        self,
+        t: Array,
+        piece: NDArray[np.int64],
+        read: Callable[[Piece, float], Any],
+        value: Callable[[Any], Any] = float,
+    ) -> Array:
+        """What is read of the pieces at times t (k,), as the given segments have it; value: how an entry is kept."""
         found = []
         for k, when in zip(self.mark_at(t, piece).tolist(), t.tolist(), strict=True):
             with carried(self.precise[k].bits):
-                found.append([float(x) for x in read(self.precise[k], when).entries()])
+                found.append([value(x) for x in read(self.precise[k], when).entries()])
         return np.array(found)
 
 
