@@ -374,7 +374,7 @@ static int pass_block(Motion *s, Int block)
     if (run->starts) {
         Int state = D + (b->a - 1) * b->n;
         memcpy(run->starts + block * state, s->z, (size_t)state * sizeof *x);
-        memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *f);
+        if (b->N) memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *f);
     }
     for (Int c = 0; c < b->C; c++) {
         const double *u = out + b->end_first[c];
