@@ -223,7 +223,7 @@ class Energies(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """What is added up over ranges of steps, in place."""
+    """Sums over ranges of steps, which a kernel adds to in place."""
 
     y: Array  # (2 n,) = (q, q') before the next steps, also where a continued state begins differently
     contacts: Array  # (2, m): positions and rates there, at t = 0 as given: rounding would decide the side of a stop
@@ -232,7 +232,7 @@ class Balance(NamedTuple):
 
 
 def _sizes(step: Step, n: int) -> dict[str, float]:
-    """Those of the part of the energy balance that ``states`` has too."""
+    """Sizes of the arrays of a ``Step``, by name; n: unknowns. Raises ValueError where components do not fit."""
     (F, D), steps, start, place = step.push.shape, len(step.forces), step.start, step.place
     if len(start) < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < D // n):
         raise ValueError("components do not fit the states")

@@ -279,7 +279,7 @@ class Propagator:
         return Forcing(constant, frequencies, rows, velocity)
 
     def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
-        """What the drive at the start of a block does in it: rows (d, R + D) and velocities (K, C, d)."""
+        """Rows (d, R + D) and velocities (K, C, d): the effect in a block of the drive at its start."""
         readers, dt, R = self.one.readers, self.one.dt, self.block.reading.shape[1]
         begun = np.arange(self.steps)[:, None] * dt
         loads = drive.split(load_terms(system), len(system.loads))[0]
@@ -312,7 +312,7 @@ def _ahead(drive: Drive, basis: Array, times: Array) -> Array:
 
 
 def _of_forces(one: StepMap, powers: Powers, entries: Entries, flat: Array) -> tuple[Array, Array]:
-    """What a unit force of every kind at every node of a block does: on entries and new state (P, S, K, R + D), and on
+    """Effects of a unit force of every kind at every node of a block: on entries and new state (P, S, K, R + D), and on
     the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
     (K, g, D), S = flat.shape, len(one.readers.nodes)
     R, P = len(entries.place), one.push.shape[-1] // S

@@ -252,7 +252,7 @@ class PreciseMotion(Motion):
         read: Callable[[Piece, float], Any],
         value: Callable[[Any], Any] = float,
     ) -> Array:
-        """What is read of the pieces at times t (k,), as the given segments have it; value: how an entry is kept."""
+        """Entries (k, ...) that ``read`` finds at times t (k,) in the given segments, each as ``value`` keeps it."""
         found = []
         for k, when in zip(self.mark_at(t, piece).tolist(), t.tolist(), strict=True):
             with carried(self.precise[k].bits):
