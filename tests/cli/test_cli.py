@@ -401,23 +401,12 @@ def test_bad_options_of_a_study_are_one_line(command, arguments, message):
     assert len(err.splitlines()) == 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.fast(0, slow=1)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_an_interrupted_study_goes_on(number, tmp_path):
     """What was finished is kept, no process is left, and the same command ends as without the signal."""
-    words = [
-        sys.executable,
-        "-m",
-        "stiffbeam",
-        "sweep",
-        "table10",
-        "--count",
-        "80",
-        "--jobs",
-        "2",
-        "--out",
-        str(tmp_path),
-    ]
+    options = ["--count", "40", "--jobs", "2", "--out", str(tmp_path)]
+    words = [sys.executable, "-m", "stiffbeam", "sweep", "table10", *options]
     child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
     end = time.monotonic() + 200
     while len(list(tmp_path.glob("points/*.json"))) < 2 and time.monotonic() < end:

@@ -143,6 +143,7 @@ def test_a_damaged_file_is_named_and_remade(method, damage, folder, system):
         assert np.max(np.abs(one.tip - fresh.tip)) < BOUND
 
 
+@pytest.mark.slow
 def test_threads_that_ask_for_one_reference_leave_one_good_file(folder, system):
     with ThreadPoolExecutor(4) as pool:
         tips = list(pool.map(lambda _: sb.cached_reference(system, 0.02, "cvode-adams", TIMES[:41]).tip, range(4)))

@@ -131,7 +131,7 @@ def begun(folder: Path) -> subprocess.Popen[bytes]:
 
 
 @pytest.mark.parametrize(
-    "wanted", [pytest.param(3, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
+    "wanted", [pytest.param(2, marks=pytest.mark.slow), pytest.param(100, marks=pytest.mark.campaign)]
 )
 def test_kills_lose_no_finished_point(wanted, tmp_path):
     """SIGKILL, SIGTERM and SIGINT at any time of a command that goes on in one folder, until it ends as without any."""

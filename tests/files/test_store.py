@@ -89,6 +89,7 @@ def assert_same(a, b):
     assert all(np.issubdtype(contact.impacts.stops.dtype, np.integer) for contact in a.contacts)
 
 
+@pytest.mark.fast(4)
 @pytest.mark.parametrize("kind", SINGLE)
 def test_what_is_saved_comes_back_bit_by_bit_and_can_be_saved_again(kind, tmp_path):
     result = results()[kind]
@@ -174,7 +175,7 @@ def test_every_repr_fits_on_one_line():
 
 
 @pytest.mark.parametrize("kind", ["run", "reference", "frozen"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_any_damaged_file_is_one_sentence_with_its_name(kind, seed, tmp_path):
     """Cut anywhere, or bytes changed anywhere: the file is refused, or has every number that was saved."""
     rng, file = np.random.default_rng([57, seed]), tmp_path / "run.nc"
@@ -280,6 +281,7 @@ def test_a_failing_write_leaves_what_was_there(tmp_path, monkeypatch, target):
     assert old.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_link_is_replaced_and_threads_save_files_of_one_name(tmp_path):
     run, stranger = results()["run"], tmp_path / "stranger"
     stranger.write_text("mine")

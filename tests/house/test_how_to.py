@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -10,14 +10,16 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "studies" / "how-to"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
+SHORTER = {"ranking": ["table10"]}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_a_script_asserts_its_number(script, tmp_path):
+def test_a_script_asserts_its_number(script, tmp_path, monkeypatch, capsys):
     text = (FOLDER / f"{script}.py").read_text(encoding="utf-8")
     assert text.count("\n") <= 60
     assert "assert" in text
-    command = [sys.executable, "-W", "error", str(FOLDER / f"{script}.py")]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, len(done.stdout) > 20) == (0, True), done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [f"{script}.py", *SHORTER.get(script, [])])
+    runpy.run_path(str(FOLDER / f"{script}.py"), run_name="__main__")
+    assert len(capsys.readouterr().out) > 20

@@ -85,8 +85,8 @@ def test_a_dip_between_two_grid_points_is_seen():
     assert abs(episode.begin + episode.end - np.pi / w) < 1e-7
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["half-sine", "rectangular", "triangular"])
+@pytest.mark.fast(0, slow=1)
+@pytest.mark.parametrize("kind", ["triangular", "half-sine", "rectangular"])
 def test_every_regime_of_pulses_dashpots_and_moving_stops_against_a_runge_kutta_method(kind):
     """DOP853 restarted at every corner of the pulse and every switch: its own tolerance is 1e-12."""
     rng = np.random.default_rng(5)

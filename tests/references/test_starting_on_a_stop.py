@@ -32,10 +32,8 @@ STARTS = [
 
 @pytest.mark.parametrize(("start", "end", "count"), STARTS)
 @pytest.mark.parametrize("damping", [0.0, 5.0])
-@pytest.mark.parametrize(
-    "method",
-    [pytest.param(x, marks=pytest.mark.slow) if x in ("radau", "kvaerno3", "kvaerno5") else x for x in METHODS],
-)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.fast(30, slow=30)
 def test_references(start, end, count, damping, method):
     run = sb.reference(mass(*start, damping=damping), end, method)
     assert run.impacts.count == count
@@ -146,7 +144,7 @@ def chain(n: int, load: sb.Harmonic | sb.Constant) -> sb.System:
 @pytest.mark.parametrize("load", [sb.Constant, lambda size: sb.Harmonic(size, 2.0)], ids=["constant", "sine"])
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("method", [method for method in METHODS if method not in ("exact", "rigid")])
-@pytest.mark.fast(9)
+@pytest.mark.fast(9, slow=27)
 def test_a_body_that_a_later_push_moves_has_its_contact_from_the_start(method, n, load, sign):
     """Acceleration and jerk of the body may vanish: the gap goes like t^2 to t^7."""
     system = chain(n, load(sign))

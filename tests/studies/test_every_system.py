@@ -46,7 +46,8 @@ def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
     answers_or_refuses(study, *BENCHES[name]())
 
 
-@pytest.mark.parametrize("name", [pytest.param(x, marks=pytest.mark.slow) for x in BENCHES])
+@pytest.mark.fast(0, slow=9)
+@pytest.mark.parametrize("name", BENCHES)
 def test_every_study_of_bodies_at_rest_on_their_stops(name):
     """``orbits`` of these takes half a minute each."""
     for study in NAMES:
