@@ -28,6 +28,12 @@ PERIODS = np.logspace(-2, 2, 41)  # dt/T of the amplification
 STEPS = (200, 280, 400, 560, 800)
 PROBLEMS = ("free-oscillator", "bilinear-gap", "two-mass-chain")
 SECONDS, METRES = 1e-3, 1e2  # the other units: milliseconds, centimetres
+LAWS = {  # what is measured
+    "order": "order off the stated one by", "amplification": "amplification off the stated polynomial by",
+    "energy": "energy lost at half the step, over that before,", "zero data": "motion without any cause",
+    "known answers": "problems flagged", "units": "motion in other units off by",
+    "stiff contact": "motion with a stiff stop, over that with a soft one,",
+}  # fmt: skip
 Law = tuple[str, float, float]  # name, measured value, largest that is allowed
 
 
@@ -41,7 +47,7 @@ def check_scheme(scheme: Scheme) -> pandas.DataFrame:
     * units: in other units of time and length the motion with contact is the same, to 1e-6.
     * energy: with half the step less than 0.7 of the numerical dissipation is left.
     * stiff contact: on a stop of 4e12 times the stiffness of the system, which no step resolves, the motion stays
-      within 100 times that with a soft stop.
+      within 100 times that with a soft stop. It is not asked of a scheme that is stable for short steps only.
 
     Parameters
     ----------
@@ -55,7 +61,7 @@ def check_scheme(scheme: Scheme) -> pandas.DataFrame:
     Raises
     ------
     AssertionError
-        With the law that does not hold, the value and the bound.
+        With every law that does not hold, the value and the bound.
     InputError
         For anything but a scheme, and for a step that is not linear, pure and causal.
 
@@ -86,7 +92,10 @@ def check_scheme(scheme: Scheme) -> pandas.DataFrame:
     law: dict[str, Any] = {"stiffness": np.inf, "restitution": 0.5} if rigid else {"stiffness": 400.0}
     if rigid and not takes_stops(scheme, [Stops(upper=1.0, **law)]):
         law = {"stiffness": np.inf}
-    return _table(str(scheme), laws + _of_every_integrator(one, law))
+    laws += _of_every_integrator(one, law)
+    if not rigid and 0.0 < amplification(scheme, PERIODS).stable_to < np.inf:
+        laws.pop()  # no scheme that is stable for short steps only takes a stop of any stiffness
+    return _table(str(scheme), laws)
 
 
 def check_solver(function: Callable[..., Any] | str) -> pandas.DataFrame:
@@ -108,7 +117,7 @@ def check_solver(function: Callable[..., Any] | str) -> pandas.DataFrame:
     Raises
     ------
     AssertionError
-        With the law that does not hold, the value and the bound.
+        With every law that does not hold, the value and the bound.
 
     Examples
     --------
@@ -164,9 +173,11 @@ def _mass(law: dict[str, Any], seconds: float = 1.0, metres: float = 1.0) -> Sys
 
 
 def _table(name: str, laws: list[Law]) -> pandas.DataFrame:
-    """The laws as a table. Raises AssertionError for the first that does not hold."""
+    """The laws as a table. Raises AssertionError with all that do not hold."""
     import pandas
 
-    for law, measured, allowed in laws:
-        assert measured <= allowed, f"{name}: {law}: {measured:.3g} exceeds the allowed {allowed:g}"
+    broken = [f"{LAWS[law]} {measured:.3g} (at most {allowed:g})" for law, measured, allowed in laws
+              if not measured <= allowed]  # fmt: skip
+    if broken:
+        raise AssertionError(f"{name}: {'; '.join(broken)}")
     return pandas.DataFrame(laws, columns=["law", "measured", "allowed"])

@@ -59,6 +59,10 @@ def test_every_variant_is_the_law_written_down(law):
             assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
             expected = acceleration(system, t, q, v)
             assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+            rows = np.arange(12.0).reshape(3, 4)
+            assert np.array_equal(ode.displacement(rows.T), ode.displacement(rows))  # SciPy's shape
+            with pytest.raises(sb.InputError, match=r"states \(k, 4\) or \(4, k\)"):
+                ode.velocity(rows[:, :3])
             out = np.empty(4)
             called(t, y.ctypes.data, out.ctypes.data, data)
             assert np.array_equal(out, rate)

@@ -308,7 +308,9 @@ def test_the_references_meet_the_answers(name, method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("processor", ["this", *(pytest.param(x, marks=pytest.mark.campaign) for x in ("Nehalem", "Haswell"))])
+@pytest.mark.parametrize(
+    "processor", ["this", *(pytest.param(x, marks=pytest.mark.campaign) for x in ("Nehalem", "Haswell"))]
+)
 def test_the_generator_makes_the_files_that_are_there(tmp_path, processor):
     """Those that take seconds, remade beside the files: their data, and all digits of the answers to these data.
 

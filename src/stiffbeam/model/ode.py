@@ -56,7 +56,7 @@ class ODE:
     >>> system = sb.problem("bilinear-oscillator").system
     >>> ode = system.ode()
     >>> solution = solve_ivp(ode.rhs, (0.0, 1.0), ode.y0, method="Radau", jac=ode.jac, rtol=1e-8, atol=1e-10)
-    >>> run = sb.Trajectory.from_arrays(solution.t, ode.tip(solution.t, solution.y.T))
+    >>> run = sb.Trajectory.from_arrays(solution.t, ode.tip(solution.t, solution.y))
     """
 
     def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
@@ -96,16 +96,16 @@ class ODE:
         return on_positions(np.asarray(q, float)) + on_velocities(np.asarray(v, float))
 
     def displacement(self, y: ArrayLike) -> Array:
-        """Return q, (..., dof), of states (..., n)."""
-        return np.asarray(y, float)[..., ::2]
+        """Return q, (dof,) or (k, dof), of a state (n,) or of k states, (k, n) or as SciPy has them (n, k)."""
+        return self._states(y)[..., ::2]
 
     def velocity(self, y: ArrayLike) -> Array:
-        """Return q', (..., dof), of states (..., n)."""
-        return np.asarray(y, float)[..., 1::2]
+        """Return q' in the same way."""
+        return self._states(y)[..., 1::2]
 
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
-        """Return the observed position, (k,), of states (k, n) at the times (k,)."""
-        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(np.asarray(y, float))
+        """Return the observed position, (k,), of k states at the times (k,)."""
+        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
         return self._rhs.channels(times, states)[0][:, self.system.tip_channel]
 
     def segment(self, sides: ArrayLike) -> ODE:
@@ -154,6 +154,14 @@ class ODE:
     def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
         """Return the event function of this number."""
         return float(self._rhs.event_functions(float(t), self._padded(y))[number])
+
+    def _states(self, y: ArrayLike) -> Array:
+        """``y`` as (n,) or (k, n). Raises InputError where k = n leaves open which axis is which."""
+        states, n = np.asarray(y, float), self._n
+        if states.ndim not in (1, 2) or n not in states.shape or states.shape == (n, n):
+            rule = f"be a state ({n},) or states (k, {n}) or ({n}, k) with another k"
+            raise InputError("y", states.shape, rule, "take one time more or less")
+        return states if states.shape[-1] == n else states.T
 
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""
