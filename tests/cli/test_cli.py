@@ -38,6 +38,11 @@ def shell(*arguments, cwd):
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 
+def told(stderr):
+    """What a command says beside the line on its work after three seconds, which a busy machine may show."""
+    return [line for line in stderr.splitlines() if not line.endswith(" s so far")]
+
+
 def words(text):
     """Text with the line breaks of the terminal undone."""
     return " ".join(text.split())
@@ -103,7 +108,7 @@ def test_compare_pipes_json_without_nan(piped):
         raise AssertionError(f"{constant} is no JSON")
 
     records = json.loads(process.stdout, parse_constant=refuse)
-    assert (process.returncode, process.stderr) == (0, "")
+    assert (process.returncode, told(process.stderr)) == (0, [])
     assert (records["case"], records["t_end"], records["failures"]) == ("table10", 0.05, [])
     labels = [c["label"] for c in records["comparisons"]]
     assert labels == [
@@ -198,7 +203,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(overflow):
     process, folder = overflow
     said = words(process.stdout)
     assert process.returncode == 1
-    assert process.stderr == ""
+    assert not told(process.stderr)
     label = "SDIRK(gamma=0.4359, nystrom=True)"
     assert f"failed {label}@displacement {label} overflowed at t = 0.02" in said
     assert "use the implicit contact or a smaller dt (omega_max dt is" in said
@@ -321,7 +326,7 @@ def test_a_reader_that_leaves_and_a_full_disk_end_no_work(tmp_path):
         assert child.stdout.readline().startswith("table10")
         child.stdout.close()
         said = child.stderr.read()
-    assert (child.returncode, said) == (0, "")
+    assert (child.returncode, told(said)) == (0, [])
     assert_shows_curves(tmp_path / "stiffbeam-output" / "table10" / "comparison.png")
     with open("/dev/full", "w") as full:
         done = subprocess.run([*words[:3], "cases"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
@@ -414,7 +419,8 @@ def test_an_interrupted_study_goes_on(number, tmp_path):
     child.send_signal(number)
     said = child.communicate()[1]
     assert child.returncode == 128 + number
-    assert said == "stiffbeam: interrupted; finished parts are kept, run the same command again\n"
+    # Beside it loky may say that it cleans up after the workers.
+    assert "stiffbeam: interrupted; finished parts are kept, run the same command again" in told(said)
     nobody_left(child.pid)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("points/*.json")}
     assert len(kept) >= 2

@@ -44,13 +44,13 @@ class Display:
     """Progress of one call: a bar on a terminal, a line at the start of each phase with ``--verbose``.
 
     A phase begins where the total is another, where less is done than before, and with every new name without a total.
-    noted: elsewhere than on a terminal, one line after WAIT seconds.
+    Elsewhere than on a terminal there is one line, after WAIT seconds.
     """
 
-    def __init__(self, what: str, wait: float, noted: bool) -> None:
-        self.now, self.noted, self.bar, self.begun = (what, 0, -1), noted, None, time.perf_counter()
+    def __init__(self, what: str, wait: float) -> None:
+        self.now, self.bar, self.begun = (what, 0, -1), None, time.perf_counter()
         self.opens = self.begun + wait
-        if TALK.verbose or not (wait or noted):
+        if TALK.verbose or not wait:
             self.open()
         else:
             _WATCH.add(self)
@@ -91,7 +91,10 @@ class Display:
             bar.add_task(self.now[0], completed=self.now[1], total=max(self.now[2], 0) or None)
             bar.start()
             self.bar = bar
-        elif self.noted:
+        elif time.perf_counter() < self.begun + WAIT:
+            self.opens = self.begun + WAIT
+            _WATCH.add(self)
+        else:
             print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
 
 
@@ -152,7 +155,7 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
     with _LOCK:
         limit = None if _calls else _blas().limit(limits=1, user_api="blas")
         if asked is True or (asked is None and limit is not None and current_process().name == "MainProcess"):
-            display = Display(what, 0.0 if asked else WAIT, not asked)
+            display = Display(what, 0.0 if asked else WAIT)
         show = display.show if display is not None else asked if callable(asked) else silent
         _calls.append((limit, show))
     try:
