@@ -108,7 +108,9 @@ class Modes(Study):
         notes = [short_lived] * (left > 0)
         for label, scheme in common.chosen_schemes(case, self.schemes).items():
             limit = amplification(scheme, STEPS).stable_to
-            notes += [f"{short(label)} is stable to dt/T = {limit:.3g}."] if np.isfinite(limit) else []
+            if np.isfinite(limit):
+                limit = max(limit, amplification(scheme, limit + STEPS[0] * np.linspace(0.01, 1.0, 100)).stable_to)
+                notes.append(f"{short(label)} is stable to dt/T = {limit:.4f}.")
         return Answer(
             f"Mode {measured['mode'].iloc[0]:g} is late by {common.extremes(first.period_elongation.to_dict(), late)}, "
             f"with a damping ratio of {common.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
