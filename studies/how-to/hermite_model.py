@@ -20,7 +20,7 @@ CASE = f"""
 [[case]]
 name = "model"
 dt = 2e-5
-t_end = 0.6
+t_end = 0.3
 runs = ["HHT(alpha=-0.1)", "bdf2", "trapezoidal"]
 [case.system]
 mass = "M.mtx"
