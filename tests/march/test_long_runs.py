@@ -53,16 +53,16 @@ def swinging() -> sb.System:
 
 
 @pytest.mark.slow
-def test_1e5_events_of_the_exact_solution_close_their_ledger_and_say_what_is_lost():
-    end = 41000.0
+def test_2e4_events_of_the_exact_solution_close_their_ledger_and_say_what_is_lost():
+    end = 8200.0
     found = sb.reference(swinging(), end)
-    assert len(found.solution.times) > 100_000
+    assert len(found.solution.times) > 20_000
     with mpmath.workdps(40):
         flight = mpmath.asin(mpmath.mpf(1) / 4)
         half = 2 * (flight + mpmath.atan2(mpmath.sqrt(mpmath.mpf(15) / 4) / 10, mpmath.mpf("0.005")) / 10)
         wanted = np.array([float(flight + i * half) for i in range(found.impacts.count)])
     lost = 10.0 ** sb.lyapunov(swinging(), end).digits
-    assert 1e4 < lost < 1e7  # what a neighbour is magnified by: the frequency depends on the energy
+    assert 1e3 < lost < 1e7  # what a neighbour is magnified by: the frequency depends on the energy
     assert np.max(np.abs(found.impacts.times - wanted)) < EPS * lost * len(found.solution.times)
     assert found.horizon == end
     assert len(found.impacts.times) == math.floor((end - float(flight)) / float(half)) + 1
