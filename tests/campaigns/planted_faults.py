@@ -55,19 +55,19 @@ FAULTS = [
     ("schemes", "kernels/rigid.c", "if (oblique(own, m))", "if (0)"),
     ("schemes", "kernels/rigid.c", "off <= ON_STOP * (size + fabs(stop))", "off < 0.0"),
     ("schemes", "kernels/rigid.c", "for (Int later = node + 1; later < S; later++)", "for (Int later = node + 2; later < S; later++)"),
-    # kernels: the energy balance
-    ("march", "kernels/energy.c", "if (s->damped) dashpots(", "if (!s->damped) dashpots("),
-    ("march", "kernels/energy.c", "s += damping[j] * (q1[j] - q0[j]) * (q1[j] - q0[j]);", "s += damping[j] * q1[j] * q1[j];"),
-    ("march", "kernels/energy.c", "s->load_values[(k - 1) * s->L + e] + s->load_values[k * s->L + e]", "s->load_values[k * s->L + e] + s->load_values[k * s->L + e]"),
-    ("march", "kernels/energy.c", "r->dissipated -= by_way;", "r->dissipated += by_way;"),
-    ("march", "kernels/energy.c", "0.5 * (was->force + now.force) * (s->offsets", "0.5 * (now.force + now.force) * (s->offsets"),
-    ("march", "kernels/energy.c", "Int kind = touched + touching ? IN_CONTACT : FREE;", "Int kind = touching ? IN_CONTACT : FREE;"),
-    ("march", "kernels/energy.c", "if (--until == 0) until = s->every,", "if (--until == 1) until = s->every,"),
+    # the energy balance
+    ("march", "trajectory/records.py", "if system.damped:\n", "if not system.damped:\n"),
+    ("march", "trajectory/records.py", "if damping is None else _squares(x, damping)", "if damping is None else _squares(x)"),
+    ("march", "trajectory/records.py", "d_input += 0.5 * (f[1:] + f[:-1])", "d_input += 0.5 * (f[1:] + f[1:])"),
+    ("march", "trajectory/records.py", "taken -= dissipated", "taken += dissipated"),
+    ("march", "trajectory/records.py", "work -= 0.5 * (force[1:] + force[:-1])", "work -= 0.5 * (force[1:] + force[1:])"),
+    ("march", "trajectory/records.py", "either = touching[1:] | touching[:-1]", "either = touching[1:]"),
+    ("march", "kernels/states.c", "memcpy(z, k % K ? new", "memcpy(z, k ? new"),
     # marches
     ("march", "trajectory/recorder.py", "rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size", "rows[:, IMPACT_IMPULSE] = 0.5 * dt * size"),
     ("march", "trajectory/recorder.py", "np.flatnonzero(side[1:] != side[:-1]) + 1).tolist()", "np.flatnonzero(side[1:] != side[:-1])).tolist()"),
     ("march", "trajectory/recorder.py", "if not closed.any():", "if True:"),
-    ("march", "march/replay.py", ".at_steps(segment.first,", ".at_steps(0,"),
+    ("march", "march/replay.py", "times = ((segment.first + np.arange(steps))", "times = (np.arange(steps)"),
     ("march", "march/treatment.py", "predicts = True", "predicts = False"),
     ("march", "march/treatment.py", "return LINEAR if all_linear(system.contacts) and", "return LINEAR if"),
     # schemes

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mpmath import mp
 from scipy.interpolate import CubicSpline
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.model.time_functions import Drive, evaluate
+from stiffbeam.model.time_functions import evaluate
 
 AMPLITUDES = st.one_of(st.floats(-10.0, -1e-3), st.floats(1e-3, 10.0))  # relative tolerances need normal numbers
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
@@ -39,22 +38,6 @@ def test_a_bare_load_function_may_be_scalar_but_not_of_another_shape():
     assert np.array_equal(evaluate(lambda t: 2.0, t), [2.0, 2.0, 2.0])
     with pytest.raises(sb.InputError, match="one value per time"):
         evaluate(lambda t: np.zeros(2), t)
-
-
-@pytest.mark.parametrize("frequencies", [(), (10.0,), (0.3, 6.0, 1e4)])
-@pytest.mark.parametrize(("first", "count"), [(0, 1), (7, 33), (10**7, 1000)])
-def test_sines_at_steps_are_those_of_many_digits(frequencies, first, count):
-    """Within eps (w t + 4) of sin and cos of the step's time, first + k times the double dt."""
-    dt, drive = 1.1e-4, Drive(frequencies)
-    g = drive.at_steps(first, count, dt)
-    assert g.shape == (count, drive.size)
-    assert np.all(g[:, 0] == 1.0)
-    with mp.workdps(40):
-        for k in {0, 1, count // 2, count - 1} & set(range(count)):
-            for i, w in enumerate(frequencies):
-                phase = w * mp.mpf(dt) * (first + k)
-                for found, wanted in zip(g[k, 1 + 2 * i : 3 + 2 * i], (mp.sin(phase), mp.cos(phase)), strict=True):
-                    assert abs(found - wanted) < np.finfo(float).eps * (float(phase) + 4.0)
 
 
 # ------------------------------------------------------------------ records

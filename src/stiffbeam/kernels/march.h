@@ -73,45 +73,12 @@ API Int march(const Block *block, const Drive *drive, const Run *run);
 /* Fraction of a step at which contact with the stop on `side` begins or ends, from both ends (u, u') of the step. */
 API double switch_time(double u0, double v0, double u1, double v1, double side, const Law *law, double dt);
 
-/* ---------------------------------------------------------------- energy balance */
+/* ---------------------------------------------------------------- states */
 
-/* Sums of the balance: three energies, then seven totals, in the order of Ledger's fields after t. */
-enum { KINETIC, ELASTIC, STOPS, INPUT, VISCOUS, LOSS, IN_CONTACT, FREE, DISSIPATED, SPREAD, SUMS };
-
-/* Single steps of whole states (a, n) under known forces, and what the balance needs of them. Values of time functions
- * are at the starts of the steps and the end of the last: steps + 1 rows. */
-typedef struct {
-    Int a, n, m, L, F, d;      /* components, modes, contacts, loads, forces of a step, functions of the drive */
-    Int steps, carried;        /* steps, components that the start holds */
-    Int first, every, outputs; /* first step; an output every so many steps; outputs of the whole run */
-    Int moving, damped;        /* columns of the offsets, 0 for none; 1 where the system is damped */
-    double dt;
-    const double *transition;             /* (a, a n), see Block */
-    const double *push;                   /* (F, a n) */
-    const double *driven;                 /* (d, a n) */
-    const double *forces;                 /* (steps, F) */
-    const double *g;                      /* (steps + 1, d) */
-    const double *squares;                /* (n,) squared frequencies */
-    const double *damping;                /* (n,) or NULL */
-    const double *loads;                  /* (L, n) */
-    const double *load_values;            /* (steps + 1, L) */
-    const double *rows;                   /* (m, n) of the contacts */
-    const double *offsets, *offset_rates; /* (steps + 1, moving) of the channels, the contacts first, or NULL */
-    const Law *law;                       /* (m,) */
-    const double *node_forces;            /* (steps + 1, m), NaN where no node is at the end of the step */
-    const double *start;                  /* (carried, n) or longer: the state before the steps */
-    const Int *place;                     /* (carried,) of its components */
-    double *y;                            /* (2 n,) q and q' at the last step */
-    double *contacts;                     /* (2, m) positions and velocities of the contacts there */
-    double *balance;                      /* (SUMS,) */
-    double *kept;                         /* (SUMS, outputs) */
-} Account;
-
-/* Add the steps to the balance. */
-API Int account(const Account *s);
-
-/* The states (steps, a n) at the ends of the steps from `start`. */
-API Int states(const Account *s, double *out);
+/* q and q' (2, steps, n) at the ends of single steps under known forces, every K steps from one of the `starts`
+ * (B, a n): transition as that of a Block, push (F, a n), forces (steps, F), memory z (3, a n). */
+API void states(Int a, Int n, Int F, Int steps, Int K, const double *transition, const double *push,
+                const double *forces, const double *starts, double *z, double *out);
 
 /* ---------------------------------------------------------------- rigid stops */
 

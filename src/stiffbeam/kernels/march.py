@@ -1,4 +1,4 @@
-"""The march in blocks, its energy balance, and the steps on rigid stops: the functions of march.h.
+"""The march in blocks, the states that it passes, and the steps on rigid stops: the functions of march.h.
 
 Every array is checked here: one of another type, shape or order raises TypeError.
 """
@@ -16,7 +16,7 @@ from ..basics.arrays import Array, IntArray
 from .library import Int, Real, Structure, address, filled, library
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
-LAW, TALLY, EVENT, SUMS = 6, 8, 7, 10  # numbers of a law, a tally, an impact and the energy balance
+LAW, TALLY, EVENT = 6, 8, 7  # numbers of a law, a tally and an impact
 OVERFLOW = 1e100  # A position beyond this ends the run. Its square, in an energy, is still a float64.
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
@@ -35,14 +35,6 @@ _Run = Structure(
     "node_forces?: M outputs m; contact_forces?: M outputs m; starts?: blocks state; forces?: blocks N; "
     f"events: room {EVENT}; cursor int: 3",
 )
-_Account = Structure(
-    "a n m L F d steps carried first every outputs moving damped",
-    "dt",
-    "transition: a D; push: F D; driven: d D; forces: steps F; g: later d; squares?: n; damping?: n; loads?: L n; "
-    "load_values?: later L; rows?: m n; offsets?: later moving; offset_rates?: later moving; "
-    f"law?: m {LAW}; node_forces?: later m; start: held; place int: carried; y?: 2n; contacts?: 2 m; "
-    f"balance?: {SUMS}; kept?: {SUMS} outputs",
-)
 _Rigid = Structure(
     "a n D S m K",
     "",
@@ -57,11 +49,9 @@ def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
     lib, at = library(), ctypes.POINTER
     lib.march.argtypes = [at(_Block.type), at(_Drive.type), at(_Run.type)]
-    lib.account.argtypes = [at(_Account.type)]
-    lib.states.argtypes = [at(_Account.type), ctypes.c_void_p]
+    lib.states.argtypes, lib.states.restype = [*5 * [Int], *6 * [ctypes.c_void_p]], None
     lib.rigid_steps.argtypes = [at(_Rigid.type)]
-    for function in (lib.march, lib.account, lib.states, lib.rigid_steps):
-        function.restype = Int
+    lib.march.restype = lib.rigid_steps.restype = Int
     lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], ctypes.c_void_p, Real], Real
     return lib
 
@@ -195,69 +185,17 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Ar
     return _functions().switch_time(u0, v0, u1, v1, side, address(law, (LAW,)), dt)
 
 
-class Step(NamedTuple):
-    """One step of a scheme on a whole state (a, n), the inputs of a range of steps, and the state before them. Forces
-    are known here; the other names are those of Block and Forcing."""
+def states(transition: Array, push: Array, forces: Array, starts: Array, K: int) -> Array:
+    """q and q' (2, steps, n) at the ends of single steps under known forces, every K steps from one of the starts.
 
-    transition: Array  # (a, a n)
-    push: Array  # (F, a n), of contacts and sampled loads at every node
-    driven: Array  # (d, a n), of the constant, then sine and cosine of every frequency
-    forces: Array  # (steps, F)
-    g: Array  # (steps + 1, d) at the starts of the steps and the last one's end
-    start: Array  # (carried, ..): the components of the state that blocks carry,
-    place: IntArray  # (carried,) and where each of their numbers stands
-
-
-class Energies(NamedTuple):
-    """Terms of the energy balance of a system with unit modal masses; values at k = 0..steps."""
-
-    squares: Array  # (n,): omega_j^2
-    damping: Array  # (n,), or none
-    loads: Array  # (L, n)
-    load_values: Array  # (steps + 1, L)
-    rows: Array  # (m, n), of the contacts
-    offsets: Array  # (steps + 1, C) of the channels, the contacts first, or no rows
-    offset_rates: Array  # (steps + 1, C), or no rows
-    law: Array  # (m, 6), see contact_law
-    node_forces: Array  # (steps + 1, m): the forces that nodes found, NaN for none
-
-
-class Balance(NamedTuple):
-    """Sums over ranges of steps, which a kernel adds to in place."""
-
-    y: Array  # (2 n,) = (q, q') before the next steps, also where a continued state begins differently
-    contacts: Array  # (2, m): positions and rates there, at t = 0 as given: rounding would decide the side of a stop
-    balance: Array  # (10,)
-    kept: Array  # (10, outputs): the balance at every ``every``-th step
-
-
-def _sizes(step: Step, n: int) -> dict[str, float]:
-    """Sizes of the arrays of a ``Step``, by name; n: unknowns. Raises ValueError where components do not fit."""
-    (F, D), steps, start, place = step.push.shape, len(step.forces), step.start, step.place
-    if len(start) < len(place) * n or (len(place) and not 0 <= place.min() <= place.max() < D // n):
-        raise ValueError("components do not fit the states")
-    return {"a": D // n, "n": n, "F": F, "D": D, "d": len(step.driven), "steps": steps, "later": steps + 1,
-            "carried": len(place), "held": len(start), "every": 1, "m": 0, "L": 0, "2n": 2 * n}  # fmt: skip
-
-
-def states(step: Step, n: int) -> Array:
-    """The states (steps, a n) at the ends of the steps."""
-    out = np.empty((len(step.forces), step.push.shape[1]))
-    filled(_functions().states(_Account(_sizes(step, n), step._asdict()), address(out, out.shape)))
+    transition: (a, a n), see Block; push: (F, a n); forces: (steps, F); starts: (B, a n).
+    """
+    (a, D), (steps, F), B = transition.shape, forces.shape, -(-len(forces) // K)
+    out, z, n = np.empty((2, steps, D // a)), np.empty((3, D)), D // a
+    arrays = (transition, (a, a * n)), (push, (F, D)), (forces, (steps, F)), (starts, (B, D))
+    at = (address(x, shape) for x, shape in (*arrays, (z, z.shape), (out, out.shape)))
+    _functions().states(a, n, F, steps, K, *at)
     return out
-
-
-def account(step: Step, energies: Energies, balance: Balance, span: Span) -> None:
-    """Add a range of steps to the balance. The loss is computed over a range of consecutive steps in contact, or of
-    consecutive steps without: between its ends no energy is needed, and outputs do not end it."""
-    m, offsets, outputs = len(energies.law), energies.offsets, balance.kept.shape[1]
-    moving = offsets.shape[1] if len(offsets) else 0
-    if outputs <= (span.first + span.steps) // span.every or (moving and moving < m):
-        raise ValueError("outputs or offsets do not fit the steps")
-    sizes = _sizes(step, len(energies.squares)) | span._asdict() | {
-        "m": m, "L": len(energies.loads), "outputs": outputs, "moving": moving, "damped": len(energies.damping) > 0,
-    }  # fmt: skip
-    filled(_functions().account(_Account(sizes, step._asdict() | energies._asdict() | balance._asdict())))
 
 
 class Linear(NamedTuple):

@@ -23,13 +23,13 @@ from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
-from .probe import Coordinates, independent
+from .probe import Coordinates, StepMap, independent, probe
 from .propagator import Propagator, build
 from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
-STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
+STEPS_REPLAYED = 1 << 12  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
 # Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
 MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
@@ -124,9 +124,9 @@ class Stepper:
         return DENSE if self.coordinates.basis is None else BLOCKS
 
     @cached_property
-    def single(self) -> Propagator:
-        """Propagator of single steps with whole states, for all that a march passes over."""
-        return build(self.scheme, self.coordinates, self.dt, 1, self.treatment, reduced=False, rule=self.rule)
+    def single(self) -> StepMap:
+        """The single step with whole states, for all that a march passes over."""
+        return probe(self.scheme, self.coordinates, self.dt, reduced=False)
 
     @cached_property
     def own_launch(self) -> Launch:

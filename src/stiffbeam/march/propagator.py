@@ -217,39 +217,26 @@ class Propagator:
         """Return True where every load and offset is in the drive, so that there is no inflow."""
         return not self.samples and not self.offset_samples
 
-    @property
-    def sampled_rows(self) -> Array:
-        """Rows of ``samples_at``."""
-        return self.load_rows if self.samples else self.load_rows[:0]
-
-    def samples_at(self, starts: Array, last: float) -> Array:
-        """Values of the sampled loads at the nodes of blocks that start at ``starts`` (B,), (B, L K S); none without.
+    def inflow(self, starts: Array, last: float) -> Inflow:
+        """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,).
 
         No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
-        if not self.samples:
-            return np.zeros((len(starts), 0))
-        times = self._times(starts, np.array(self.one.readers.nodes), last).reshape(len(starts), -1)
-        values = sum(np.multiply.outer(shares, evaluate(f, times)) for shares, f in self.samples)  # (L, B, K S)
-        return np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(len(starts), -1)
-
-    def _times(self, starts: Array, when: Array, last: float) -> Array:
-        """Times at the shares ``when`` of all steps, (B, K, shares); ``last`` in steps that start after it."""
-        begun = np.add.outer(starts, np.arange(self.steps) * self.one.dt)[..., None]  # (B, K, 1)
-        return np.where(begun > last - 0.5 * self.one.dt, last, begun + when * self.one.dt)
-
-    def inflow(self, starts: Array, last: float) -> Inflow:
-        """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), see ``samples_at``."""
-        (D, R), K, readers = self.block.reading.shape, self.steps, self.one.readers
+        (D, R), K, B, readers, dt = self.block.reading.shape, self.steps, len(starts), self.one.readers, self.one.dt
         if self.harmonic:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
-        values, velocity = self.samples_at(starts, last), np.zeros((len(starts), K, readers.channels))
-        rows = values @ self.sampled_rows
+        begun = np.add.outer(starts, np.arange(K) * dt)[..., None]  # (B, K, 1)
+        at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731
+        rows, velocity = np.zeros((B, R + D)), np.zeros((B, K, readers.channels))
         if self.samples:
+            times = at_shares(np.array(readers.nodes)).reshape(B, -1)
+            values = sum(np.multiply.outer(shares, evaluate(f, times)) for shares, f in self.samples)  # (L, B, K S)
+            values = np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(B, -1)
+            rows += values @ self.load_rows
             velocity += np.tensordot(values, self.load_velocity, 1)
         if self.offset_samples:
-            times = self._times(starts, readers.when, last)
+            times = at_shares(readers.when)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
                 # A moving stop adds its offset to positions and the rate of its offset to velocities.
@@ -311,6 +298,13 @@ def _ahead(drive: Drive, basis: Array, times: Array) -> Array:
     return ahead
 
 
+def by_diagonals(transition: Array) -> Array:
+    """A transition (n, k, k) by its cyclic diagonals (k, k n), see Block."""
+    component = np.arange(transition.shape[1])
+    shifted = transition[:, component, (component + component[:, None]) % len(component)]
+    return np.ascontiguousarray(shifted.transpose(1, 2, 0)).reshape(len(component), -1)
+
+
 def _of_forces(one: StepMap, powers: Powers, entries: Entries, flat: Array) -> tuple[Array, Array]:
     """Effects of a unit force of every kind at every node of a block: on entries and new state (P, S, K, R + D), and on
     the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
@@ -357,9 +351,7 @@ def build(
     # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
     reading, transition = aligned((D, R)), aligned((k, D))
     reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-    component = np.arange(k)
-    shifted = powers.last[:, component, (component + component[:, None]) % k]  # cyclic diagonals, (n, e, c)
-    transition[:] = shifted.transpose(1, 2, 0).reshape(k, D)
+    transition[:] = by_diagonals(powers.last)
     velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
 
     # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.

@@ -392,7 +392,6 @@ def combined(*terms: tuple[float, TimeFunction | None]) -> TimeFunction | None:
 # ---------------------------------------------------------------- all those of a system as numbers
 
 Term = tuple[Array, LoadFunction]
-SPAN = 32  # steps from one sine to the next
 # Systems cannot change, so a drive is computed once. Weak keys: the table keeps no system alive.
 _KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
 
@@ -429,20 +428,6 @@ class Drive:
         phase = np.multiply.outer(np.asarray(t, float), np.asarray(self.frequencies, float))
         g = np.ones((*np.shape(t), self.size))
         g[..., 1::2], g[..., 2::2] = np.sin(phase), np.cos(phase)
-        return g
-
-    def at_steps(self, first: int, count: int, dt: float) -> Array:
-        """g at the times (first + k) dt, k < count, (count, d).
-
-        Every SPAN-th by sine and cosine and those between by e^(i (a + b)) = e^(i a) e^(i b): no error adds up from
-        one to the next, and each is within eps (w t + 4), what rounding w t costs and the products.
-        """
-        # Sines at every SPAN-th time only: they cost more than the complex product that gives the others.
-        anchors = (first + SPAN * np.arange(-(-count // SPAN))) * dt
-        far, near = (np.exp(1j * np.multiply.outer(t, self.frequencies)) for t in (anchors, np.arange(SPAN) * dt))
-        turned = (far[:, None] * near).reshape(SPAN * len(anchors), len(self.frequencies))[:count]
-        g = np.ones((count, self.size))
-        g[:, 1::2], g[:, 2::2] = np.imag(turned), np.real(turned)
         return g
 
     def derivative(self) -> Array:

@@ -13,8 +13,9 @@ from ..basics.arrays import Array, BoolArray
 from ..basics.text import several
 from ..basics.validation import bound
 from ..model.contact import Stops, channel_motion
+from ..model.modes import Modes
 from ..model.system import System
-from ..model.time_functions import offset_rate, offset_values
+from ..model.time_functions import evaluate, offset_values
 from .schema import IMPACT_FIELDS, LEDGER_FIELDS, frame_of
 
 if TYPE_CHECKING:
@@ -274,8 +275,13 @@ def supplied(start: float, work: Array) -> Array:
     return start + np.maximum.accumulate(np.maximum(work, 0.0))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # an energy beyond float64 is refused by ``Trajectory.energy``
 def step_ledger(
-    system: System, pieces: Iterator[tuple[Array, Array, Array, Array]], outputs: Array, impacts: bool | None = None
+    system: System,
+    pieces: Iterator[tuple[Array, Array, Array, Array]],
+    outputs: Array,
+    impacts: bool | None = None,
+    basis: Modes | None = None,
 ) -> Ledger:
     """The energy balance of a run from its states at every step, see ``Pieces``, stored at the times ``outputs``.
 
@@ -283,67 +289,86 @@ def step_ledger(
     there, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
     dt R takes in turning U round, (1 - e)/2 |U| of it by Newton's law. It is zero unless ``impacts``: a scheme without
     an impact law has it all in ``loss``. A stop that moves by do puts in -R do.
+
+    basis: the modes of the system, where the pieces have q and q' in these.
     """
     columns: list[Array] = []
     times: list[Array] = []
-    total = np.zeros(7)  # input, viscous, loss, contact, free, stop_dissipation, spread
+    total, start = np.zeros(5), None  # input, viscous, loss in contact, stop_dissipation, spread
+    squares, damping = (None, None) if basis is None else (basis.omega**2, basis.damping)
     # Pieces share end points; every piece adds its steps to the totals of those before.
     for t, q, v, forces in pieces:
-        energies = np.stack(system.energies(t, q, v))
-        load = system.load(t)
-        dq = np.diff(q, axis=0)
+        motions, dq, dt = _motions(system, t, q, v, basis), np.diff(q, axis=0), np.diff(t)
+        free = system.free_energies(q, v) if squares is None else (0.5 * _squares(v), 0.5 * _squares(q, squares))
+        stored = sum((x.stops.energy(u) for x, (u, _) in zip(system.contacts, motions, strict=True)), np.zeros(len(t)))
         if impacts is None:
-            of_stops, d_stops, d_spread = _work_of_stops(system, t, q, v, forces)
-            touching = in_contact(system, t, q, v, forces)
+            d_input, d_stops, d_spread = _work_of_stops(system, t, motions, forces)
+            touching = _touching(system, t, motions, forces)
             # A step counts as contact if either of its ends does.
             either = touching[1:] | touching[:-1]
         else:
-            of_stops, d_stops = _work_of_reactions(system, t, v, forces[1:], impacts)
-            d_spread = np.zeros(len(dq))
+            d_input, d_stops = _work_of_reactions(system, t, motions, forces[1:], impacts)
+            d_spread = np.zeros(len(dt))
             either = np.any(forces[1:] != 0.0, axis=1)
-        d_input = 0.5 * np.sum((load[1:] + load[:-1]) * dq, axis=1) + of_stops
-        d_viscous = np.zeros(len(dq))
+        for vector, function in system.loads:
+            f, along = evaluate(function, t), q @ (vector if basis is None else basis.force(vector))
+            d_input += 0.5 * (f[1:] + f[:-1]) * np.diff(along)
+        d_viscous = np.zeros(len(dt))
         if system.damped:
             # Two rules for the dampers: by the displacement and by the mean velocity. They differ by the spread.
-            mean, dt = 0.5 * (v[1:] + v[:-1]), np.diff(t)
-            d_viscous = np.sum(dq * (dq @ system.damping), axis=1) / dt
-            d_spread += np.abs(d_viscous - dt * np.sum(mean * (mean @ system.damping), axis=1))
-        # The loss is what the balance of energies and works leaves.
-        d_loss = -np.diff(np.sum(energies, axis=0)) + d_input - d_viscous - d_stops
-        parts = (np.where(either, d_loss, 0.0), np.where(either, 0.0, d_loss))
-        steps = np.stack([d_input, d_viscous, d_loss, *parts, d_stops, d_spread])
-        cumulative = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
-        total = cumulative[:, -1]
+            mean = 0.5 * (v[1:] + v[:-1])
+            by_way, by_mean = (
+                np.sum(x * (x @ system.damping), axis=1) if damping is None else _squares(x, damping)
+                for x in (dq, mean)
+            )
+            d_viscous = by_way / dt
+            d_spread += np.abs(d_viscous - dt * by_mean)
+        # The loss is what the balance of energies and works leaves: of the whole run, without a sum of its roundings.
+        energies = np.stack([*free, stored])
+        energy = np.sum(energies, axis=0)
+        start = energy[0] if start is None else start
+        d_contact = np.where(either, -np.diff(energy) + d_input - d_viscous - d_stops, 0.0)
+        steps = np.stack([d_input, d_viscous, d_contact, d_stops, d_spread])
+        sums = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
+        total = sums[:, -1]
+        work, viscous, contact, dissipated, spread = sums
+        loss = start - energy + work - viscous - dissipated
         # The first time of a later piece is the last of the piece before it.
         keep = slice(1 if times else 0, None)
         # Outputs in this piece, each at the nearest step: rounding of the times must not drop one.
-        inside = (outputs >= t[0] - 0.25 * (t[1] - t[0])) & (outputs <= t[-1] + 0.25 * (t[-1] - t[-2]))
+        inside = (outputs >= t[0] - 0.25 * dt[0]) & (outputs <= t[-1] + 0.25 * dt[-1])
         wanted = np.zeros(len(t), bool)
         wanted[np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])] = True
         wanted = wanted[keep]
         times.append(t[keep][wanted])
-        columns.append(np.concatenate([energies[:, keep], cumulative[:, keep]])[:, wanted])
-    data = np.concatenate(columns, axis=1)
-    return Ledger(np.concatenate(times), *data)
+        rows = np.stack([*energies, work, viscous, loss, contact, loss - contact, dissipated, spread])
+        columns.append(rows[:, keep][:, wanted])
+    return Ledger(np.concatenate(times), *np.concatenate(columns, axis=1))
 
 
-def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Array) -> tuple[Array, Array, Array]:
+def _squares(x: Array, weights: Array | None = None) -> Array:
+    """sum_j weights_j x_ij^2 of every row of x."""
+    return np.einsum("ij,ij->i", x, x if weights is None else x * weights)
+
+
+def _work_of_stops(
+    system: System, t: Array, motions: list[tuple[Array, Array]], node_forces: Array
+) -> tuple[Array, Array, Array]:
     """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, -1/2 (D^n + D^{n+1}) du of those that damp, and the
     spread of that."""
     work, taken, spread = np.zeros((3, len(t) - 1))
-    for c, contact in enumerate(system.contacts):
-        stops, o = contact.stops, offset_values(contact.offset, t)
+    for c, (contact, (u, rate)) in enumerate(zip(system.contacts, motions, strict=True)):
+        stops = contact.stops
         # The whole work of a stop that neither moves nor damps is in its energy.
         if contact.offset is None and not stops.dissipative:
             continue
-        u, rate = _motion(system, c, t, q, v)
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
         # A force that jumps does not follow from the state: the node's counts where it is known.
         if stops.jumps:
             known = ~np.isnan(node_forces[:, c])
             beyond[known] += node_forces[known, c] - force[known]
             force[known] = node_forces[known, c]
-        work -= 0.5 * (force[1:] + force[:-1]) * np.diff(o)
+        work -= 0.5 * (force[1:] + force[:-1]) * np.diff(offset_values(contact.offset, t))
         if stops.dissipative:
             dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
             taken -= dissipated
@@ -353,13 +378,14 @@ def _work_of_stops(system: System, t: Array, q: Array, v: Array, node_forces: Ar
     return work, taken, spread
 
 
-def _work_of_reactions(system: System, t: Array, v: Array, reactions: Array, impacts: bool) -> tuple[Array, Array]:
+def _work_of_reactions(
+    system: System, t: Array, motions: list[tuple[Array, Array]], reactions: Array, impacts: bool
+) -> tuple[Array, Array]:
     """Work and dissipation of rigid stops, see ``step_ledger``."""
     work, taken = np.zeros((2, len(t) - 1))
-    for c, contact in enumerate(system.contacts):
+    for c, (contact, (_, rate)) in enumerate(zip(system.contacts, motions, strict=True)):
         work -= reactions[:, c] * np.diff(offset_values(contact.offset, t))
         if impacts:
-            rate = v @ contact.row + offset_rate(contact.offset, t)
             taken -= 0.5 * np.diff(t) * reactions[:, c] * (rate[1:] + rate[:-1])
     return work, taken
 
@@ -378,23 +404,32 @@ def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> 
     return u, v
 
 
-def _motion(system: System, c: int, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Position and rate of contact c; those of the given start as given, see ``as_it_starts``."""
-    contact = system.contacts[c]
-    u, rate = channel_motion(contact.row, contact.offset, t, q, v)
+def _motions(system: System, t: Array, q: Array, v: Array, basis: Modes | None = None) -> list[tuple[Array, Array]]:
+    """Position and rate of every contact; those of the given start as given, see ``as_it_starts``. basis: q and v are
+    coordinates in these modes, of a march."""
     # Only a run from the system's initial data begins with these values.
-    if np.array_equal(q[0], system.q0) and np.array_equal(v[0], system.v0):
-        u, rate = as_it_starts(system, c, t, u, rate)
-    return u, rate
-
-
-def in_contact(system: System, t: Array, q: Array, v: Array, node_forces: Array | None = None) -> NDArray[np.bool_]:
-    """Boolean (k,), True if any contact is closed at the times t (k,) with states q, v (k, n); node_forces: see
-    ``Pieces``."""
-    touching = np.zeros(len(t), bool)
+    given = basis is not None or (np.array_equal(q[0], system.q0) and np.array_equal(v[0], system.v0))
+    motions = []
     for c, contact in enumerate(system.contacts):
-        closed = contact.stops.state(*_motion(system, c, t, q, v)) != 0
+        row = contact.row if basis is None else basis.force(contact.row)
+        seen = channel_motion(row, contact.offset, t, q, v)
+        motions.append(as_it_starts(system, c, t, *seen) if given else seen)
+    return motions
+
+
+def _touching(
+    system: System, t: Array, motions: list[tuple[Array, Array]], node_forces: Array | None = None
+) -> BoolArray:
+    """True where any contact is closed (k,); node_forces: see ``Pieces``."""
+    touching = np.zeros(len(t), bool)
+    for c, (contact, motion) in enumerate(zip(system.contacts, motions, strict=True)):
+        closed = contact.stops.state(*motion) != 0
         if node_forces is not None and contact.stops.jumps:
             closed = np.where(np.isnan(node_forces[:, c]), closed, node_forces[:, c] != 0.0)
         touching |= closed
     return touching
+
+
+def in_contact(system: System, t: Array, q: Array, v: Array) -> BoolArray:
+    """Boolean (k,), True if any contact is closed at the times t (k,) with states q, v (k, n)."""
+    return _touching(system, t, _motions(system, t, q, v))
