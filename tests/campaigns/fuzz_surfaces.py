@@ -134,7 +134,7 @@ CONSTRUCTORS = [
             {"t": np.linspace(0.0, 1.0, 11), "tip": np.zeros(11), "tip_velocity": np.zeros(11), "system": mass(),
              "name": "mine"}),
     Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, EnsembleMembers(**x)),
-            {"system": beam(), "parameter": "start", "values": [1.0, 2.0], "fields": {"q0": [np.zeros(4)] * 2}}),
+            {"system": beam(), "parameter": "start", "values": [1.0, 2.0], "systems": [beam(), beam()]}),
 ]  # fmt: skip
 
 FUNCTIONS = [

@@ -111,7 +111,7 @@ FAULTS = [
     ("model", "model/members.py", "v0 = [system.v0 + speed", "v0 = [system.v0 + 0.5 * speed"),
     ("model", "model/members.py", "isinstance(root.stops, Stops) and keys[:2]", "False and keys[:2]"),
     ("model", "model/members.py", "if len(values) > 1:\n        require_kept", "if False:\n        require_kept"),
-    ("model", "model/members.py", "return members.separate or any(", "return any("),
+    ("model", "model/members.py", "or _terms(member) != terms", ""),
     ("model", "model/equations.py", "return C * y[0] - S * y[1] + V * force", "return C * y[0] + S * y[1] + V * force"),
     ("model", "model/equations.py", "2.0 * np.sin(0.5 * wide) ** 2", "np.sin(0.5 * wide) ** 2"),
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),

@@ -199,14 +199,12 @@ def test_the_exact_record_from_a_time_on(system):
     assert max(late.peak_force[0], early.peak_force) == pytest.approx(contact.peak_force, rel=1e-12)
 
 
-def test_statistics_are_those_of_the_impacts_and_progress_counts_steps(system):
-    done = []
-    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, sb.perturbed_members(system, 6), progress=done.append)
+def test_statistics_are_those_of_the_impacts(system):
+    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, sb.perturbed_members(system, 6))
     peaks = [np.nanmax(many.contact.impacts_of(i).peaks) for i in range(6)]
     assert np.all(peaks <= many.peak_force)
     assert many.impacts.count == np.sum(many.impact_count)
-    assert many.work.steps == done[-1] == 18_000
-    assert done == sorted(done)
+    assert many.work.steps == 18_000
 
 
 @pytest.mark.parametrize("rigid", [False, True])

@@ -64,12 +64,3 @@ def test_an_argument_of_another_type_is_named(argument, wrong):
     }
     assert error.value.field.partition(".")[0] in first.get(argument, (argument.partition(" ")[0],))
     assert error.value.remedy
-
-
-@pytest.mark.parametrize("progress", ["bar", 0, []])
-def test_progress_of_ensembles_is_a_function(progress):
-    members = [chain(), chain()]
-    with pytest.raises(sb.InputError, match="progress must be a function"):
-        sb.integrate_ensemble(chain(), sb.HHT(), 1e-2, 0.1, members, progress=progress)
-    with pytest.raises(sb.InputError, match="progress must be a function"):
-        sb.reference_ensemble(chain(), 0.1, members, progress=progress)

@@ -165,9 +165,8 @@ NO_FUNCTION = [
     (lambda: sb.Constant(Fraction(10) ** 400), "range of float64"),
 ]  # fmt: skip
 NO_MEMBER = [
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "form", [1.0], {"form": ["hermite"]}), "differ in"),
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "contacts", [1.0], {"contacts": [(sb.Contact([2.0], TIP),)]}),
-     "contact rows"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], []), "one per member"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], [one_mass(1.0)]), "unknowns and contacts"),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),
     *((lambda line=line: uncertain(line), words) for line, words in (

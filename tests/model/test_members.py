@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
-from stiffbeam.model.members import EnsembleMembers
+from stiffbeam.model.members import march_apart
 from stiffbeam.references import solve
 from stiffbeam.studies.sweep import sections
 from stiffbeam.trajectory.ensemble import Ensemble
@@ -50,7 +50,7 @@ def test_members_with_other_matrices_are_the_beams_built_by_hand():
     values = {"stiffness": 300.0 * SHARES, "stops.stiffness": 1e4 * SHARES[::-1], "loads[0].time.scale": SHARES}
     members = sb.varied_members(tube(), values)
     many = sb.integrate_ensemble(tube(), HHT, 2e-4, 0.5, members, every=1)
-    assert members.separate
+    assert march_apart(members)
     assert len({m.stiffness.tobytes() for m in members}) == 5
     assert all(np.sum(c.impact_count) > 0 for c in many.contacts)
     for i, (bending, kappa, level) in enumerate(zip(*values.values(), strict=True)):
@@ -79,20 +79,17 @@ def test_members_with_functions_of_their_own_are_their_single_runs():
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.fast(1)
 def test_members_with_noise_of_their_own_are_their_single_runs(moving):
-    """To the bit, ledger included; of schemes and of the exact solution; listed, or made by hand."""
+    """To the bit, ledger included; of schemes and of the exact solution."""
     members, t = [shaken(seed, moving) for seed in range(3)], np.linspace(0.0, 1.0, 11)
-    made = EnsembleMembers(members[0], "noise", [0, 1, 2], {
-        name: [getattr(x, name) for x in members] for name in ("loads", "contacts")})  # fmt: skip
     exact = sb.reference_ensemble(members[0], 1.0, members, t_eval=t)
-    for given in (members, made):
-        many = sb.integrate_ensemble(members[0], HHT, 1e-3, 6.0, given, every=10)
-        for i, member in enumerate(members):
-            alone = sb.integrate(member, HHT, 1e-3, 6.0, every=10)
-            np.testing.assert_array_equal(many.tip[i], alone.tip)
-            assert many.impact_count[i] == alone.impacts.count
-            np.testing.assert_array_equal(many.ledger(i).loss[-1], alone.energy.loss[-1])
-            np.testing.assert_array_equal(exact.tip[i], solve(member, 1.0, "exact", t, 0.0, None).tip)
-        assert len(set(many.tip[:, -1].tolist())) == 3
+    many = sb.integrate_ensemble(members[0], HHT, 1e-3, 6.0, members, every=10)
+    for i, member in enumerate(members):
+        alone = sb.integrate(member, HHT, 1e-3, 6.0, every=10)
+        np.testing.assert_array_equal(many.tip[i], alone.tip)
+        assert many.impact_count[i] == alone.impacts.count
+        np.testing.assert_array_equal(many.ledger(i).loss[-1], alone.energy.loss[-1])
+        np.testing.assert_array_equal(exact.tip[i], solve(member, 1.0, "exact", t, 0.0, None).tip)
+    assert len(set(many.tip[:, -1].tolist())) == 3
 
 
 # ------------------------------------------------------------------ parameters by path

@@ -13,12 +13,10 @@ from ..basics.arrays import Array, aligned
 from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers, Span
-from ..model.contact import laws
+from ..model.contact import channel_motion, laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
-from ..model.members import EnsembleMembers
 from ..model.system import System
-from ..model.time_functions import offset_rate, offset_values
 from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
@@ -131,16 +129,15 @@ class Stepper:
     @cached_property
     def own_launch(self) -> Launch:
         """The launch of ``system`` itself, with contacts recorded from the start."""
-        return self.launch([self.system], self.system.q0[None], self.system.v0[None], 0, True)
+        return self.launch([self.system], 0, True)
 
-    def launch(self, systems: Sequence[System], q0: Array, v0: Array, since: int, alike: bool) -> Launch:
-        """Members at t = 0 with initial data (M, n); systems: M, or one for all. ``alike``: they have the loads of
-        ``system``."""
-        law = np.repeat([laws(each.contacts) for each in systems], len(q0) // len(systems), axis=0)
+    def launch(self, systems: Sequence[System], since: int, alike: bool) -> Launch:
+        """These members at t = 0. ``alike``: they have the loads of ``system``."""
+        law = np.array([laws(each.contacts) for each in systems])
         first, coordinates, means = self.starter or self.block, self.coordinates, self.treatment.means
-        u, v = initial_channels(systems, q0, v0)
+        u, v = initial_channels(systems)
         tally, events = start_tallies(u, v, law, self.dt, means, since)
-        start = np.stack([coordinates.start(*x) for x in zip(q0, v0, strict=True)], axis=1)
+        start = np.stack([coordinates.start(each.q0, each.v0) for each in systems], axis=1)
         force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
         z = self.packed(first, first.one.scheme, [start], force)
         # Where a force jumps at its stop, every node must yield to it.
@@ -196,19 +193,14 @@ class March:
 
     def __post_init__(self) -> None:
         stepper, system, M = self.stepper, self.stepper.system, len(self.members)
-        self._alike, self._systems = True, [system]
+        self._alike = True
         if M == 1 and self.members[0] is system and not self.since:
             self._launch = launch = stepper.own_launch
         else:
-            if isinstance(self.members, EnsembleMembers):
-                self._systems, (q0, v0) = self.members.systems(), self.members.starts()
-            else:
-                self._systems = list(self.members)
-                q0, v0 = (np.array([getattr(member, x) for member in self._systems]) for x in ("q0", "v0"))
             # Equal loads and offsets: the response to the drive is computed once for all members.
             own = functions(system)
-            self._alike = all(each is system or functions(each) == own for each in self._systems)
-            self._launch = launch = stepper.launch(self._systems, q0, v0, self.since, self._alike)
+            self._alike = all(each is system or functions(each) == own for each in self.members)
+            self._launch = launch = stepper.launch(self.members, self.since, self._alike)
         self.law, u, v, diverged = launch.law, launch.position, launch.velocity, np.zeros(M, np.int64)
         self.state = Marchers(launch.law, copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), diverged)
         kept = 0 if self.every is None else self.steps // self.every + 1
@@ -258,7 +250,7 @@ class March:
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the members."""
-        return block.own_forcing if self._alike else block.forcing(self._systems)
+        return block.own_forcing if self._alike else block.forcing(self.members)
 
     def _segment(
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
@@ -285,7 +277,7 @@ class March:
     def _force(self) -> Array:
         """Load plus contact force at this time, (members, N)."""
         t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
-        return self.stepper.force(self._systems[:1] if self._alike else self._systems, t, motion, self.law)
+        return self.stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
 
     def fields(self, member: int, tip_only: bool = False) -> dict[str, Any]:
         """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed. tip_only: of
@@ -298,7 +290,7 @@ class March:
         positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
         u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
         contacts, outputs = [], slice(0 if tip_only else None)
-        for c, contact in enumerate(self._systems[min(member, len(self._systems) - 1)].contacts):
+        for c, contact in enumerate(self.members[member].contacts):
             events = own[own[:, CONTACT] == c] if self.tally.shape[1] > 1 else own
             node_forces = self.node_forces[member, outputs, c] if self.node_forces.shape[1] else None
             forces = self.forces[member, outputs, c] if self.forces.shape[1] else None
@@ -355,12 +347,8 @@ def functions(system: System) -> list[object]:
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
 
 
-def initial_channels(systems: Sequence[System], q0: Array, v0: Array) -> tuple[Array, Array]:
-    """Positions and velocities (M, C) of the channels at t = 0 from initial data (M, n); systems: M, or one for all."""
-    shifts = [[(float(offset_values(o, 0.0)), float(offset_rate(o, 0.0))) for _, o in x.channels] for x in systems]
-    u, v = np.empty((2, len(q0), len(systems[0].channels)))
-    for i in range(len(q0)):
-        own = min(i, len(systems) - 1)
-        for c, (row, _) in enumerate(systems[own].channels):
-            u[i, c], v[i, c] = q0[i] @ row + shifts[own][c][0], v0[i] @ row + shifts[own][c][1]
-    return u, v
+def initial_channels(systems: Sequence[System]) -> tuple[Array, Array]:
+    """Positions and velocities (M, C) of the channels of M systems at t = 0."""
+    each = [[channel_motion(row, o, 0.0, x.q0, x.v0) for row, o in x.channels] for x in systems]
+    u, v = np.moveaxis(np.array(each, float).reshape(len(systems), -1, 2), 2, 0)
+    return np.ascontiguousarray(u), np.ascontiguousarray(v)

@@ -8,13 +8,13 @@ from time import perf_counter
 
 import numpy as np
 
-from ..basics.progress import silent, working
+from ..basics.progress import current, working
 from ..basics.resources import over_slices
-from ..basics.validation import InputError, function, integer
+from ..basics.validation import InputError, integer
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.system import System
 from ..schemes import Scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Runs, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory, Work
 from .integrate import Plan
@@ -31,7 +31,6 @@ def integrate_ensemble(
     members: EnsembleMembers | Sequence[System],
     contact: str = "implicit",
     every: int | None = None,
-    progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
     """Return the runs of all members of an ensemble, on all cores; each equals its single run to rounding.
@@ -44,15 +43,12 @@ def integrate_ensemble(
     scheme : Scheme
     dt, t_end : float
     members : EnsembleMembers or sequence of System
-        From ``perturbed_members`` or ``varied_members``, or systems that differ from
-        ``system`` in initial data, stops, loads and motions only. Members with records (Sampled) or matrices of their
-        own are set up one by one.
+        From ``perturbed_members`` or ``varied_members``, or systems with as many unknowns and contacts. Members with
+        records (Sampled) or matrices of their own are set up one by one.
     contact : {"implicit", "extrapolated", "conserving"}
         As in ``integrate``.
     every : int, optional
         Keep tip and tip velocity every so many steps. None keeps none; memory then grows with the impacts only.
-    progress : callable, optional
-        Called with the number of member-steps done.
     since : float
         Contacts are recorded after this time, a whole number of steps. A contact that is there then is no impact.
         Impulses are the sum of dt F over the steps after it, without half weights at the ends.
@@ -76,7 +72,6 @@ def integrate_ensemble(
     (16,)
     """
     begun = perf_counter()
-    function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     plan = Plan.of(system, scheme, dt, t_end, contact)
     plan.afford(len(members), every if every is None else integer("every", every, 1))
@@ -84,19 +79,12 @@ def integrate_ensemble(
     if abs(passed * dt - since) > 1e-9 * t_end:
         remedy = f"for example {dt * int(since / dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
-    report = None if progress is None else lambda done: progress(done * plan.steps)
-    return _integrated(plan, members, every, passed, report, begun)
-
-
-def _integrated(
-    plan: Plan, members: EnsembleMembers, every: int | None, since: int, report: Progress | None, begun: float
-) -> Ensemble:
-    """The ensemble of a plan."""
     # Members with records, or with other matrices, share no propagator and are set up one by one.
-    apart = march_apart(members)
-    march = partial(_march, plan, every, since, apart)
+    apart, show = march_apart(members), current()
+    march = partial(_march, plan, every, passed, apart)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
+    report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
     runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
     seconds = perf_counter() - begun
     return Ensemble(

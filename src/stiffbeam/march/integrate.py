@@ -172,16 +172,12 @@ class Plan:
             for member in members:
                 self.rule_of(member)
             return [slim(self.run(member, every, None, since)) for member in members]
-        contacts = members.all_contacts()
-        # By identity: members that share their contacts need one look-up.
-        first = {id(each): i for i, each in reversed(list(enumerate(contacts)))}
-        steppers = {key: self.stepper_for(members[i]) for key, i in first.items()}
-        kinds = [steppers[id(each)] for each in contacts]
+        kinds = [self.stepper_for(member) for member in members]
         runs: dict[int, Trajectory] = {}
         # Members of one rule march together.
         for stepper in dict.fromkeys(kinds):
             places = [i for i, kind in enumerate(kinds) if kind is stepper]
-            march = March(stepper, members.subset(places), self.steps, every, since)
+            march = March(stepper, [members[i] for i in places], self.steps, every, since)
             for _ in march.advance():
                 pass
             for k, i in enumerate(places):

@@ -48,7 +48,7 @@ def rigid_run(
 ) -> dict[str, Any]:  # fmt: skip
     """Fields of the Trajectory; impacts are counted after step ``since``."""
     m, tip = len(system.contacts), system.tip_channel
-    u0, v0 = initial_channels([system], system.q0[None], system.v0[None])
+    u0, v0 = initial_channels([system])
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin, diverged = every or steps + 1, np.nan
     outputs, at_steps, means = [(u0, v0)], [u0[:, :m]], [np.zeros((0, m))]

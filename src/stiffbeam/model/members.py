@@ -1,4 +1,4 @@
-"""The members of an ensemble: systems with one linear part that differ in loads, stops or initial data."""
+"""The members of an ensemble, and systems with other values of their parameters."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from ..basics.validation import (
     positive,
     sequence,
 )
-from .contact import Contact, Stops
+from .contact import Stops
 from .modes import undamped_modes
 from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
-from .system import System, finite_vector, require_system
+from .system import System, require_system
 from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, offset_values, parts
 
-DIFFERENT = ("loads", "contacts", "q0", "v0", "origin")  # what members may differ in and still march side by side
-LINEAR = ("mass", "damping", "stiffness", "observe")  # where they differ in these too, each marches by itself
+LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
+MATRICES = ("mass", "damping", "stiffness")
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
 # kind only where members part before a scheme leaves the exact motion, else they share what it has strayed to. With
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
@@ -49,9 +49,7 @@ SCALE = "scale"  # the last name of a path to a time function or an array: a fac
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMembers(Sequence[System]):
-    """Members of an ensemble: systems that differ from ``system`` in a few fields. Each is made when it is needed.
-
-    They share mass, damping, stiffness and contact rows with ``system``, or are ``separate``.
+    """Members of an ensemble: systems with the numbers of unknowns and contacts of ``system``.
 
     Parameters
     ----------
@@ -60,14 +58,13 @@ class EnsembleMembers(Sequence[System]):
         Name of the parameter that differs.
     values : array or sequence
         One value of the parameter per member.
-    fields : mapping of str to sequence
-        For each of loads, contacts, q0, v0 and origin that differs, one value per member; for separate members also
-        mass, damping, stiffness and observe.
+    systems : sequence of System
+        The members.
 
     Raises
     ------
     InputError
-        For any other field, and for contacts on other rows than the system's.
+        For other numbers of unknowns, contacts or values.
 
     Examples
     --------
@@ -80,84 +77,38 @@ class EnsembleMembers(Sequence[System]):
     system: System
     parameter: str
     values: Any
-    fields: Mapping[str, Sequence[Any]]
+    systems: Sequence[System]
 
     def __post_init__(self) -> None:
-        require_system(self.system)
-        instance("members.fields", self.fields, Mapping, "make them with perturbed_members or varied_members")
-        sequence("members.values", self.values, "be one value per member")
-        for name, values in self.fields.items():
-            if name not in (*DIFFERENT, *LINEAR):
-                remedy = "integrate them one by one"
-                raise InputError("members", name, f"differ in {', '.join((*DIFFERENT, *LINEAR))} only", remedy)
-            if len(sequence(f"members.fields[{name!r}]", values, "be one value per member")) != len(self.values):
-                remedy = "give as many of both"
-                raise InputError("members", len(values), f"have one of {name} per value, {len(self.values)}", remedy)
-        shared = self.system.contacts
-        for contacts in self.fields.get("contacts", ()):
-            if len(contacts) != len(shared) or not (self.separate or same_rows(contacts, shared)):
-                remedy = "make the others with replace(contact, stops=...)"
-                raise InputError("members", "contacts on other rows", "share contact rows with the system", remedy)
-
-    @property
-    def separate(self) -> bool:
-        """True where matrices or contact rows differ from member to member."""
-        return any(name in self.fields for name in LINEAR)
+        counts = lambda system: (system.size, len(system.contacts), len(system.channels))  # noqa: E731
+        wanted = counts(require_system(self.system))
+        for member in sequence("members", self.systems, *LISTED):
+            require_system(member, "members")
+            if counts(member) != wanted:
+                rule = "have the unknowns and contacts of the system"
+                raise InputError("members", repr(member), rule, "integrate such systems one by one")
+        if len(sequence("members.values", self.values, "be one value per member")) != len(self.systems):
+            raise InputError("members.values", len(self.values), f"be one per member, {len(self)}", "give as many")
 
     def __repr__(self) -> str:
         return f"<EnsembleMembers: {len(self)} of {self.system!r}, {self.parameter}>"
 
     def __len__(self) -> int:
-        return len(self.values)
+        return len(self.systems)
 
     def __getitem__(self, i: Any) -> Any:
         """The system of member i, or those of a slice as EnsembleMembers."""
         if isinstance(i, slice):
-            return self.subset(range(len(self))[i])
-        if not -len(self) <= i < len(self):
-            raise IndexError(i)
-        return replace(self.system, **{name: values[i] for name, values in self.fields.items()})
-
-    def subset(self, rows: Sequence[int]) -> EnsembleMembers:
-        """The members of these numbers."""
-        fields = {name: [values[i] for i in rows] for name, values in self.fields.items()}
-        return EnsembleMembers(self.system, self.parameter, np.asarray(self.values)[list(rows)], fields)
-
-    def systems(self) -> list[System]:
-        """Systems of the members: one each, or a single one if they differ in initial data alone."""
-        return [self.system] if set(self.fields) <= {"q0", "v0"} else list(self)
-
-    def all_contacts(self) -> Sequence[tuple[Contact, ...]]:
-        """The contacts of each."""
-        return self.fields.get("contacts") or [self.system.contacts] * len(self)
-
-    def starts(self) -> tuple[Array, Array]:
-        """q0, v0 (M, n) of all."""
-        q0, v0 = zip(*(self.start(i) for i in range(len(self))), strict=True)
-        return np.array(q0), np.array(v0)
-
-    def start(self, i: int) -> tuple[Array, Array]:
-        """q0, v0 (n,) of member i."""
-        system, n = self.system, self.system.size
-        q0, v0 = self.fields.get("q0"), self.fields.get("v0")
-        return (
-            system.q0 if q0 is None else finite_vector("initial_displacement", q0[i], n),
-            system.v0 if v0 is None else finite_vector("initial_velocity", v0[i], n),
-        )
+            return EnsembleMembers(self.system, self.parameter, self.values[i], self.systems[i])
+        return self.systems[i]
 
 
 def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> EnsembleMembers:
-    """``members`` checked against ``system``: at least one, and one linear part."""
+    """``members`` checked against ``system``: at least one."""
     require_system(system)
     if not isinstance(members, EnsembleMembers):
-        rule, remedy = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
-        systems = sequence("members", members, rule, remedy)
-        for member in systems:
-            require_system(member, "members")
-            if (member.size, len(member.channels)) != (system.size, len(system.channels)):
-                rule = "have the unknowns and contacts of the system"
-                raise InputError("members", repr(member), rule, "integrate such systems one by one")
-        members = members_of(system, SYSTEMS, np.arange(len(systems)), systems)
+        systems = sequence("members", members, *LISTED)
+        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), systems)
     # By fingerprint: a copy from another process is equal without being the same object.
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
@@ -168,28 +119,23 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
 
 
 def march_apart(members: EnsembleMembers) -> bool:
-    """Return True if each member is integrated with its own matrices or loads: its matrices or the vectors of its loads
-    differ, or its functions of time differ from the system's in more than harmonics and constants."""
-    system = members.system
-    loads, contacts = members.fields.get("loads", [system.loads]), members.fields.get("contacts", [system.contacts])
-    return members.separate or any(
-        _terms(x, y) != _terms(system.loads, system.contacts)
-        for x, y in [*((x, system.contacts) for x in loads), *((system.loads, y) for y in contacts)]
+    """Return True if each member is set up by itself: a member has other matrices, contact rows or vectors of loads
+    than the system, or functions of time that differ in more than harmonics and constants."""
+    system, terms = members.system, _terms(members.system)
+    return any(
+        not all(same(getattr(member, name), getattr(system, name)) for name in MATRICES)
+        or not all(same(a, b) for (a, _), (b, _) in zip(member.channels, system.channels, strict=True))
+        or _terms(member) != terms
+        for member in members
     )
 
 
-def _terms(loads: Any, contacts: Any) -> tuple[list[bytes], list[tuple[int, LoadFunction, float]]]:
+def _terms(system: System) -> tuple[list[bytes], list[tuple[int, LoadFunction, float]]]:
     """The vectors of the loads, and the functions of loads and offsets that are neither Harmonic nor Constant, with
     place and factor."""
-    functions = [*(f for _, f in loads), *(contact.offset for contact in contacts)]
-    pieces = [(i, part, factor) for i, f in enumerate(functions) for factor, part in parts(f)]
+    pieces = [(i, part, factor) for i, f in enumerate(system.time_functions) for factor, part in parts(f)]
     others = [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
-    return [vector.tobytes() for vector, _ in loads], others
-
-
-def same_rows(contacts: Sequence[Contact], others: Sequence[Contact]) -> bool:
-    """Return True if contacts, as many as the ``others``, are on their rows."""
-    return all(same(a.row, b.row) for a, b in zip(contacts, others, strict=True))
+    return [vector.tobytes() for vector, _ in system.loads], others
 
 
 def perturbed_members(
@@ -235,7 +181,7 @@ def perturbed_members(
     require_system(system)
     integer("members", members, 1)
     non_negative("size", size)
-    afford("members", members, "take fewer", floats=6.0 * members * (system.size + 20))  # a vector is an object
+    afford("members", members, "take fewer", floats=6.0 * members * (system.size + 60))  # a system is an object
     span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
     basis, motion = undamped_modes(system), scales(system, span)
     if not 0.0 < motion.speed < np.inf:
@@ -244,9 +190,10 @@ def perturbed_members(
     noise = generator(rng).uniform(-1.0, 1.0, (members, 2, system.size))
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     speed = size * motion.speed
-    q0 = [_off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta]
-    v0 = [system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1]]
-    return EnsembleMembers(system, STARTS, np.arange(members), {"q0": q0, "v0": v0})
+    q0 = (_off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)
+    v0 = (system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1])
+    systems = [replace(system, q0=q, v0=v) for q, v in zip(q0, v0, strict=True)]
+    return EnsembleMembers(system, STARTS, np.arange(members), systems)
 
 
 def _off_rigid_stops(system: System, q: Array) -> Array:
@@ -301,19 +248,7 @@ def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> Ensem
     afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20))  # every member is made here
     rows = zip(*(along.tolist() for along in grid.values()), strict=True)
     members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
-    return members_of(system, ", ".join(grid), values, members)
-
-
-def members_of(system: System, parameter: str, values: Any, systems: Sequence[System]) -> EnsembleMembers:
-    """The ``systems`` as members of ``system``, separate where one of them has other matrices or contact rows."""
-    alike = all(
-        all(same(getattr(member, part), getattr(system, part)) for part in LINEAR)
-        and same_rows(member.contacts, system.contacts)
-        for member in systems
-    )
-    columns = {name: [getattr(x, name) for x in systems] for name in (*DIFFERENT, *(() if alike else LINEAR))}
-    fields = {x: each for x, each in columns.items() if x in LINEAR or any(y is not getattr(system, x) for y in each)}
-    return EnsembleMembers(system, parameter, values, fields)
+    return EnsembleMembers(system, ", ".join(grid), values, members)
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:

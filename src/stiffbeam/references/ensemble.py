@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.progress import silent, working
+from ..basics.progress import current, working
 from ..basics.resources import cores, over_slices
-from ..basics.validation import InputError, function, numbers, positive
+from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, Runs, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Runs, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference
@@ -29,7 +29,6 @@ def reference_ensemble(
     t_end: float,
     members: EnsembleMembers | Sequence[System],
     t_eval: ArrayLike | None = None,
-    progress: Progress | None = None,
     since: float = 0.0,
 ) -> Ensemble:
     """Return the exact solutions of all members, on all cores; each equals its single solution to rounding.
@@ -45,8 +44,6 @@ def reference_ensemble(
     members : EnsembleMembers or sequence of System
     t_eval : array (k,), optional
         Times at which tip and tip velocity are kept; by default none.
-    progress : callable, optional
-        Called with the number of members done.
     since : float
         Contacts are recorded after this time, for exact solutions only.
 
@@ -69,7 +66,6 @@ def reference_ensemble(
     (4,)
     """
     begun = perf_counter()
-    function("progress", silent if progress is None else progress)
     members = as_members(system, members)
     times = np.zeros(0) if t_eval is None else numbers("t_eval", t_eval)
     t_end = positive("t_end", t_end)
@@ -83,7 +79,8 @@ def reference_ensemble(
     one = solve_exact if method == "exact" else partial(_adaptive, method)
     first = one(members[0], t_end, at, since)
     solving = partial(_solved, one, t_end, at, since, len(times))
-    report = None if progress is None else lambda done: progress(1 + done)
+    show = current()
+    report = lambda done: show(f"{method}: members", 1 + done, len(members))  # noqa: E731
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
     parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
     parts = [[slim(first, len(times))], *parts]

@@ -407,10 +407,9 @@ class Statistics:
     """Errors of means over perturbed members against those of the exact ensemble."""
 
     def __init__(self, system: System, t_end: float, members: int) -> None:
-        self.members, show = members, current()
+        self.members = members
         self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
-        what = f"advise: {members} exact motions"
-        self.exact = reference_ensemble(system, t_end, self.systems, progress=lambda done: show(what, done, members))
+        self.exact = reference_ensemble(system, t_end, self.systems)
         self.scatter = {
             name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
             for name, column in COLUMNS.items()

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 
 MEMBERS_PER_SLICE = 64  # made by one thread in one go
-Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
