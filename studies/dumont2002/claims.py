@@ -19,8 +19,8 @@ from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.amplification import amplification
 from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.report import percent
+from stiffbeam.model.right_hand_side import state_space
 from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.model.state_space import state_space
 from stiffbeam.schemes import BDF2, HHT, SDIRK
 from stiffbeam.schemes.newmark import WeightedNewmark
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN

@@ -127,7 +127,7 @@ FAULTS = [
     ("model", "model/system_data.py", "4.0 / 5.0, -1.0 / 5.0", "4.0 / 5.0, 1.0 / 5.0"),
     ("model", "model/system.py", "return self.stiffness_factor if same(self.made.stiffness, system.stiffness) else None", "return self.stiffness_factor"),
     ("model", "model/system.py", 'freeze(self, "mass", "damping", "stiffness", "q0", "v0", "observe")', "pass"),
-    ("model", "model/stencils.py", "stencil[0, 0] = 7.0", "stencil[0, 0] = 6.0"),
+    ("model", "model/beam.py", "stencil[0, 0] = 7.0", "stencil[0, 0] = 6.0"),
 ]  # fmt: skip
 
 SOURCES = Path(__file__).parents[2] / "src"

@@ -10,9 +10,8 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.kernels import compile as compilation
-from stiffbeam.kernels.contact import solve_node, solve_stage
 from stiffbeam.kernels.library import address
-from stiffbeam.kernels.march import BY_LAW, states
+from stiffbeam.kernels.march import BY_LAW, solve_node, solve_stage, states
 
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # nine lines in ten of the kernels in half a minute

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.kernels.contact import solve_node, solve_stage
-from stiffbeam.kernels.march import LINEAR
+from stiffbeam.kernels.march import LINEAR, solve_node, solve_stage
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)

@@ -15,7 +15,7 @@ from scipy.special import gamma
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.kernels.contact import contact_forces
+from stiffbeam.kernels.march import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact_law
 from stiffbeam.model.contact import dissipation_for

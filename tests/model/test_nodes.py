@@ -13,8 +13,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.kernels.contact import solve_stage
-from stiffbeam.kernels.march import BY_LAW
+from stiffbeam.kernels.march import BY_LAW, solve_stage
 
 # ------------------------------------------------------------------ the equations of a node
 

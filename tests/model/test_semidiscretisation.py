@@ -16,8 +16,8 @@ import stiffbeam as sb
 from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model.beam import mode, roots, tip_response
 from stiffbeam.model.modes import modes
+from stiffbeam.model.right_hand_side import state_space
 from stiffbeam.model.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
-from stiffbeam.model.state_space import state_space
 from stiffbeam.model.time_functions import Drive
 
 E, A = 0.01, 40.0  # amplitude and frequency of the support's start from rest

@@ -15,8 +15,7 @@ from oracles import exact_linear
 from systems import linear_part, one_mass, three_masses
 
 import stiffbeam as sb
-from stiffbeam.kernels.contact import solve_stage
-from stiffbeam.kernels.march import MEAN
+from stiffbeam.kernels.march import MEAN, solve_stage
 from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
 from stiffbeam.schemes.labels import parse_run, split_runs

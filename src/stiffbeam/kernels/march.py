@@ -1,4 +1,4 @@
-"""The march in blocks, the states that it passes, and the steps on rigid stops: the functions of march.h.
+"""The march in blocks, the states that it passes, the steps on rigid stops, and contacts: march.h.
 
 Every array is checked here: one of another type, shape or order raises TypeError.
 """
@@ -47,12 +47,15 @@ _Rigid = Structure(
 @cache
 def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
-    lib, at = library(), ctypes.POINTER
+    lib, at, pointer = library(), ctypes.POINTER, ctypes.c_void_p
     lib.march.argtypes = [at(_Block.type), at(_Drive.type), at(_Run.type)]
-    lib.states.argtypes, lib.states.restype = [*5 * [Int], *6 * [ctypes.c_void_p]], None
+    lib.states.argtypes, lib.states.restype = [*5 * [Int], *6 * [pointer]], None
     lib.rigid_steps.argtypes = [at(_Rigid.type)]
     lib.march.restype = lib.rigid_steps.restype = Int
-    lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], ctypes.c_void_p, Real], Real
+    lib.solve_node.argtypes, lib.solve_node.restype = [Int, *4 * [pointer]], Int
+    lib.solve_stage.argtypes, lib.solve_stage.restype = [Int, Int, *7 * [pointer]], Int
+    lib.contact_forces.argtypes, lib.contact_forces.restype = [Int, *5 * [pointer]], None
+    lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], pointer, Real], Real
     return lib
 
 
@@ -224,3 +227,55 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
     sizes = {"a": a, "n": n, "D": D, "S": S, "m": m, "K": K}
     filled(_functions().rigid_steps(_Rigid(sizes, linear._asdict() | given)))
     return path, reactions
+
+
+# ---------------------------------------------------------------- contacts of one node
+
+
+def solve_node(r: Array, compliance: Array, law: Array) -> Array:
+    """The forces F (m,) with v = r + S F and F_c = F_c(v_c) of springs or rigid stops; law (m, 3): stiffness, lower and
+    upper stop, or more columns.
+
+    S = ``compliance`` is symmetric positive semidefinite. They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c)
+    - g_c F_c), g_c the stop that F_c comes from, which Lawson and Hanson's active set finds in finitely many steps.
+    """
+    m, F = len(law), np.empty(len(law))
+    r, compliance, linear = np.ascontiguousarray(r), np.ascontiguousarray(compliance), np.zeros((m, LAW))
+    linear[:, :3] = law[:, :3]
+    at = address(r, (m,)), address(compliance, (m, m)), address(linear, (m, LAW)), address(F, (m,))
+    filled(_functions().solve_node(m, *at))
+    return F
+
+
+def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: int, law: Array) -> Array:
+    """The forces (m,) under any law; NaN where the search fails. r, w, u0 (m,); S, S_rate (m, m); law (m, 6).
+
+    Contact c by itself, the others' forces given, has one force f_c. H(F) = F - f(F) vanishes at the solution:
+    a semismooth Newton method with a line search on |H|; where that does not lower |H|, every contact takes its
+    own f_c in turn (Gauss-Seidel), which for forces that have an energy cannot fail.
+
+    By the rule MEAN F_c is the mean force over the step, which neither gains nor loses energy, u0 at its start:
+
+        F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
+
+    F does the work F (u+ - u0) = U(u0) - U(u+) whatever the step is, so that a scheme which conserves the energy of the
+    linear system under a force that is constant over the step conserves the sum of both. U is convex, so its secant
+    slope grows with u+ and there is one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP
+    43 (1992) 757-792.
+    """
+    m, F = len(law), np.empty(len(law))
+    r, w, S, S_rate, u0 = (np.ascontiguousarray(x) for x in (r, w, S, S_rate, u0))
+    vectors, matrices = [address(x, (m,)) for x in (r, w)], [address(x, (m, m)) for x in (S, S_rate)]
+    at = *vectors, *matrices, address(u0, (m,)), address(law, (m, LAW)), address(F, (m,))
+    filled(_functions().solve_stage(m, rule, *at))
+    return F
+
+
+def contact_forces(u: Array, v: Array, law: Array, energy: Array | None = None) -> Array:
+    """F(u, u') on the beam, of the shape of u and v; law (.., 6), of each or of all. ``energy`` takes U(u)."""
+    shape = np.shape(u)
+    law = law if law.shape == (*shape, LAW) else np.broadcast_to(law, (*shape, LAW))
+    u, v, law, F = *(np.asarray(x, float, order="C") for x in (u, v, law)), np.empty(shape)
+    at = address(u, shape), address(v, shape), address(law, (*shape, LAW)), address(F, shape)
+    _functions().contact_forces(F.size, *at, address(energy, shape, wanted=energy is not None))
+    return F

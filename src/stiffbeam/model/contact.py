@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
-from ..kernels.contact import contact_forces
+from ..kernels.march import contact_forces
 from .contact_law import (
     G1,
     G2,

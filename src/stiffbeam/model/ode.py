@@ -13,10 +13,9 @@ from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import function_address
-from .right_hand_side import RightHandSide
+from .right_hand_side import RightHandSide, descriptor, on_positions, on_velocities, state_space
 from .right_hand_side_jax import numbers_of, rate_with_integrals
 from .sampled import Sampled
-from .state_space import descriptor, on_positions, on_velocities, state_space
 from .time_functions import breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:

@@ -23,11 +23,22 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, itself, one_of
-from .beam import BENDING, MASS, MEAN, POINTS, SLOPE, WEIGHTS, free_unknowns, interpolation, shape_functions
+from .beam import (
+    BENDING,
+    MASS,
+    MEAN,
+    POINTS,
+    SLOPE,
+    WEIGHTS,
+    bending_stencil,
+    free_unknowns,
+    interpolation,
+    shape_functions,
+    velocity_curvature_matrices,
+)
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, PointLoad
-from .stencils import bending_stencil, velocity_curvature_matrices
 from .system import Origin, System
 from .time_functions import LoadFunction, combined, derivative
 

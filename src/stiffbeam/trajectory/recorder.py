@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, numbers, sequence
-from ..kernels.contact import contact_forces
-from ..kernels.march import EVENT, TALLY, switch_time
+from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system

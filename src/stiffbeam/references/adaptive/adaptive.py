@@ -11,8 +11,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
-from ...model.right_hand_side import RightHandSide
-from ...model.state_space import StateSpace, state_space
+from ...model.right_hand_side import RightHandSide, StateSpace, state_space
 from ...model.system import System
 from ...model.time_functions import in_closed_form
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError, positive
-from ...model.right_hand_side import RightHandSide
-from ...model.state_space import state_space
+from ...model.right_hand_side import RightHandSide, state_space
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request

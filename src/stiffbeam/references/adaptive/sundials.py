@@ -22,8 +22,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...kernels.rhs import function_address
-from ...model.right_hand_side import RightHandSide
-from ...model.state_space import descriptor
+from ...model.right_hand_side import RightHandSide, descriptor
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
 from .adaptive import Solver, reference_from
