@@ -154,45 +154,21 @@ static inline double secant_slope(double u, double u0, double slope, const Law *
     return d > 0.0 ? 0.5 * elastic_slope(d, l) : 0.0;
 }
 
-/* P = -F on one stop that is a spring, from rho = r - g2 and d0 = u0 - g2, in the forms that do not cancel. */
-static inline double mean_of_spring(double rho, double d0, double s, double kappa)
-{
-    if (d0 > 0.0) {
-        double P = kappa * (rho + d0) / (2.0 + kappa * s), out = d0 - rho, held = 0.5 * kappa * d0 * d0;
-        if (rho - s * P >= 0.0) return P; /* inside at both ends; else all its energy goes into the motion */
-        double root = sqrt(out * out + 4.0 * s * held);
-        return out > 0.0 ? 2.0 * held / (out + root) : (root - out) / (2.0 * s);
-    }
-    if (rho <= 0.0) return 0.0;
-    double way = rho - d0;
-    return kappa * rho * rho / (kappa * s * rho + way + sqrt(way * way - 2.0 * kappa * s * rho * d0));
-}
-
 static inline Response mean_force(double r, double u0, double s, const Law *l)
 {
-    double slope = secant(r, u0, l), F = 0.0;
-    int solved = 0;
+    double slope = secant(r, u0, l), sign = copysign(1.0, slope), left = 0.0, right = fabs(slope), P = 0.0;
     if (slope == 0.0) return (Response){0.0, 0.0, 0.0};
-    if (l->p == 1.0) { /* the closed form has one stop: it holds while the end stays short of the other */
-        if (slope > 0.0 && u0 >= l->g1)
-            F = -mean_of_spring(r - l->g2, u0 - l->g2, s, l->kappa), solved = r + s * F >= l->g1;
-        else if (slope < 0.0 && u0 <= l->g2)
-            F = mean_of_spring(l->g1 - r, l->g1 - u0, s, l->kappa), solved = r + s * F <= l->g2;
+    for (int i = 0; i < NEWTON; i++) {
+        double u = r - sign * s * P, value = sign * secant(u, u0, l), old = P;
+        if (value > P)
+            left = P;
+        else
+            right = P;
+        double new = P + (value - P) / (1.0 + s * secant_slope(u, u0, sign * value, l));
+        P = left <= new && new <= right ? new : 0.5 * (left + right);
+        if (fabs(P - old) <= 2e-16 * P || left >= right) break;
     }
-    if (!solved) {
-        double sign = copysign(1.0, slope), left = 0.0, right = fabs(slope), P = 0.0;
-        for (int i = 0; i < NEWTON; i++) {
-            double u = r - sign * s * P, value = sign * secant(u, u0, l), old = P;
-            if (value > P)
-                left = P;
-            else
-                right = P;
-            double new = P + (value - P) / (1.0 + s * secant_slope(u, u0, sign * value, l));
-            P = left <= new && new <= right ? new : 0.5 * (left + right);
-            if (fabs(P - old) <= 2e-16 * P || left >= right) break;
-        }
-        F = -sign * P;
-    }
+    double F = -sign * P;
     double stiff = secant_slope(r + s * F, u0, -F, l);
     return (Response){F, -stiff / (1.0 + s * stiff), 0.0};
 }
