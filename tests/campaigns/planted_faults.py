@@ -47,8 +47,8 @@ FAULTS = [
     ("march", "kernels/law.h", "(l->p + 1.0); }", "l->p; }"),
     ("march", "kernels/law.h", "expm1((p + 1.0) * log1p(share))", "expm1(p * log1p(share))"),
     ("march", "kernels/law.h", "double below = 1.0 + slope * s + slope_rate * s_rate;", "double below = 1.0 + slope * s;"),
-    ("march", "kernels/law.h", "solved = r + s * F >= l->g1;", "solved = 1;"),
-    ("march", "kernels/law.h", "if (rho - s * P >= 0.0) return P;", "return P;"),
+    ("march", "kernels/law.h", "1.0 + s * secant_slope(u, u0, sign * value, l)", "1.0 - s * secant_slope(u, u0, sign * value, l)"),
+    ("march", "kernels/law.h", "if (a < 0.0 && b < 0.0) return -mean_elastic(-a, -b, l);", ""),
     ("march", "kernels/law.h", "return s * P >= d0 ? (Response){d0 / s, 1.0 / s, 0.0}", "return 0 ? (Response){d0 / s, 1.0 / s, 0.0}"),
     # kernels: rigid stops
     ("schemes", "kernels/rigid.c", "if (!(before[c] >= s->stops[2 * c + 1])) upper = INFINITY;", "if (!(before[c] <= s->stops[2 * c + 1])) upper = INFINITY;"),

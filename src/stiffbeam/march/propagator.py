@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -66,88 +66,43 @@ class Entries:
         return rows
 
 
-class Powers:
-    """A step map's transition A to the powers 2^i, (n, k, k) each, and what is made by doubling with them.
+def powers_of(one: StepMap, steps: int, turn: bool) -> list[Array]:
+    """A step map's transition A to the powers 1, 2, 4, ... up to ``steps``, (n, k, k) each.
 
-    ``turn``: every undamped mode that a scheme turns, as A turns (omega q, q'), is turned by 2^i times the angle of
-    one step. Step by step the rounding of one step's turn comes in again and again, the same in every block, and is
-    work that no force has done: 1e-10 of the energy in 1e6 steps.
+    ``turn``: every undamped mode whose q and q', the first two components, a scheme turns keeps their determinant of 1.
+    The rounding of a power comes in again and again, the same in every block, and is work that no force has done: 1e-10
+    of the energy in 1e6 steps.
     """
-
-    def __init__(self, one: StepMap, steps: int, turn: bool) -> None:
-        self.steps = steps
-        self.levels = [one.transition]
-        rotation = _Rotation(one) if turn and one.coordinates.basis is not None else None
-        if rotation is not None:
-            self.levels[0] = rotation.put(self.levels[0], 1)
-        # Squaring gives A^1, A^2, A^4, ..: log2 K products, where step by step K are needed.
-        while 2 ** len(self.levels) <= steps:
-            squared = self.levels[-1] @ self.levels[-1]
-            if rotation is not None:
-                squared = rotation.put(squared, 2 ** len(self.levels))
-            self.levels.append(squared)
-
-    @cached_property
-    def last(self) -> Array:
-        """A^steps."""
-        # The powers that the binary digits of K name; powers of one matrix commute.
-        sum_of_levels = None
-        for i, level in enumerate(self.levels):
-            if self.steps >> i & 1:
-                sum_of_levels = level if sum_of_levels is None else sum_of_levels @ level
-        assert sum_of_levels is not None
-        return sum_of_levels
-
-    def readings(self, reading: Array) -> Array:
-        """reading A^j of (n, g, k) for j < steps: (n, steps, g, k)."""
-        n, g, k = reading.shape
-        made, done = np.empty((n, self.steps, g, k)), 1
-        made[:, 0] = reading
-        # Doubling: the readings so far, behind A^done, give as many later ones.
-        for level in self.levels:
-            more = min(done, self.steps - done)
-            if more > 0:
-                made[:, done : done + more] = (made[:, :more].reshape(n, more * g, k) @ level).reshape(n, more, g, k)
-                done += more
-        return made
-
-    def pushes(self, push: Array) -> Array:
-        """A^j push of (n, k, p) for j < steps: (n, k, steps, p)."""
-        n, k, p = push.shape
-        made, done = np.empty((n, k, self.steps, p)), 1
-        made[:, :, 0] = push
-        # Doubling, as in ``readings``.
-        for level in self.levels:
-            more = min(done, self.steps - done)
-            if more > 0:
-                made[:, :, done : done + more] = (level @ made[:, :, :more].reshape(n, k, -1)).reshape(n, k, more, p)
-                done += more
-        return made
+    levels, basis = [one.transition.copy()], one.coordinates.basis
+    # Squaring: log2 K products, where step by step K are needed.
+    while 2 ** len(levels) <= steps:
+        levels.append(levels[-1] @ levels[-1])
+    if turn and basis is not None:
+        for level in levels:
+            squared = np.linalg.det(level[:, :2, :2])
+            # Only where A is a rotation: numerical dissipation and damping stay.
+            turns = (basis.damping == 0.0) & (np.abs(squared - 1.0) < 1e-9)
+            level[turns, :2, :2] /= np.sqrt(squared[turns])[:, None, None]
+    return levels
 
 
-class _Rotation:
-    """The undamped modes whose q and q', the first two components, a step turns; see Powers."""
+def power_of(levels: list[Array], steps: int) -> Array:
+    """A^steps: the product of the powers that the binary digits name, in any order."""
+    return reduce(np.matmul, (level for i, level in enumerate(levels) if steps >> i & 1))
 
-    def __init__(self, one: StepMap) -> None:
-        basis, A = one.coordinates.basis, one.transition[:, :2, :2]
-        assert basis is not None
-        # A rigid-body mode has no angle and is never turned; the 1 avoids a division by zero.
-        self.w = np.where(basis.omega > 0.0, basis.omega, 1.0)
-        # Sine and cosine, each as the mean of the two entries that are equal in a rotation.
-        self.angle = np.arctan2(0.5 * (self.w * A[:, 0, 1] - A[:, 1, 0] / self.w), 0.5 * (A[:, 0, 0] + A[:, 1, 1]))
-        size = np.array([[np.ones_like(self.w), 1.0 / self.w], [self.w, np.ones_like(self.w)]]).transpose(2, 0, 1)
-        turns = (basis.omega > 0.0) & (basis.damping == 0.0)
-        # Only where A is this rotation: numerical dissipation or damping must stay in the powers.
-        self.turns = turns & np.all(np.abs(A - self._by(1)) < 1e-9 * size, axis=(1, 2))
 
-    def _by(self, steps: int) -> Array:
-        c, s = np.cos(steps * self.angle), np.sin(steps * self.angle)
-        return np.array([[c, s / self.w], [-self.w * s, c]]).transpose(2, 0, 1)
-
-    def put(self, power: Array, steps: int) -> Array:
-        exact = power.copy()
-        exact[:, :2, :2] = np.where(self.turns[:, None, None], self._by(steps), power[:, :2, :2])
-        return exact
+def repeated(start: Array, levels: list[Array], steps: int) -> Array:
+    """start A^j of (n, g, k) for j < steps: (n, steps, g, k)."""
+    n, g, k = start.shape
+    made, done = np.empty((n, steps, g, k)), 1
+    made[:, 0] = start
+    # Doubling: those so far, behind A^done, give as many later ones.
+    for level in levels:
+        more = min(done, steps - done)
+        if more > 0:
+            made[:, done : done + more] = (made[:, :more].reshape(n, more * g, k) @ level).reshape(n, more, g, k)
+            done += more
+    return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +123,6 @@ class Propagator:
     """
 
     one: StepMap
-    powers: Powers
     steps: int  # K
     block: Block
     entries: Entries
@@ -305,7 +259,7 @@ def by_diagonals(transition: Array) -> Array:
     return np.ascontiguousarray(shifted.transpose(1, 2, 0)).reshape(len(component), -1)
 
 
-def _of_forces(one: StepMap, powers: Powers, entries: Entries, flat: Array) -> tuple[Array, Array]:
+def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array) -> tuple[Array, Array]:
     """Effects of a unit force of every kind at every node of a block: on entries and new state (P, S, K, R + D), and on
     the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
     (K, g, D), S = flat.shape, len(one.readers.nodes)
@@ -319,7 +273,8 @@ def _of_forces(one: StepMap, powers: Powers, entries: Entries, flat: Array) -> t
     delay = step - step[:, None]
     seen = of_force[np.where(delay >= 0, delay, K)].transpose(3, 0, 1, 2).reshape(P, S, K, K, g)
     # A force in step j acts through the K - 1 - j steps that follow it in the block.
-    left = powers.pushes(one.push)[:, :, ::-1].transpose(3, 2, 1, 0).reshape(P, S, K, D)  # by step of the force
+    pushes = repeated(one.push.swapaxes(1, 2), [level.swapaxes(1, 2) for level in levels], K)  # A^j push, transposed
+    left = pushes[:, ::-1].transpose(2, 1, 3, 0).reshape(P, S, K, D)  # by step of the force
     return np.concatenate([entries.of_readings(seen, R), left], axis=-1), seen[..., one.readers.end_rates]
 
 
@@ -339,19 +294,19 @@ def build(
     """
     system, drive = coordinates.system, Drive.of(coordinates.system)
     one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
-    powers, entries = Powers(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
+    levels, entries = powers_of(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape
     C = one.readers.channels
     R, D = len(entries.place), k * n
 
-    flat = powers.readings(one.reading).transpose(1, 2, 3, 0).reshape(K, g, D)
-    pushed, speeds = _of_forces(one, powers, entries, flat)
+    flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
+    pushed, speeds = _of_forces(one, levels, entries, flat)
 
     # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
     reading, transition = aligned((D, R)), aligned((k, D))
     reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-    transition[:] = by_diagonals(powers.last)
+    transition[:] = by_diagonals(power_of(levels, K))
     velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
 
     # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
@@ -375,7 +330,6 @@ def build(
     kind_by_kind = (0, 2, 1)
     return Propagator(
         one=one,
-        powers=powers,
         steps=K,
         block=block,
         entries=entries,
