@@ -42,7 +42,6 @@ from .schemes.conserving import Theta as Theta
 from .schemes.conserving import Trapezoidal as Trapezoidal
 from .schemes.contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
 from .schemes.moreau_jean import MoreauJean as MoreauJean
-from .schemes.moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
 from .schemes.newmark import HHT as HHT
 from .schemes.newmark import GeneralisedAlpha as GeneralisedAlpha
 from .schemes.nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha

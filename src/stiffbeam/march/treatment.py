@@ -10,7 +10,6 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
 from ..model.contact import linear as all_linear
-from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..schemes import RigidScheme, Scheme
@@ -125,9 +124,6 @@ def _require_rigid(system: System, scheme: Scheme) -> None:
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
         if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):
             raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
-    if isinstance(scheme, RigidScheme) and scheme.modal_only and modes(system) is None:
-        rule = f"decouple in the modes for {scheme}"
-        raise InputError("damping", "a damping that couples modes", rule, "use moreau-jean")
 
 
 def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:

@@ -48,14 +48,6 @@ class Equation:
         """y after the time t under a force that goes linearly from force0 to force1, exactly."""
         raise NotImplementedError
 
-    def recursion(self, t: float) -> tuple[Array, Array]:
-        """b and phi of q(t) - A q(0) + b q(-t) = phi t^2 f, exact mode by mode under a constant load f."""
-        raise NotImplementedError
-
-    def backward(self, t: float, y: Array, force: Array) -> Array:
-        """The exact q(-t) under a constant load, mode by mode."""
-        raise NotImplementedError
-
     def net_force(self, y: Array, force: Array) -> Array:
         """f - C q' - K q."""
         return force - self.damping(y[1]) - self.stiffness(y[0])
@@ -160,7 +152,6 @@ class Modal(Equation):
     def __init__(self, omega: Array, damping: Array) -> None:
         self._damping, self._stiffness = damping, omega**2
         self._flows: dict[float, tuple[Array, ...]] = {}
-        self._recursions: dict[float, tuple[Array, Array]] = {}
 
     def mass(self, x: Array) -> Array:
         """x: the modes are mass-normalised."""
@@ -187,26 +178,6 @@ class Modal(Equation):
         slope = (force1 - force0) / t
         position = C * q + S * v + V * force0 + X * slope
         return np.array([position, rate * v - self._stiffness * S * q + S * force0 + V * slope])
-
-    def recursion(self, t: float) -> tuple[Array, Array]:
-        """Raises InputError for a mode that is more than critically damped."""
-        if t not in self._recursions:
-            self._recursions[t] = np.exp(-self._damping * t), self._two_sided(t)
-        return self._recursions[t]
-
-    def backward(self, t: float, y: Array, force: Array) -> Array:
-        """C q - S v + V f of the motion with negative damping."""
-        C, S, _, V, _ = oscillation(np.sqrt(self._stiffness), -self._damping, t)
-        return C * y[0] - S * y[1] + V * force
-
-    def _two_sided(self, t: float) -> Array:
-        omega, c = np.sqrt(self._stiffness), self._damping
-        # Negative damping above critical has no closed form in ``oscillation``, and grows too fast where c t is large.
-        if np.any((c > 2.0 * omega) & ((omega * t >= 0.5) | (c * t >= 0.5))):
-            remedy = "use a smaller dt, or moreau-jean"
-            raise InputError("damping", float(np.max(c)), "be less than critical in every mode", remedy)
-        ahead, back = (oscillation(omega, sign * c, t)[3] for sign in (1.0, -1.0))
-        return (ahead + np.exp(-c * t) * back) / (t * t)
 
 
 def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:

@@ -12,7 +12,6 @@ from .conserving import Theta as Theta
 from .conserving import Trapezoidal as Trapezoidal
 from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
 from .moreau_jean import MoreauJean as MoreauJean
-from .moreau_jean import MoreauJeanBilbao as MoreauJeanBilbao
 from .newmark import HHT as HHT
 from .newmark import GeneralisedAlpha as GeneralisedAlpha
 from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
@@ -32,8 +31,7 @@ SCHEMES: dict[str, type[Scheme]] = {
 
 # For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
 RIGID: dict[str, type[RigidScheme]] = {
-    scheme.name: scheme
-    for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha, MoreauJeanBilbao)
+    scheme.name: scheme for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)
 }
 
 

@@ -186,7 +186,6 @@ class RigidScheme(Scheme):
     5
     """
 
-    modal_only: ClassVar[bool] = False  # whether it is defined mode by mode only
     order = 1
     conditions: ClassVar[tuple[str, ...]]
 

@@ -18,10 +18,9 @@ from ..integrators import SCHEME, Integrator, integrators
 from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.members import EnsembleMembers
-from ..model.modes import modes
 from ..model.system import System
 from ..references import best_reference
-from ..schemes import RIGID, SCHEMES, RigidScheme, Scheme, takes_stops
+from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
@@ -117,10 +116,8 @@ def chosen_schemes(case: Case, given: Sequence[Any] | None = None) -> dict[str, 
 
 
 def takes(case: Case, scheme: Scheme) -> bool:
-    """Return True if ``scheme`` supports the stops of the case and its damping."""
-    system = case.system()
-    modal = isinstance(scheme, RigidScheme) and scheme.modal_only
-    return takes_stops(scheme, (c.stops for c in system.contacts)) and not (modal and modes(system) is None)
+    """Return True if ``scheme`` supports the stops of the case."""
+    return takes_stops(scheme, (c.stops for c in case.system().contacts))
 
 
 def significant(value: float, form: str, least: float = 1e-12) -> str:
