@@ -23,11 +23,11 @@ from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad
 from .model.problem import PolynomialProfile as PolynomialProfile
 from .model.reduction import reduce_model as reduce_model
-from .model.sampled import Sampled as Sampled
 from .model.semidiscretisation import semidiscretise as semidiscretise
 from .model.system import System as System
 from .model.time_functions import Constant as Constant
 from .model.time_functions import Harmonic as Harmonic
+from .model.time_functions import Sampled as Sampled
 from .model.time_functions import Superposition as Superposition
 from .model.time_functions import TimeFunction as TimeFunction
 from .references import reference as reference

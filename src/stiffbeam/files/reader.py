@@ -23,9 +23,8 @@ from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
 from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad, PolynomialProfile, Profile
 from ..model.reduction import reduce_model
-from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction
+from ..model.time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction
 from .columns import read_samples
 
 SUFFIXES = (".mtx", ".npz", ".npy")

@@ -13,10 +13,9 @@ from ..basics.validation import InputError
 from ..model.modes import modes as uncoupled
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
-from ..model.sampled import Sampled
 from ..model.scales import oscillates
 from ..model.system import System
-from ..model.time_functions import Drive, Superposition, parts
+from ..model.time_functions import Drive, Sampled, Superposition, parts
 
 
 def drive_frequency(system: System) -> float:

@@ -14,24 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, freeze, is_read_only, read_only
 from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
 from ..kernels.march import contact_forces
-from .contact_law import (
-    G1,
-    G2,
-    LAW,
-    LINEAR,
-    Law,
-    all_laws,
-    chord,
-    damps,
-    depth_holding,
-    depth_under,
-    elastic,
-    is_linear,
-    jumps,
-    pressure,
-    slopes,
-    stored,
-)  # fmt: skip
+from . import contact_law
+from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
 from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
 
 
@@ -200,7 +184,7 @@ class Stops:
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
-        return not self.rigid and is_linear(self.coefficients)
+        return not self.rigid and contact_law.is_linear(self.coefficients)
 
     @cached_property
     def dissipative(self) -> bool:
@@ -210,7 +194,7 @@ class Stops:
     @property
     def jumps(self) -> bool:
         """Return True where F jumps when the gap closes with a velocity other than zero."""
-        return jumps(self.coefficients)
+        return contact_law.jumps(self.coefficients)
 
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
@@ -253,7 +237,7 @@ class Stops:
         if rate is None:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        return np.where(depth > 0.0, np.maximum(0.0, pressure(depth, rate, law)), 0.0)
+        return np.where(depth > 0.0, np.maximum(0.0, contact_law.pressure(depth, rate, law)), 0.0)
 
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
@@ -268,28 +252,34 @@ class Stops:
     def secant(self, depth: float) -> float:
         """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
         self.require_compliant("a law of force")
-        return float(chord(depth, self.coefficients))
+        return float(contact_law.chord(depth, self.coefficients))
 
     def depth_under(self, force: ArrayLike) -> Array:
         """The depth at which the stop holds a force >= 0 at rest, 0 of a rigid stop."""
-        return np.zeros(np.shape(force)) if self.rigid else depth_under(np.asarray(force, float), self.coefficients)
+        return (
+            np.zeros(np.shape(force))
+            if self.rigid
+            else contact_law.depth_under(np.asarray(force, float), self.coefficients)
+        )
 
     def depth_holding(self, energy: float) -> float:
         """The depth at which the stop holds an energy >= 0, 0 of a rigid stop."""
-        return 0.0 if self.rigid else float(depth_holding(energy, self.coefficients))
+        return 0.0 if self.rigid else float(contact_law.depth_holding(energy, self.coefficients))
 
     def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
         """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
         self.require_compliant("a law of force")
         inside, closed = self.penetration(v), self.state(v, velocity) != 0
-        to_depth, to_rate = slopes(np.abs(inside), np.sign(inside) * np.asarray(velocity, float), self.coefficients)
+        to_depth, to_rate = contact_law.slopes(
+            np.abs(inside), np.sign(inside) * np.asarray(velocity, float), self.coefficients
+        )
         return np.where(closed, to_depth, 0.0), np.where(closed, to_rate, 0.0)
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
         if self.rigid:
             return np.zeros(np.shape(v))
-        return stored(self.penetration(v), self.coefficients)
+        return contact_law.stored(self.penetration(v), self.coefficients)
 
     def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
         """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""

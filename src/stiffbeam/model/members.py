@@ -30,11 +30,10 @@ from ..basics.validation import (
 )
 from .contact import Stops
 from .modes import undamped_modes
-from .sampled import Sampled
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import System, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Superposition, TimeFunction, offset_values, parts
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, offset_values, parts
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
 MATRICES = ("mass", "damping", "stiffness")

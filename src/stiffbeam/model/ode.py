@@ -15,8 +15,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import function_address
 from .right_hand_side import RightHandSide, descriptor, on_positions, on_velocities, state_space
 from .right_hand_side_jax import numbers_of, rate_with_integrals
-from .sampled import Sampled
-from .time_functions import breakpoints_of, parts_of, require_closed_form
+from .time_functions import Sampled, breakpoints_of, parts_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System

@@ -22,8 +22,7 @@ from ..kernels.rhs import Equations
 from .beam import bending_stencil, velocity_curvature_matrices
 from .contact import channel_motion, channel_position, laws
 from .contact_law import pressure
-from .sampled import Sampled
-from .time_functions import Drive, LoadFunction, Term, evaluate, in_closed_form, parts_of
+from .time_functions import Drive, LoadFunction, Sampled, Term, evaluate, in_closed_form, parts_of
 
 if TYPE_CHECKING:
     from .system import System

@@ -10,9 +10,8 @@ from ..basics.arrays import Array
 from .contact import Contact
 from .contact_law import stored
 from .modes import undamped_modes
-from .sampled import Sampled
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, evaluate, in_closed_form, parts
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, in_closed_form, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 SAMPLES = 4001  # of a function in Python, over a run

@@ -22,12 +22,12 @@ from ..basics.validation import InputError, as_doubles, exact_parts, itself, num
 from .beam import beam_field, beam_stress
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
-from .sampled import Sampled
 from .time_functions import (
     Constant,
     Derivative,
     Harmonic,
     LoadFunction,
+    Sampled,
     Superposition,
     TimeFunction,
     evaluate,

@@ -19,9 +19,8 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
-from .sampled import Sampled
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, parts, require_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, parts, require_closed_form
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])

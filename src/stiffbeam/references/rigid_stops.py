@@ -8,9 +8,8 @@ import numpy as np
 
 from ..basics.validation import InputError, exact_value
 from ..model.contact import Contact
-from ..model.sampled import Sampled
 from ..model.system import System
-from ..model.time_functions import covered, offset_values, parts_of, require_closed_form
+from ..model.time_functions import Sampled, covered, offset_values, parts_of, require_closed_form
 
 REMEDY = "use a scheme with an impact law"
 LEFT = 1e-12  # of the distance between a stop and a start, relative: the start is on the stop

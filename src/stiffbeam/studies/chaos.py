@@ -26,10 +26,9 @@ from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, s
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
 from ..model.modes import undamped_modes
-from ..model.sampled import Sampled
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Superposition
+from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
 from ..trajectory.ensemble import Ensemble
 from . import common

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...basics.validation import positive
-from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import Harmonic, breakpoints_of, covered, in_closed_form, parts_of, times_of
+from ...model.time_functions import Harmonic, Sampled, breakpoints_of, covered, in_closed_form, parts_of, times_of
 from ..registry import Steps
 
 PERIODS_PER_STEP = 0.25  # of a Harmonic

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
-from ...model.sampled import Sampled
 from ...model.system import System, require_system
-from ...model.time_functions import Harmonic, parts_of
+from ...model.time_functions import Harmonic, Sampled, parts_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
 from ..rigid_stops import beyond_stops, require_rigid
 from .contacts import within_float64

@@ -13,9 +13,8 @@ from typing import Any
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
-from ...model.sampled import Sampled
 from ...model.system import System
-from ...model.time_functions import covered, parts_of, require_closed_form
+from ...model.time_functions import Sampled, covered, parts_of, require_closed_form
 from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of

@@ -20,10 +20,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from ...basics.arrays import Array, IntArray
-from ...model.sampled import Sampled, moved
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
-from ...model.time_functions import Constant, Drive, Harmonic
+from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved
 from .free import free_system, pressed_modes
 
 TERMS = 33  # of a series over RADIANS: 4^33/33! is below rounding

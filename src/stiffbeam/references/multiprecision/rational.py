@@ -19,10 +19,9 @@ from flint import arb, arb_mat, ctx, fmpq
 from ...basics.validation import exact_value
 from ...model.contact import Stops
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
-from ...model.sampled import Sampled, moved
 from ...model.semidiscretisation import bending_stencil, curvature_stencil, semidiscretise
 from ...model.system import System
-from ...model.time_functions import Constant, Drive, Harmonic, parts
+from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved, parts
 
 
 @dataclass(frozen=True, eq=False)
