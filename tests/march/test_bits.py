@@ -16,7 +16,6 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.basics.arrays import Recent, content
 from stiffbeam.march import integrate
-from stiffbeam.model import equations
 
 CALLS = ("bdf2", "hht", "dense", "exact", "perturbed", "ledger")
 
@@ -100,19 +99,3 @@ def test_digests_read_every_bit_and_recent_results_are_few():
     del system
     gc.collect()
     assert gone() is None
-
-
-def test_schemes_that_flow_exactly_share_the_exponential_of_a_step(monkeypatch):
-    """The same matrices and the same step: it takes most of a short run with coupling dashpots."""
-    calls, whole = [], equations._flow
-    monkeypatch.setattr(equations, "_flow", lambda *given: calls.append(given[3]) or whole(*given))
-    C, K = np.array([[0.3, -0.1], [-0.1, 0.9]]), np.array([[20.0, -10.0], [-10.0, 10.0]])
-    stop = sb.Contact([0.0, 1.0], sb.Stops(upper=0.1, stiffness=1e3))
-    make = lambda v, C=C: sb.System.from_matrices(np.eye(2), K, C, contacts=[stop], initial_velocity=[0.0, v])  # noqa: E731
-    for dt in (1.25e-3, 2.5e-3):
-        for v in (1.0, 2.0):
-            sb.integrate(make(v), sb.ExponentialFlow(), dt, 0.1, "conserving")
-            sb.integrate(make(v), sb.ExponentialFlow(), dt, 0.1)
-    assert calls == [1.25e-3, 2.5e-3]
-    sb.integrate(make(0.0, 2.0 * C), sb.ExponentialFlow(), dt, 0.1)
-    assert calls == [1.25e-3, 2.5e-3, 2.5e-3]

@@ -76,7 +76,6 @@ def step_lengths(t: Array) -> Array:
     return np.gradient(t) if len(t) > 1 else np.ones(len(t))
 
 
-MOST = 256  # rows of an array whose content is compared: larger ones take longer to read than they save
 Result = TypeVar("Result")
 _DIGESTS: dict[int, tuple[weakref.ref[Array], bytes]] = {}  # of arrays that cannot change, by id
 

@@ -19,16 +19,16 @@ from ..model.members import EnsembleMembers
 from ..model.modes import modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
-from ..schemes import Scheme
+from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
 from ..trajectory.ensemble import slim
-from ..trajectory.records import Ledger
+from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import March, Stepper, block_length
 from .probe import Coordinates
-from .replay import block_ledger, replay
-from .rigid_march import rigid_ledger, rigid_run, rigid_states
+from .replay import replay
+from .rigid_march import rigid_run, rigid_states
 from .treatment import RIGID, TREATMENTS, Treatment
 
 LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
@@ -192,9 +192,13 @@ class Plan:
 
     def ledger(self, system: System, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
+        outputs = np.arange(0, self.steps + 1, every) * self.dt
         if self.rule == RIGID:
-            return rigid_ledger(system, self.scheme, self.dt, self.steps, every)
-        return block_ledger(self.stepper_for(system), system, self.steps, every)
+            impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
+            return step_ledger(system, self.states(system), outputs, impacts)
+        basis = self.coordinates.basis
+        pieces = replay(self.stepper_for(system), system, self.steps, modal=basis is not None)
+        return step_ledger(system, pieces, outputs, basis=basis)
 
 
 _RECENT: Recent[Plan] = Recent(8)

@@ -1,4 +1,4 @@
-"""States and energy balance at every step of a block march, computed on demand.
+"""States at every step of a block march, computed on demand.
 
 A second march keeps the state at the start of each block and the forces in it. With known forces the single steps are
 linear, and are computed from these.
@@ -14,7 +14,6 @@ from ..basics.arrays import Array
 from ..kernels.march import states
 from ..model.system import System
 from ..model.time_functions import evaluate
-from ..trajectory.records import Ledger, step_ledger
 from .block_march import March, Segment, Stepper
 from .probe import StepMap
 from .propagator import by_diagonals
@@ -62,9 +61,3 @@ def _motion(segment: Segment, one: StepMap, system: System) -> tuple[Array, Arra
     # Where no node lies at the end of a step the force there follows from the state.
     between = m and block.block.end_first[0] >= len(block.block.push)
     return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
-
-
-def block_ledger(stepper: Stepper, system: System, steps: int, every: int) -> Ledger:
-    """The ledger of a run, added up at every step and kept at every ``every``-th; in modes where there are any."""
-    basis, outputs = stepper.coordinates.basis, np.arange(0, steps + 1, every) * stepper.dt
-    return step_ledger(system, replay(stepper, system, steps, basis is not None), outputs, basis=basis)

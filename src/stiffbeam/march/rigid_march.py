@@ -19,7 +19,7 @@ from ..schemes import RigidScheme, Scheme
 from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.scheme import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
-from ..trajectory.records import ContactRecord, Ledger, step_ledger
+from ..trajectory.records import ContactRecord
 from .block_march import initial_channels
 from .probe import Coordinates, components, probe
 
@@ -83,13 +83,6 @@ def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Itera
         q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
         yield (piece.first + np.arange(len(q))) * dt, q, v, np.concatenate([none, piece.reactions])
         last = q[-1:], v[-1:]
-
-
-def rigid_ledger(system: System, scheme: Scheme, dt: float, steps: int, every: int) -> Ledger:
-    """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
-    impacts = isinstance(scheme, RigidScheme) and scheme.restitutes
-    outputs = np.arange(0, steps + 1, every) * dt
-    return step_ledger(system, rigid_states(system, scheme, dt, steps), outputs, impacts)
 
 
 def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:

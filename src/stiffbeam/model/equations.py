@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from ..basics.arrays import Array, Recent, content
+from ..basics.arrays import Array
 from ..basics.validation import InputError
 
 # Stages that depend on each other, as of Radau IIA: no scheme's step, but any other program's.
@@ -110,9 +110,7 @@ class Matrices(Equation):
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """By the exponential of the block matrix of (q, v), kept for every t."""
         if ("flow", t) not in self._factors:
-            # Other schemes and treatments of contact run with the same steps on the same matrices.
-            matrices = self._mass, self._damping, self._stiffness
-            self._factors["flow", t] = _FLOWS.get((t, *map(content, matrices)), lambda: _flow(*matrices, t))
+            self._factors["flow", t] = _flow(self._mass, self._damping, self._stiffness, t)
         fastest, E, P, Q = self._factors["flow", t]
         state = np.concatenate([y[0], y[1] / fastest], axis=-1)
         new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
@@ -126,9 +124,6 @@ def _solver(matrix: Array) -> Callable[..., Array]:
         with suppress(np.linalg.LinAlgError):
             return partial(scipy.linalg.cho_solve, scipy.linalg.cho_factor(matrix))
     return partial(scipy.linalg.lu_solve, scipy.linalg.lu_factor(matrix))
-
-
-_FLOWS: Recent[tuple[float, Array, Array, Array]] = Recent(8)
 
 
 def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[float, Array, Array, Array]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -31,46 +31,25 @@ SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
 
-@dataclass(frozen=True, eq=False)
-class SystemData:
-    """Numbers of a system, or their derivatives in a parameter, n unknowns, m contacts.
+class SystemData(SimpleNamespace):
+    """Numbers of a system, or their derivatives in a parameter, n unknowns, m contacts: arrays by name.
 
     mass, damping, stiffness: (n, n). rows: (m, n). kappa, c, restitution: (m,). lower, upper: (m,), 0 for a side
     without stop. observe: (n,), zero where the first contact is the tip. loads: (L, n), one vector for each term of a
     load. harmonics: (H, 3), amplitude, frequency and phase of each harmonic term, of loads and then of offsets.
     constants: (k,). records: (pieces, 4) of all records, one below the other. factors: (F,), of the terms of offsets.
+    q0, v0: (n,).
     """
-
-    mass: Array
-    damping: Array
-    stiffness: Array
-    rows: Array
-    kappa: Array
-    c: Array
-    lower: Array
-    upper: Array
-    restitution: Array
-    observe: Array
-    loads: Array
-    factors: Array
-    harmonics: Array
-    constants: Array
-    records: Array
-    q0: Array
-    v0: Array
 
     def vector(self) -> Array:
         """All numbers as one vector."""
-        return np.concatenate([getattr(self, x.name).ravel() for x in fields(self)])
+        return np.concatenate([array.ravel() for array in vars(self).values()])
 
     def of_vector(self, numbers: Array) -> SystemData:
         """Arrays of the same shapes with the numbers of a vector."""
-        arrays, k = {}, 0
-        for x in fields(self):
-            old = getattr(self, x.name)
-            arrays[x.name] = numbers[k : k + old.size].reshape(old.shape)
-            k += old.size
-        return SystemData(**arrays)
+        ends = np.cumsum([array.size for array in vars(self).values()])
+        pieces = zip(vars(self).items(), np.split(numbers, ends), strict=False)
+        return SystemData(**{name: piece.reshape(old.shape) for (name, old), piece in pieces})
 
     def zeros(self) -> SystemData:
         """Derivative of data that do not depend on a parameter."""
@@ -136,30 +115,21 @@ def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemDa
     for a path that the system does not have, and for a parameter in which its data have no derivative.
     """
     base = data_of(system)
-    names: list[str] = []
-    columns: list[SystemData] = []
-    bounds: list[float] = []
+    found: list[tuple[str, SystemData, float]] = []
     for path in wrt:
         if not isinstance(path, str):
-            names.append(f"{path[0]} along a direction")
-            columns.append(_along(system, base, *path))
-            bounds.append(0.0)
+            found.append((f"{path[0]} along a direction", _along(system, base, *path), 0.0))
+            continue
+        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
+        if not start or (start[2] and int(start[2]) >= system.size):
+            found.append((path, *_slope(system, base, path)))
             continue
         # Initial data: the derivative is a unit vector, exact.
-        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
-        if start and (start[2] is None or int(start[2]) < system.size):
-            for i in range(system.size) if start[2] is None else [int(start[2])]:
-                unit = base.zeros()
-                getattr(unit, start[1])[i] = 1.0
-                names.append(f"{start[1]}[{i}]")
-                columns.append(unit)
-                bounds.append(0.0)
-        else:
-            column, bound = _slope(system, base, path)
-            names.append(path)
-            columns.append(column)
-            bounds.append(bound)
-    return names, columns, np.array(bounds)
+        for i in range(system.size) if start[2] is None else [int(start[2])]:
+            unit = base.zeros()
+            getattr(unit, start[1])[i] = 1.0
+            found.append((f"{start[1]}[{i}]", unit, 0.0))
+    return [x for x, _, _ in found], [x for _, x, _ in found], np.array([x for _, _, x in found])
 
 
 def _along(system: System, base: SystemData, name: str, direction: Any) -> SystemData:

@@ -12,7 +12,6 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -59,7 +58,8 @@ class Variation:
         X = self.X
         squares = {x: X.T @ getattr(data, x) @ X for x in ("mass", "damping", "stiffness")}
         rows = {x: getattr(data, x) @ X for x in ("rows", "loads", "observe")}
-        return replace(data, **squares, **rows, q0=data.q0 @ self.into, v0=data.v0 @ self.into)
+        starts = {"q0": data.q0 @ self.into, "v0": data.v0 @ self.into}
+        return SystemData(**(vars(data) | squares | rows | starts))
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
