@@ -68,8 +68,8 @@ FAULTS = [
     ("march", "trajectory/recorder.py", "np.flatnonzero(side[1:] != side[:-1]) + 1).tolist()", "np.flatnonzero(side[1:] != side[:-1])).tolist()"),
     ("march", "trajectory/recorder.py", "if not closed.any():", "if True:"),
     ("march", "march/replay.py", "times = ((segment.first + np.arange(steps))", "times = (np.arange(steps)"),
-    ("march", "march/treatment.py", "predicts = True", "predicts = False"),
-    ("march", "march/treatment.py", "return LINEAR if all_linear(system.contacts) and", "return LINEAR if"),
+    ("march", "march/treatment.py", "predicts=True", "predicts=False"),
+    ("march", "march/treatment.py", "return LINEAR if all_linear(contacts) and", "return LINEAR if"),
     # schemes
     ("schemes", "schemes/newmark.py", "self.alpha_m, self.alpha_f = 0.0, -self.alpha", "self.alpha_m, self.alpha_f = 0.0, 0.0"),
     ("schemes", "schemes/newmark.py", "net_new = (a_new + inertia * a - of_old * net) / of_new", "net_new = a_new"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,18 +17,18 @@ from ..schemes import RigidScheme, Scheme
 RIGID = -1  # the rule of rigid stops: reactions by complementarity
 
 
+@dataclass(frozen=True)
 class Treatment:
-    """``contact="implicit"``: the force at a node follows from the position and the velocity there, v = r + s F(v, v').
+    """Force of a stop that acts in a step: treatments differ in it, and so in the stops and the schemes that they take.
 
-    Treatments differ in the force that acts, and so in the stops and the schemes that they take.
+    "implicit"      at a node, from the position and the velocity there, v = r + s F(v, v')
+    "extrapolated"  F at the position that the scheme ``predicts`` from known values, as in the paper
+    "conserving"    the mean force over the step, ``means``, that keeps the energy of system and stops
     """
 
-    name: ClassVar[str] = "implicit"
-    predicts: ClassVar[bool] = False  # whether the positions at the nodes are those that the scheme predicts
-    means: ClassVar[bool] = False  # whether forces are means over a step, and so not there at a time
-
-    def __repr__(self) -> str:
-        return f"<Treatment {self.name}>"
+    name: str
+    predicts: bool = False
+    means: bool = False
 
     def rule(self, system: System, scheme: Scheme) -> int:
         """RIGID, or how a node finds its forces: LINEAR, BY_LAW or MEAN. Raises InputError for stops and a start that
@@ -39,73 +39,47 @@ class Treatment:
             remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
             raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
         if any(rigid) and not all(rigid):
-            raise InputError(
-                "contacts", "rigid and compliant ones", "be all of one kind", "take very stiff ones for inf"
-            )
+            remedy = "take very stiff ones for inf"
+            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", remedy)
         if isinstance(scheme, RigidScheme) or any(rigid):
             if self.name != "implicit":
                 rule = "be 'implicit' for rigid stops"
                 raise InputError("contact", self.name, rule, "a reaction is no function of positions")
             _require_rigid(system, scheme)
             return RIGID
-        return self.compliant_rule(system)
-
-    def compliant_rule(self, system: System) -> int:
-        """``rule`` of compliant stops."""
+        for stops in (contact.stops for contact in contacts if self.name != "implicit"):
+            if stops.dissipative:
+                name = "damping" if stops.damping else "dissipation"
+                why = "keeps the energy of the stops" if self.means else "predicts positions only"
+                rule = f"be 0 for the {self.name} contact, which {why}"
+                raise InputError(f"stops.{name}", getattr(stops, name), rule, "use the implicit contact")
+        if self.means and contacts:
+            return MEAN
         # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
-        several = len(system.contacts) > 1
-        return LINEAR if all_linear(system.contacts) and not (several and system.gyroscopic) else BY_LAW
+        return LINEAR if all_linear(contacts) and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
     def takes(self, scheme: Scheme) -> bool:
-        """Return True if the scheme has a form for this treatment."""
-        return True
+        """Return True if the scheme has a form for this treatment: a mean force takes one that conserves the energy of
+        the linear system under a constant force."""
+        return not self.means or scheme.conserving is not None
 
     def form_of(self, scheme: Scheme) -> Scheme:
         """Return the form of the scheme for this treatment. Raises InputError for a scheme without one."""
-        return scheme
-
-
-class Extrapolated(Treatment):
-    """``contact="extrapolated"``: F at the position that the scheme predicts from known values, as in the paper."""
-
-    name = "extrapolated"
-    predicts = True
-    why = "be 0 for the extrapolated contact, which predicts positions only"
-
-    def compliant_rule(self, system: System) -> int:
-        """LINEAR or BY_LAW. Raises InputError for stops that dissipate."""
-        for contact in system.contacts:
-            if contact.stops.dissipative:
-                name = "damping" if contact.stops.damping else "dissipation"
-                raise InputError(f"stops.{name}", getattr(contact.stops, name), self.why, "use the implicit contact")
-        return super().compliant_rule(system)
-
-
-class Conserving(Extrapolated):
-    """``contact="conserving"``: the mean force over the step that keeps the energy of system and stops."""
-
-    name = "conserving"
-    predicts, means = False, True
-    why = "be 0 for the conserving contact, which keeps the energy of the stops"
-
-    def compliant_rule(self, system: System) -> int:
-        """MEAN where there are contacts. Raises InputError for stops that dissipate."""
-        rule = super().compliant_rule(system)
-        return MEAN if system.contacts else rule
-
-    def takes(self, scheme: Scheme) -> bool:
-        """Return True if the scheme conserves the energy of the linear system under a constant force."""
-        return scheme.conserving is not None
-
-    def form_of(self, scheme: Scheme) -> Scheme:
-        """Return the form whose reaction is constant over the step."""
-        if scheme.conserving is None:
+        form = scheme.conserving if self.means else scheme
+        if form is None:
             rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
             raise InputError("scheme", str(scheme), rule, "use trapezoidal or exponential-flow")
-        return scheme.conserving
+        return form
 
 
-TREATMENTS = {treatment.name: treatment for treatment in (Treatment(), Extrapolated(), Conserving())}
+TREATMENTS = {
+    treatment.name: treatment
+    for treatment in (
+        Treatment("implicit"),
+        Treatment("extrapolated", predicts=True),
+        Treatment("conserving", means=True),
+    )
+}
 
 
 def _require_rigid(system: System, scheme: Scheme) -> None:
