@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,7 +74,6 @@ INDEPENDENT = 1e-13  # of what a component does, beyond rounding
 SAME = 1e-9  # of the positions that a unit leads to: a scheme may add up the same ones in another order
 
 
-@dataclass(frozen=True, eq=False)
 class Readers:
     """Readings of a step, g positions and velocities: of the contacts at the S nodes, of the C channels at its
     end, and where that is ``rated`` the velocities of the contacts at the nodes.
@@ -82,44 +82,18 @@ class Readers:
     which of the fields of a step it is read: positions at the nodes, at the end, velocities there and at the nodes.
     """
 
-    nodes: tuple[float, ...]
-    contacts: int
-    channels: int
-    rated: bool
-    at_nodes: slice
-    at_ends: slice
-    end_rates: slice
-    node_rates: slice
-    size: int  # g
-    channel: NDArray[np.int64]
-    when: Array
-    is_rate: NDArray[np.bool_]
-    field: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> Readers:
-        """Return the readings of a scheme with these nodes."""
+    def __init__(self, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> None:
+        self.nodes, self.contacts, self.channels = nodes, contacts, channels
         S, m, C = len(nodes), contacts, channels
-        at_ends = S * m
-        end_rates, node_rates = at_ends + C, at_ends + 2 * C
-        size = node_rates + (S * m if rated else 0)
+        first = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
+        self.at_nodes, self.at_ends, self.end_rates, self.node_rates = (slice(*x) for x in pairwise(first))
+        self.size = g = first[-1]
         # Positions at the nodes, positions at the end, velocities there, velocities at the nodes.
         which, ends, of_nodes = np.repeat(np.arange(S), m), np.arange(C), np.tile(np.arange(m), S)
-        return cls(
-            nodes,
-            contacts,
-            channels,
-            rated,
-            at_nodes=slice(0, at_ends),
-            at_ends=slice(at_ends, end_rates),
-            end_rates=slice(end_rates, node_rates),
-            node_rates=slice(node_rates, size),
-            size=size,
-            channel=np.concatenate([of_nodes, ends, ends, of_nodes])[:size],
-            when=np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:size],
-            is_rate=np.arange(size) >= end_rates,
-            field=np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:size],
-        )
+        self.channel = np.concatenate([of_nodes, ends, ends, of_nodes])[:g]
+        self.when = np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:g]
+        self.is_rate = np.arange(g) >= first[2]
+        self.field = np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:g]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +148,7 @@ def probe(
         keep, mix = independent(scheme, dt, extrapolated)
     else:
         keep, mix = np.arange(a := components(scheme, equation, N)), np.eye(a)
-    readers = Readers.of(tuple(scheme.nodes), m, C, rated)
+    readers = Readers(tuple(scheme.nodes), m, C, rated)
     # One batch: unit states without forces, then a unit force of every kind at every node.
     units = coordinates.units(len(keep))
     states = units.shape[1]

@@ -14,7 +14,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray, aligned, padded
+from ..basics.arrays import Array, aligned, padded
 from ..kernels.march import BY_LAW, LINEAR, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
@@ -23,37 +23,32 @@ from .probe import Coordinates, Readers, StepMap, probe
 from .treatment import Treatment
 
 
-@dataclass(frozen=True, eq=False)
 class Entries:
-    """The contacts at every node, padded to eight, then the channels at the ends of steps that are no node, then
-    where they are read the contacts' velocities at every node."""
+    """The contacts at every node of so many steps, padded to eight, then the channels at the ends of steps that are no
+    node, then where they are read the contacts' velocities at every node.
 
-    nodes: int  # N, a multiple of eight
-    end_first: IntArray  # (C,), see Block
-    end_stride: IntArray
-    rates: IntArray
-    place: IntArray  # (entries,): the step times g plus the reading that stands there, -1 for padding
+    nodes: N, a multiple of eight. end_first, end_stride: (C,), rates: (N,), see Block. place: (entries,), the step
+    times g plus the reading that stands there, -1 for padding.
+    """
 
-    @classmethod
-    def of(cls, readers: Readers, steps: int, ends_at_last_node: bool) -> Entries:
-        """Entries over so many steps."""
+    def __init__(self, readers: Readers, steps: int, ends_at_last_node: bool) -> None:
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
         # Where the last node is the end of the step, the positions of the contacts there are entries of nodes already.
         at_ends = C - m if ends_at_last_node else C
         count = steps * S * m
-        N = padded(count, least=0)
+        self.nodes = N = padded(count, least=0)
         reading = np.arange(steps * readers.size).reshape(steps, -1)
         ends = reading[:, readers.at_ends][:, C - at_ends :]
-        padding = np.full(N - count, -1)
         of_rates = reading[:, readers.node_rates].ravel()
-        place = [reading[:, readers.at_nodes].ravel(), padding, ends.ravel(), of_rates]
+        place = [reading[:, readers.at_nodes].ravel(), np.full(N - count, -1), ends.ravel(), of_rates]
+        self.place = np.concatenate(place)
         # For every channel the entry at the end of the first step, and the distance to that of the next.
-        first, stride = N + np.arange(C), np.full(C, at_ends)
+        self.end_first, self.end_stride = N + np.arange(C), np.full(C, at_ends)
         if ends_at_last_node:
-            first[:m], stride[:m] = (S - 1) * m + np.arange(m), S * m
-            first[m:] = N + np.arange(at_ends)
-        rates = np.pad(N + ends.size + np.arange(count), (0, N - count)) if len(of_rates) else of_rates
-        return cls(N, first, stride, rates, np.concatenate(place))
+            self.end_first[:m], self.end_stride[:m] = (S - 1) * m + np.arange(m), S * m
+            self.end_first[m:] = N + np.arange(at_ends)
+        rates = N + ends.size + np.arange(count)
+        self.rates = np.pad(rates, (0, N - count)) if len(of_rates) else of_rates
 
     def of_readings(self, x: Array, width: int) -> Array:
         """(..., K, g) -> (..., width), zero where no reading stands."""
@@ -294,7 +289,7 @@ def build(
     """
     system, drive = coordinates.system, Drive.of(coordinates.system)
     one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
-    levels, entries = powers_of(one, steps, rule == MEAN), Entries.of(one.readers, steps, one.ends_at_last_node)
+    levels, entries = powers_of(one, steps, rule == MEAN), Entries(one.readers, steps, one.ends_at_last_node)
     K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
     n, g, k = one.reading.shape
     C = one.readers.channels
