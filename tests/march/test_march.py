@@ -18,9 +18,10 @@ from scipy.interpolate import CubicHermiteSpline
 from systems import linear_part, one_mass, random_chain, two_contacts
 
 import stiffbeam as sb
+from stiffbeam.kernels.march import LINEAR
 from stiffbeam.march import block_march
 from stiffbeam.march.probe import Coordinates
-from stiffbeam.march.propagator import build
+from stiffbeam.march.propagator import Propagator
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
 from stiffbeam.model.time_functions import offset_rate, offset_values
@@ -284,7 +285,7 @@ def test_components_that_only_add_to_others_are_left_out():
     reading = lambda x, packed: packed[0, : len(x.block.reading)] @ x.block.reading  # noqa: E731
     for scheme in SCHEMES:
         coordinates = Coordinates(system, modes(system))
-        made = [build(scheme, coordinates, 1e-4, 8, TREATMENTS["implicit"], reduced=x) for x in (True, False)]
+        made = [Propagator(scheme, coordinates, 1e-4, 8, TREATMENTS["implicit"], LINEAR, x) for x in (True, False)]
         reduced, full = made
         assert len(reduced.one.keep) == kept.get(str(scheme), len(reduced.one.keep))
         z = np.random.default_rng(2).normal(size=(full.one.mix.shape[1], 1, 12))

@@ -72,10 +72,10 @@ class Block:
     reading: Array  # (D, R)
     transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
     push: Array  # (N, R + D)
-    end_first: IntArray  # (C,): the entry that holds a channel at the end of the first step,
-    end_stride: IntArray  # (C,): and how many entries later the next one is
     velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
     velocity_push: Array  # (K, C, N)
+    end_first: IntArray  # (C,): the entry that holds a channel at the end of the first step,
+    end_stride: IntArray  # (C,): and how many entries later the next one is
     rates: IntArray  # (N,): the entry that holds the velocity at a node; none where no force depends on it
     nodes: int  # forces that there are: K times nodes of a step times contacts
     rule: int  # how a node finds its force: LINEAR, BY_LAW or MEAN

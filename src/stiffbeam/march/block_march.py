@@ -22,7 +22,7 @@ from ..trajectory.recorder import end_tallies, forces_at, overflow, record, star
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent, probe
-from .propagator import Propagator, build
+from .propagator import Propagator
 from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
@@ -103,8 +103,8 @@ class Stepper:
         """Stepper in blocks of ``length`` steps. rule: how nodes find the forces of these stops, see Block."""
         starter = scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
-        one = None if starter is None else build(starter, coordinates, dt, 1, treatment, reduced=False, rule=rule)
-        block = build(scheme, coordinates, dt, length, treatment, rule=rule)
+        one = None if starter is None else Propagator(starter, coordinates, dt, 1, treatment, rule, reduced=False)
+        block = Propagator(scheme, coordinates, dt, length, treatment, rule)
         # A force that depends on velocity is unique only where these hold.
         for each in (one, block):
             if each is not None and len(each.block.rates):

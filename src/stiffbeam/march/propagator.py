@@ -9,13 +9,12 @@ one product with ``reading`` and one with ``transition`` per block, and touches 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
 
 from ..basics.arrays import Array, aligned, padded
-from ..kernels.march import BY_LAW, LINEAR, MEAN, Block, Forcing, Inflow
+from ..kernels.march import BY_LAW, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
@@ -100,7 +99,6 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
     return made
 
 
-@dataclass(frozen=True, eq=False)
 class Propagator:
     """K steps from the state z (a, N), packed as D numbers.
 
@@ -115,21 +113,42 @@ class Propagator:
     velocities at the nodes too, entries after the others. ``block`` holds what is the same for every load; the
     rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
     ``inflow`` is there for sampled loads and offsets only.
+
+    rule: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries. reduced:
+    without the components of the state that only add to others, see ``probe.independent``.
     """
 
-    one: StepMap
-    steps: int  # K
-    block: Block
-    entries: Entries
-    load_rows: Array  # (L K S, R + D): of unit loads, load by load and node by node, on entries and new state
-    load_velocity: Array  # (L K S, K, C)
-    samples: tuple[Term, ...]  # functions that are sampled at the nodes, with their shares in the L loads
-    offset_samples: tuple[Term, ...]  # offsets that are sampled at the entries
-
-    @property
-    def coordinates(self) -> Coordinates:
-        """The coordinates of the steps."""
-        return self.one.coordinates
+    def __init__(
+        self, scheme: Scheme, coordinates: Coordinates, dt: float, steps: int, treatment: Treatment, rule: int,
+        reduced: bool = True,
+    ) -> None:  # fmt: skip
+        self.coordinates, self.steps = coordinates, steps
+        self.one = one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
+        self.entries = entries = Entries(one.readers, steps, one.ends_at_last_node)
+        K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
+        (n, g, k), C, levels = one.reading.shape, one.readers.channels, powers_of(one, steps, rule == MEAN)
+        R, D = len(entries.place), k * n
+        flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
+        pushed, speeds = _of_forces(one, levels, entries, flat)
+        # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
+        reading, transition = aligned((D, R)), aligned((k, D))
+        reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
+        transition[:] = by_diagonals(power_of(levels, K))
+        velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
+        # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
+        nodes, N = K * S * m, entries.nodes
+        push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
+        push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
+        velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
+        places = {"end_first": entries.end_first, "end_stride": entries.end_stride, "rates": entries.rates}
+        self.block = Block(reading, transition, push, velocity, velocity_push, nodes=nodes, rule=rule, **places)
+        # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
+        self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
+        self.load_velocity = speeds[m:].transpose(0, 2, 1, 3, 4).reshape((P - m) * K * S, K, C)
+        # Loads, with their shares in the L loads, and offsets that are no formula are sampled, at nodes and entries.
+        drive = Drive.of(coordinates.system)
+        self.samples = drive.split(load_terms(coordinates.system), P - m)[1]
+        self.offset_samples = drive.offsets(coordinates.system)[1]
 
     @property
     def used(self) -> int:
@@ -271,66 +290,3 @@ def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array)
     pushes = repeated(one.push.swapaxes(1, 2), [level.swapaxes(1, 2) for level in levels], K)  # A^j push, transposed
     left = pushes[:, ::-1].transpose(2, 1, 3, 0).reshape(P, S, K, D)  # by step of the force
     return np.concatenate([entries.of_readings(seen, R), left], axis=-1), seen[..., one.readers.end_rates]
-
-
-def build(
-    scheme: Scheme,
-    coordinates: Coordinates,
-    dt: float,
-    steps: int,
-    treatment: Treatment,
-    reduced: bool = True,
-    rule: int = LINEAR,
-) -> Propagator:
-    """Probe a step of ``scheme`` and arrange what ``steps`` of them do.
-
-    ``rule``: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries.
-    ``reduced``: leave out the components of the state that only add to others, see ``probe.independent``.
-    """
-    system, drive = coordinates.system, Drive.of(coordinates.system)
-    one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
-    levels, entries = powers_of(one, steps, rule == MEAN), Entries(one.readers, steps, one.ends_at_last_node)
-    K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
-    n, g, k = one.reading.shape
-    C = one.readers.channels
-    R, D = len(entries.place), k * n
-
-    flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
-    pushed, speeds = _of_forces(one, levels, entries, flat)
-
-    # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
-    reading, transition = aligned((D, R)), aligned((k, D))
-    reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-    transition[:] = by_diagonals(power_of(levels, K))
-    velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
-
-    # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
-    nodes, N = K * S * m, entries.nodes
-    push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
-    push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
-    velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
-    block = Block(
-        reading=reading,
-        transition=transition,
-        push=push,
-        end_first=entries.end_first,
-        end_stride=entries.end_stride,
-        velocity=velocity,
-        velocity_push=velocity_push,
-        rates=entries.rates,
-        nodes=nodes,
-        rule=rule,
-    )
-    # Loads come load by load, then step by step.
-    kind_by_kind = (0, 2, 1)
-    return Propagator(
-        one=one,
-        steps=K,
-        block=block,
-        entries=entries,
-        load_rows=pushed[m:].transpose(*kind_by_kind, 3).reshape(-1, R + D),
-        load_velocity=speeds[m:].transpose(*kind_by_kind, 3, 4).reshape((P - m) * K * S, K, C),
-        # Loads and offsets that are no formula are sampled; the others are left to ``forcing``.
-        samples=tuple(drive.split(load_terms(system), P - m)[1]),
-        offset_samples=tuple(drive.offsets(system)[1]),
-    )
