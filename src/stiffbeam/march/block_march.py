@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
-from .probe import Coordinates, StepMap, independent, probe
+from .probe import Coordinates, StepMap, independent
 from .propagator import Propagator
 from .treatment import Treatment, require_giving_way, require_moved
 
@@ -80,36 +80,26 @@ class Launch(NamedTuple):
     jumps: bool  # True where the force of a stop jumps
 
 
-@dataclass(frozen=True, eq=False)
 class Stepper:
-    """A scheme on a system in coordinates: the data that all members share, computed once.
+    """A scheme on a system in coordinates, in blocks of ``length`` steps: what all members share, computed once.
 
     The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
-    in their stops and in the frequencies and amplitudes of their harmonic loads.
+    in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces, see
+    Block.
     """
 
-    coordinates: Coordinates
-    scheme: Scheme
-    dt: float
-    treatment: Treatment
-    starter: Propagator | None
-    block: Propagator
-    rule: int  # how nodes find their forces, see Block
-
-    @classmethod
-    def of(
-        cls, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
-    ) -> Stepper:
-        """Stepper in blocks of ``length`` steps. rule: how nodes find the forces of these stops, see Block."""
-        starter = scheme.starter
+    def __init__(
+        self, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
+    ) -> None:
+        self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
+        given, starter = (coordinates, dt), scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
-        one = None if starter is None else Propagator(starter, coordinates, dt, 1, treatment, rule, reduced=False)
-        block = Propagator(scheme, coordinates, dt, length, treatment, rule)
+        self.starter = None if starter is None else Propagator(starter, *given, 1, treatment, rule, reduced=False)
+        self.block = Propagator(scheme, *given, length, treatment, rule)
         # A force that depends on velocity is unique only where these hold.
-        for each in (one, block):
+        for each in (self.starter, self.block):
             if each is not None and len(each.block.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
-        return cls(coordinates, scheme, dt, treatment, one, block, rule)
 
     @property
     def system(self) -> System:
@@ -124,7 +114,7 @@ class Stepper:
     @cached_property
     def single(self) -> StepMap:
         """The single step with whole states, for all that a march passes over."""
-        return probe(self.scheme, self.coordinates, self.dt, reduced=False)
+        return StepMap(self.scheme, self.coordinates, self.dt, reduced=False)
 
     @cached_property
     def own_launch(self) -> Launch:
@@ -172,38 +162,33 @@ class Stepper:
         return copied(np.concatenate(each))
 
 
-@dataclass(eq=False)
 class March:
-    """Ensemble members in progress. They advance together, segment by segment."""
+    """Ensemble members in progress. They advance together, segment by segment.
 
-    stepper: Stepper
-    members: Sequence[System]
-    steps: int
-    every: int | None  # outputs kept, None for none
-    since: int = 0
-    done: int = 0
-    positions: Array = field(init=False)  # (M, outputs, C)
-    velocities: Array = field(init=False)
-    node_forces: Array = field(init=False)  # (M, outputs, m), see Kept; no outputs where no force jumps
-    t: Array = field(init=False)  # (outputs,); none of an ensemble, which has one grid for all members
-    forces: Array = field(init=False)  # (M, outputs, m) of linear stops, likewise
-    events: Array = field(init=False)  # (impacts, 7), see sampling; by member, in order of time
-    state: Marchers = field(init=False)
-    tally: Array = field(init=False)  # (M, m, 8) of the whole run, at the end
+    every: outputs kept, None for none. positions, velocities: (M, outputs, C). node_forces: (M, outputs, m), see Kept;
+    no outputs where no force jumps. t: (outputs,), and forces, (M, outputs, m) of linear stops; none of an ensemble,
+    which has one grid for all members. events: (impacts, 7), see sampling; by member, in order of time. tally: (M, m,
+    8) of the whole run, at the end.
+    """
 
-    def __post_init__(self) -> None:
-        stepper, system, M = self.stepper, self.stepper.system, len(self.members)
+    tally: Array
+
+    def __init__(
+        self, stepper: Stepper, members: Sequence[System], steps: int, every: int | None, since: int = 0
+    ) -> None:
+        self.stepper, self.members, self.steps, self.every, self.done = stepper, members, steps, every, 0
+        system, M = stepper.system, len(members)
         self._alike = True
-        if M == 1 and self.members[0] is system and not self.since:
+        if M == 1 and members[0] is system and not since:
             self._launch = launch = stepper.own_launch
         else:
             # Equal loads and offsets: the response to the drive is computed once for all members.
             own = functions(system)
-            self._alike = all(each is system or functions(each) == own for each in self.members)
-            self._launch = launch = stepper.launch(self.members, self.since, self._alike)
+            self._alike = all(each is system or functions(each) == own for each in members)
+            self._launch = launch = stepper.launch(members, since, self._alike)
         self.law, u, v, diverged = launch.law, launch.position, launch.velocity, np.zeros(M, np.int64)
         self.state = Marchers(launch.law, copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), diverged)
-        kept = 0 if self.every is None else self.steps // self.every + 1
+        kept = 0 if every is None else steps // every + 1
         self.positions, self.velocities = np.empty((2, M, kept, u.shape[1]))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
         m = len(system.contacts)
@@ -216,7 +201,7 @@ class March:
             self.forces[:, 0] = launch.force
         # Room for 64 impacts a member, and for up to 1024 more; ``_segment`` lengthens the list when it is full.
         self._rows = len(launch.events)
-        self.events = np.empty((self._rows + 64 * M + min(1024, self.steps // 16), EVENT))
+        self.events = np.empty((self._rows + 64 * M + min(1024, steps // 16), EVENT))
         self.events[: self._rows] = launch.events
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:

@@ -115,7 +115,7 @@ class Plan:
         # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
         if rule not in self._steppers:
             length = block_length(self.coordinates, self.scheme, self.steps)
-            self._steppers[rule] = Stepper.of(self.coordinates, self.scheme, self.dt, self.treatment, length, rule)
+            self._steppers[rule] = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, rule)
         return self._steppers[rule]
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -96,29 +95,6 @@ class Readers:
         self.field = np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:g]
 
 
-@dataclass(frozen=True, eq=False)
-class StepMap:
-    """Map of one step, part by part of its coordinates,
-
-        z' = transition z + push f,      w = sum over parts of reading z + at_once f,
-
-    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first, then of unit loads; w the g
-    readings. A component that is carried holds its share ``mix`` of those that are not.
-    """
-
-    scheme: Scheme
-    coordinates: Coordinates
-    dt: float
-    readers: Readers
-    keep: NDArray[np.int64]  # the k components of the scheme's state that are carried
-    mix: Array  # (k, a): what each of them holds
-    transition: Array  # (n, k, k)
-    push: Array  # (n, k, P S)
-    reading: Array  # (n, g, k)
-    at_once: Array  # (g, P S)
-    ends_at_last_node: bool
-
-
 def ends_there(last: Array, new: Array) -> bool:
     """Return True where the positions ``new`` (.., N) at the end of a step are those at its last node."""
     return bool(np.all(np.abs(last - new) <= SAME * np.max(np.abs(new), axis=-1, keepdims=True)))
@@ -129,51 +105,50 @@ def components(scheme: Scheme, equation: Equation, n: int) -> int:
     return scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
 
 
-def probe(
-    scheme: Scheme,
-    coordinates: Coordinates,
-    dt: float,
-    extrapolated: bool = False,
-    rated: bool = False,
-    reduced: bool = True,
-) -> StepMap:
-    """The map of ``scheme``. ``rated``: with the velocities at the nodes. ``reduced``: without the components that
-    only add to others, see ``independent``.
+class StepMap:
+    """Map of one step of a scheme, part by part of its coordinates, from unit states and unit forces,
+
+        z' = transition z + push f,      w = sum over parts of reading z + at_once f,
+
+    f the forces of P kinds at each of the S nodes, f[p S + s], the contacts' first, then of unit loads; w the g
+    readings, with the velocities at the nodes where ``rated``. Of the scheme's state the k components ``keep`` are
+    carried, each with its share ``mix`` (k, a) of the others; ``reduced``: without those that only add to others, see
+    ``independent``. transition: (n, k, k). push: (n, k, P S). reading: (n, g, k). at_once: (g, P S).
     """
-    equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
-    vectors = [vector for vector, _ in coordinates.loads(coordinates.system)]
-    forces = np.concatenate([coordinates.columns, np.array(vectors).reshape(-1, N)])
-    S, P = len(scheme.nodes), len(forces)
-    if reduced:
-        keep, mix = independent(scheme, dt, extrapolated)
-    else:
-        keep, mix = np.arange(a := components(scheme, equation, N)), np.eye(a)
-    readers = Readers(tuple(scheme.nodes), m, C, rated)
-    # One batch: unit states without forces, then a unit force of every kind at every node.
-    units = coordinates.units(len(keep))
-    states = units.shape[1]
-    z, acting = np.zeros((mix.shape[1], states + P * S, N)), np.zeros((2, S, states + P * S, N))
-    z[keep, :states] = units
-    # acting[0] are loads, acting[1] reactions; force p at node s is column p S + s, as in StepMap.
-    for s in range(S):
-        acting[1, s, states + s : states + m * S : S] = forces[:m]
-        acting[0, s, states + m * S + s :: S] = forces[m:]
-    new, at_nodes = scheme.step(equation, dt, z, list(acting[0]), list(acting[1]))
-    new = np.asarray(new)
-    # The contact forces are functions of these positions: of the stages, or of the predicted ones.
-    places = scheme.predict(equation, dt, z) if extrapolated else [y[0] for y in at_nodes]
-    fields = np.array([*places, new[0], new[1], *(y[1] for y in at_nodes if rated)])
-    carried = coordinates.by_part(np.einsum("ca,abj->cbj", mix, new))
-    at_last = ends_there if rated else np.array_equal  # of the others the bits are left as they are
-    return StepMap(
-        scheme, coordinates, dt, readers, keep, mix,
-        transition=np.ascontiguousarray(carried[..., :states]),
-        push=np.ascontiguousarray(carried[..., states:]),
-        reading=_shares(coordinates, readers, fields[:, :states]),
-        at_once=_read(coordinates, readers, fields[:, states:]),
+
+    def __init__(
+        self, scheme: Scheme, coordinates: Coordinates, dt: float, extrapolated: bool = False, rated: bool = False,
+        reduced: bool = True,
+    ) -> None:  # fmt: skip
+        self.scheme, self.coordinates, self.dt = scheme, coordinates, dt
+        equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
+        vectors = [vector for vector, _ in coordinates.loads(coordinates.system)]
+        forces = np.concatenate([coordinates.columns, np.array(vectors).reshape(-1, N)])
+        S, P, a = len(scheme.nodes), len(forces), components(scheme, equation, N)
+        self.keep, self.mix = independent(scheme, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))
+        self.readers = readers = Readers(tuple(scheme.nodes), m, C, rated)
+        # One batch: unit states without forces, then a unit force of every kind at every node.
+        units = coordinates.units(len(self.keep))
+        states = units.shape[1]
+        z, acting = np.zeros((a, states + P * S, N)), np.zeros((2, S, states + P * S, N))
+        z[self.keep, :states] = units
+        # acting[0] are loads, acting[1] reactions; force p at node s is column p S + s.
+        for s in range(S):
+            acting[1, s, states + s : states + m * S : S] = forces[:m]
+            acting[0, s, states + m * S + s :: S] = forces[m:]
+        new, at_nodes = scheme.step(equation, dt, z, list(acting[0]), list(acting[1]))
+        new = np.asarray(new)
+        # The contact forces are functions of these positions: of the stages, or of the predicted ones.
+        places = scheme.predict(equation, dt, z) if extrapolated else [y[0] for y in at_nodes]
+        fields = np.array([*places, new[0], new[1], *(y[1] for y in at_nodes if rated)])
+        carried = coordinates.by_part(np.einsum("ca,abj->cbj", self.mix, new))
+        self.transition = np.ascontiguousarray(carried[..., :states])
+        self.push = np.ascontiguousarray(carried[..., states:])
+        self.reading = _shares(coordinates, readers, fields[:, :states])
+        self.at_once = _read(coordinates, readers, fields[:, states:])
         # Extrapolated positions are predictions of the nodes, not the positions at the end of the step.
-        ends_at_last_node=at_last(at_nodes[-1][0], new[0]) and not extrapolated,
-    )  # fmt: skip
+        at_last = ends_there if rated else np.array_equal  # of the others the bits are left as they are
+        self.ends_at_last_node = at_last(at_nodes[-1][0], new[0]) and not extrapolated
 
 
 def _read(coordinates: Coordinates, readers: Readers, fields: Array) -> Array:

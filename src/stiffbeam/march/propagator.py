@@ -18,7 +18,7 @@ from ..kernels.march import BY_LAW, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
-from .probe import Coordinates, Readers, StepMap, probe
+from .probe import Coordinates, Readers, StepMap
 from .treatment import Treatment
 
 
@@ -115,7 +115,7 @@ class Propagator:
     ``inflow`` is there for sampled loads and offsets only.
 
     rule: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries. reduced:
-    without the components of the state that only add to others, see ``probe.independent``.
+    without the components of the state that only add to others, see ``independent``.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Propagator:
         reduced: bool = True,
     ) -> None:  # fmt: skip
         self.coordinates, self.steps = coordinates, steps
-        self.one = one = probe(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
+        self.one = one = StepMap(scheme, coordinates, dt, treatment.predicts, rule == BY_LAW, reduced)
         self.entries = entries = Entries(one.readers, steps, one.ends_at_last_node)
         K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
         (n, g, k), C, levels = one.reading.shape, one.readers.channels, powers_of(one, steps, rule == MEAN)

@@ -21,7 +21,7 @@ from ..schemes.scheme import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord
 from .block_march import initial_channels
-from .probe import Coordinates, components, probe
+from .probe import Coordinates, StepMap, components
 
 STEPS_PER_PIECE = 4096
 FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
@@ -144,7 +144,7 @@ def _march(
 def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]) -> tuple[Linear, Array, Array]:
     """The step as arrays, and what unit loads at nodes add to the state, (L S, D), and to the arguments, (L S, S m).
     Raises InputError where a reaction does not move its own argument."""
-    step = probe(scheme, view, dt, rated=True, reduced=False)
+    step = StepMap(scheme, view, dt, rated=True, reduced=False)
     (parts, g, k), S, stops = step.reading.shape, len(kinds), [contact.stops for contact in view.system.contacts]
     m, D = len(stops), parts * k
     # Conditions on velocities and the restituted position read x_new + e x_old, which a step returns in the places of

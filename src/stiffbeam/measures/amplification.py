@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.probe import Coordinates, probe
+from ..march.probe import Coordinates, StepMap
 from ..model.modes import Modes
 from ..model.natural_modes import modes
 from ..model.system import System
@@ -136,7 +136,7 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
         mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
     )
     basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
-    return np.linalg.eigvals(probe(scheme, Coordinates(system, basis), 1.0).transition)
+    return np.linalg.eigvals(StepMap(scheme, Coordinates(system, basis), 1.0).transition)
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:
