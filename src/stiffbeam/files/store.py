@@ -324,7 +324,7 @@ def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
         return None
 
     def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        plan = Plan.of(system, scheme, notes["dt"], notes["t_end"], notes["contact"])
+        plan = Plan(system, scheme, notes["dt"], notes["t_end"], notes["contact"])
         return plan.states(system)
 
     return pieces

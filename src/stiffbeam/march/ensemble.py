@@ -73,7 +73,7 @@ def integrate_ensemble(
     """
     begun = perf_counter()
     members = as_members(system, members)
-    plan = Plan.of(system, scheme, dt, t_end, contact)
+    plan = Plan(system, scheme, dt, t_end, contact)
     plan.afford(len(members), every if every is None else integer("every", every, 1))
     passed = round(record_from(since, t_end) / dt)
     if abs(passed * dt - since) > 1e-9 * t_end:
@@ -106,7 +106,7 @@ def _march(plan: Plan, every: int | None, since: int, apart: bool, part: Ensembl
 
 def _alone(plan: Plan, member: System) -> Plan:
     """Plan of a member with its own records, whose loads no other member shares."""
-    return Plan.of(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name)
+    return Plan(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name)
 
 
 def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:

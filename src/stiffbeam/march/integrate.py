@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
@@ -29,64 +28,47 @@ from .block_march import March, Stepper, block_length
 from .probe import Coordinates
 from .replay import replay
 from .rigid_march import rigid_run, rigid_states
-from .treatment import RIGID, TREATMENTS, Treatment
+from .treatment import RIGID, TREATMENTS
 
 LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
 
 
-@dataclass(frozen=True, eq=False)
 class Plan:
-    """A run whose arguments have been checked.
+    """A run whose arguments have been checked: InputError for bad ones. A pickled one is made again from them."""
 
-    A pickled one is made again from its arguments.
-    """
-
-    system: System
-    scheme: Scheme
-    dt: float
-    steps: int
-    t_end: float
-    treatment: Treatment
-    omega_max: float
-    rule: int  # of the contacts of ``system``
-    _steppers: dict[int, Stepper] = field(default_factory=dict, repr=False)  # by rule
-
-    @classmethod
-    def recent(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
-        """``of``, where a plan of these very objects may have been made lately."""
-        # Of the package's schemes alone, which their numbers define; a system cannot change.
-        if not isinstance(system, System) or system.size > LARGEST or not is_known(scheme):
-            return cls.of(system, scheme, dt, t_end, contact)
-        numbers = positive("dt", dt), positive("t_end", t_end), one_of("contact", contact, TREATMENTS)
-        key = system, type(scheme), pickle.dumps(vars(scheme)), *numbers
-        return _RECENT.get(key, lambda: cls.of(system, scheme, *numbers))
-
-    @classmethod
-    def of(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
-        """Raises InputError for bad arguments."""
+    def __init__(self, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> None:
         # Every argument by itself, then in combination.
-        require_system(system)
-        require_scheme(scheme)
-        dt, t_end = positive("dt", dt), positive("t_end", t_end)
-        steps = step_count(dt, t_end)
-        if not 1e-150 <= dt <= 1e150:
+        self.system, given = require_system(system), require_scheme(scheme)
+        self.dt, self.t_end = positive("dt", dt), positive("t_end", t_end)
+        self.steps = step_count(self.dt, self.t_end)
+        if not 1e-150 <= self.dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
-        treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
-        scheme = treatment.form_of(scheme)
-        covered(system.time_functions, t_end)
+        self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
+        self.scheme = self.treatment.form_of(given)
+        covered(system.time_functions, self.t_end)
         # For the check of the time step, and for the message of a run that overflows.
         basis = modes(system)
         if basis:
-            omega_max = float(basis.omega[-1])
+            self.omega_max = float(basis.omega[-1])
         else:
             squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
-            omega_max = float(np.sqrt(max(0.0, squares[-1])))
-        scheme.check(omega_max, dt)
-        check_contract(scheme)
-        plan = cls(system, scheme, dt, steps, t_end, treatment, omega_max, treatment.rule(system, scheme))
-        if plan.rule != RIGID:
-            plan.stepper_for(system)
-        return plan
+            self.omega_max = float(np.sqrt(max(0.0, squares[-1])))
+        self.scheme.check(self.omega_max, self.dt)
+        check_contract(self.scheme)
+        self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
+        self._steppers: dict[int, Stepper] = {}  # by rule
+        if self.rule != RIGID:
+            self.stepper_for(system)
+
+    @classmethod
+    def recent(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
+        """The plan, where one of these very objects may have been made lately."""
+        # Of the package's schemes alone, which their numbers define; a system cannot change.
+        if not isinstance(system, System) or system.size > LARGEST or not is_known(scheme):
+            return cls(system, scheme, dt, t_end, contact)
+        numbers = positive("dt", dt), positive("t_end", t_end), one_of("contact", contact, TREATMENTS)
+        key = system, type(scheme), pickle.dumps(vars(scheme)), *numbers
+        return _RECENT.get(key, lambda: cls(system, scheme, *numbers))
 
     def afford(self, members: int, every: int | None) -> None:
         """Raise InputError for outputs that exceed the memory."""
@@ -119,7 +101,7 @@ class Plan:
         return self._steppers[rule]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Plan.of, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name)
+        return Plan, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name)
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:

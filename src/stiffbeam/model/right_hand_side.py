@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -40,17 +39,23 @@ def on_velocities(row: Array) -> Array:
     return np.roll(on_positions(row), 1, axis=-1)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
 class StateSpace:
-    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c q + o_c(t)),  2 n unknowns.
+    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c q + o_c(t)),  2 n unknowns, q = y[::2] and q' = y[1::2].
 
-    matrix: A (2n, 2n). loads: pairs (b_k, f_k). columns: (contacts, 2n). system: with q = y[::2] and q' = y[1::2].
+    matrix: A (2n, 2n). loads: pairs (b_k, f_k). columns: (contacts, 2n). stiffness, damping: (n, n), of q''; divide: a
+    vector or matrix by the mass that is inverted.
     """
 
-    matrix: Array
-    loads: list[tuple[Array, LoadFunction]]
-    columns: Array
-    system: System
+    def __init__(
+        self, system: System, stiffness: Array, damping: Array, divide: Callable[[Array], Array] = lambda x: x
+    ) -> None:
+        n, rows = system.size, np.array([contact.row for contact in system.contacts]).reshape(-1, system.size)
+        self.system, self.matrix = system, np.zeros((2 * n, 2 * n))
+        self.matrix[::2, 1::2] = np.eye(n)
+        self.matrix[1::2, ::2] = 0.0 - stiffness  # no signed zeros in the Jacobian
+        self.matrix[1::2, 1::2] = 0.0 - damping
+        self.loads = [(on_velocities(divide(p)), f) for p, f in system.loads]
+        self.columns = on_velocities(np.array([divide(row) for row in rows]).reshape(-1, n))
 
     @property
     def y0(self) -> Array:
@@ -76,7 +81,7 @@ def state_space(system: System) -> StateSpace:
         stiffness, damping = _OVER_MASS[system.form](system)
     else:
         stiffness, damping = divide(system.stiffness), divide(system.damping)
-    return _interleaved(system, stiffness, damping, divide)
+    return StateSpace(system, stiffness, damping, divide)
 
 
 def descriptor(system: System) -> tuple[Array, StateSpace]:
@@ -86,23 +91,7 @@ def descriptor(system: System) -> tuple[Array, StateSpace]:
     """
     E = np.eye(2 * system.size)
     E[1::2, 1::2] = system.mass
-    return E, _interleaved(system, system.stiffness, system.damping, lambda x: x)
-
-
-def _interleaved(system: System, stiffness: Array, damping: Array, divide: Callable[[Array], Array]) -> StateSpace:
-    """Positions and velocities in turn. The arguments are those of q'': those of q' are exact."""
-    n = system.size
-    matrix = np.zeros((2 * n, 2 * n))
-    matrix[::2, 1::2] = np.eye(n)
-    matrix[1::2, ::2] = 0.0 - stiffness  # no signed zeros in the Jacobian
-    matrix[1::2, 1::2] = 0.0 - damping
-    rows = np.array([contact.row for contact in system.contacts]).reshape(-1, n)
-    return StateSpace(
-        matrix=matrix,
-        loads=[(on_velocities(divide(p)), f) for p, f in system.loads],
-        columns=on_velocities(np.array([divide(row) for row in rows]).reshape(-1, n)),
-        system=system,
-    )
+    return E, StateSpace(system, system.stiffness, system.damping)
 
 
 def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
