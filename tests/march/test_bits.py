@@ -52,19 +52,6 @@ def test_in_a_fresh_process_and_in_another_order(threads):
     assert dict(zip(names, found.stdout.split(), strict=True)) == first
 
 
-@pytest.mark.slow
-def test_after_ensembles_of_other_sizes(monkeypatch):
-    """A member has the same bits in any company; and what was called before an ensemble, after it."""
-    first, system, tips = {name: call(name) for name in CALLS}, sb.paper_case(10).system(), []
-    for members, threads in ((1, "1"), (7, "2"), (70, "1"), (70, "3")):
-        monkeypatch.setenv("STIFFBEAM_THREADS", threads)
-        many = sb.integrate_ensemble(system, sb.SDIRK(), 1e-4, 1.0, sb.perturbed_members(system, members), every=50)
-        few = sb.perturbed_members(system, min(members, 9))
-        tips.append((many.tip[0].tobytes(), sb.reference_ensemble(system, 0.2, few, [0.0, 0.1, 0.2]).tip[0].tobytes()))
-    assert len(set(tips)) == 1
-    assert {name: call(name) for name in CALLS} == first
-
-
 def test_a_recent_plan_is_that_of_its_system_scheme_step_and_contact(monkeypatch):
     """Each run has the bits of a run without earlier ones. A scheme whose number is changed in place is another."""
     system, changed, results = replace(sb.paper_case(10), cells=8).system(), sb.HHT(alpha=-0.1), set()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from fractions import Fraction
 from functools import partial
 
 import mpmath
@@ -215,17 +214,3 @@ def test_what_a_law_cannot_do_is_refused(call, words):
     hertz, damped = (sb.Stops(upper=0.0, stiffness=1.0, **x) for x in ({"exponent": 1.5}, {"damping": 0.1}))
     with pytest.raises(InputError, match=words):
         call(hertz, damped)
-
-
-def test_files_fingerprints_and_text_know_the_law(tmp_path):
-    linear, damped = (sb.Stops(-0.1, 0.1, stiffness=5e6, **x) for x in ({}, {"damping": 3.0, "exponent": 1.5}))
-    assert repr(linear) == "Stops(lower=-0.1, upper=0.1, stiffness=5000000.0)"
-    assert eval(repr(damped), {"Stops": sb.Stops}) == damped
-    systems = [ball(sb.Stops(upper=0.0, stiffness=1.0, **x)) for x in ({}, {"damping": 0.1}, {"dissipation": 0.1})]
-    assert len({s.fingerprint for s in systems}) == 3
-    run = sb.integrate(systems[2], sb.HHT(-0.1), 1e-2, 2.0)
-    back = sb.load(run.save(tmp_path / "run.nc"), systems[2])
-    assert back.contacts[0].stops == systems[2].contacts[0].stops
-    assert np.array_equal(back.energy.stop_dissipation, run.energy.stop_dissipation)
-    exact = sb.Stops(upper=Fraction(1, 3), stiffness="0.1", damping="0.1", exponent="1.5")
-    assert (exact.damping, exact.exponent) == (0.1, 1.5)

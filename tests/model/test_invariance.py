@@ -68,24 +68,6 @@ def motion(run: sb.Trajectory, name: str) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def of_ensemble(kind: str):
-    def observed(name: str) -> dict[str, np.ndarray]:
-        (length, time, force), own = SCALES[name], system(name, "displacement")
-        members = sb.perturbed_members(own, members=5, size=1e-3, rng=3)
-        if kind == "hht":
-            many = sb.integrate_ensemble(own, sb.HHT(-0.1), DT / time, END / time, members)
-        else:
-            many = sb.reference_ensemble(own, END / time, members)
-        assert np.min(many.impact_count) >= 2
-        return {
-            "count": many.impact_count, "fraction": many.contact_fraction, "peak": many.peak_force * force,
-            "impulse": many.impulse * force * time, "times": many.impacts.times * time,
-            "energy": many.ledger(4).energy * force * length,
-        }  # fmt: skip
-
-    return observed
-
-
 def of_comparison(name: str) -> dict[str, float]:
     (_, time, force), own = SCALES[name], system(name, "displacement")
     result = sb.compare(sb.integrate(own, sb.HHT(-0.1), DT / time, END / time), sb.reference(own, END / time))
@@ -119,7 +101,6 @@ KINDS = [  # what is observed, and how well three systems of units agree: a few 
     *(pytest.param(f"{method} {form}", of_reference(method, form), 2e-5 if method == "cvode" else 1e-7,
                    marks=pytest.mark.slow)
       for method in ("exact", "cvode", "multiprecision") for form in FORMS),
-    *(pytest.param(f"ensemble {kind}", of_ensemble(kind), 1e-8, marks=pytest.mark.slow) for kind in ("hht", "exact")),
 ]  # fmt: skip
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-from itertools import pairwise
-
 import numpy as np
 import plain_march
 import pytest
@@ -69,57 +66,8 @@ def test_stage_equations_of_several_contacts(seed):
 # ------------------------------------------------------------------ nodes that a jump of the force holds on the stop
 
 
-G, KAPPA, C, H, LOAD, STEPS = (Fraction(x) for x in ("1/2", "1000", "200", "1/64", "2", "96"))
-
-
-def in_fractions(v: Fraction) -> tuple[list[Fraction], list[Fraction], int]:
-    """q and P >= 0 at every step of q'' + q = 2 - P from q = 0, q' = v; how many nodes are held."""
-    s = H**2 / 4 / (1 + H**2 / 4)  # a force moves its node by -s P, and speeds it up by -2/h s P
-    q, P = [Fraction(0)], [Fraction(0)]
-    held = 0
-    for _ in range(int(STEPS)):
-        a = LOAD - q[-1] - P[-1]
-        free = (q[-1] + H * v + H**2 / 4 * (a + LOAD)) / (1 + H**2 / 4)
-        speed, depth = 2 / H * (free - q[-1]) - v, free - G
-        new = Fraction(0)
-        if depth > 0:
-            new = max(new, (KAPPA * depth + C * speed) / (1 + KAPPA * s + 2 / H * C * s))
-            if s * new > depth:
-                new, held = depth / s, held + 1
-        q.append(free - s * new)
-        v, P = 2 / H * (q[-1] - q[-2]) - v, [*P, new]
-    return q, P, held
-
-
 def mass(v: float = 3.0) -> sb.System:
-    stops = sb.Stops(None, float(G), stiffness=float(KAPPA), damping=float(C))
-    return one_mass(1.0, stops, load=sb.Constant(float(LOAD)), v=v)
-
-
-@pytest.mark.fast(1)
-def test_what_a_held_node_feels_is_what_holds_it():
-    total, unseen = 0, 0.0
-    for v in [2 + Fraction(j, 8) for j in range(16)]:
-        q, P, held = in_fractions(v)
-        system = mass(float(v))
-        run = sb.integrate(system, sb.Trapezoidal(), float(H), float(H * STEPS))
-        contact, ledger = run.contacts[0], run.energy
-        # A rounding of the position, 1e-16, is a force of 1e-16 times 4/h^2 + kappa + 2 c/h, and goes on in the run.
-        near = {"rtol": 1e-8, "atol": 1e-8}
-        assert np.allclose(run.tip, np.array(q, float), rtol=0, atol=1e-12)
-        assert np.allclose(-contact.force, np.array(P, float), **near)
-        pressed = np.array([x > 0 for x in P])
-        assert contact.impacts.count == np.count_nonzero(pressed[1:] & ~pressed[:-1])
-        assert contact.fraction == np.mean(pressed[1:])
-        assert np.isclose(contact.peak_force, float(max(P)), **near)
-        assert np.isclose(contact.impulse, float(sum(H * (a + b) / 2 for a, b in pairwise(P))), **near)
-        beyond = [p - KAPPA * max(x - G, 0) for p, x in zip(P, q, strict=True)]
-        taken = sum((a + b) / 2 * (y - x) for (a, b), (x, y) in zip(pairwise(beyond), pairwise(q), strict=True))
-        assert np.isclose(ledger.stop_dissipation[-1], float(taken), **near)
-        total += held
-        unseen += float(sum(p for p, x in zip(P, q, strict=True) if x == G))  # where the state says 0
-    assert total >= 3
-    assert unseen > 10.0
+    return one_mass(1.0, sb.Stops(None, 0.5, stiffness=1000.0, damping=200.0), load=sb.Constant(2.0), v=v)
 
 
 class Lagging(sb.Scheme):

@@ -116,25 +116,6 @@ def test_the_moving_support_converges_to_its_series_at_second_order_in_space(for
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_section_5_1_without_contact(form):
-    """f = (k^2 l^4 - 4) X_1 sin 2t, u0 = 0, v0 = 2 X_1: u = X_1 sin 2t; k^2 = 8000, dt = 0.001, h = 0.04."""
-    root, cells, spatial = beam_roots(1)[0], np.array([25, 50]), []
-    X = lambda x: beam_mode(root, np.asarray(x))  # noqa: E731
-    load = sb.DistributedLoad(lambda x: (8000.0 * root**4 - 4.0) * X(x), sb.Harmonic(1.0, 2.0))
-    tip = X(np.array([1.0]))[0]
-    for system in grids(cells, form, stiffness=8000.0, loads=(load,), initial_velocity=lambda x: 2.0 * X(x)):
-        ref = sb.reference(system, 1.0, t_eval=np.linspace(0, 1, 101))
-        spatial.append(np.max(np.abs(ref.tip - tip * np.sin(2 * ref.t))))
-        for scheme in (sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(1.0), sb.SDIRK(0.4359)):
-            run = sb.integrate(system, scheme, 1e-3, 1.0, every=10)
-            # In space h^2, in time the slow forced motion is followed to (w dt)^2 = 4e-6 and the free
-            # oscillation excited by the spatial error is at most as large again.
-            assert np.max(np.abs(run.tip - tip * np.sin(2 * run.t))) < 2.5 * spatial[-1] + 1e-5 * abs(tip)
-    assert abs(slope(cells, spatial) - 2.0) < 0.2
-    assert spatial[0] < 0.01 * abs(tip)
-
-
-@pytest.mark.parametrize("form", FORMS)
 def test_static_deflections_are_the_textbooks(form):
     """Uniform load p: p/(8 k^2). Point load at x_d, anywhere: P x_d^2 (3 - x_d)/(6 k^2)."""
     cells, uniform = np.array([40, 80, 160]), sb.DistributedLoad(lambda x: 1.0 + 0 * x, sb.Constant(3.0))
