@@ -5,8 +5,8 @@ from .files.cases import load_cases as load_cases
 from .files.cases import paper_case as paper_case
 from .files.reference_cache import cached_reference as cached_reference
 from .files.store import load as load
-from .march.ensemble import integrate_ensemble as integrate_ensemble
 from .march.integrate import integrate as integrate
+from .march.integrate import integrate_ensemble as integrate_ensemble
 from .measures.amplification import amplification as amplification
 from .measures.comparison import compare as compare
 from .measures.errors import stays_within as stays_within

@@ -12,13 +12,15 @@ from stiffbeam.files.cases import paper_case
 from stiffbeam.march.integrate import integrate
 from stiffbeam.measures.amplification import amplification
 from stiffbeam.measures.errors import Order, observed_order
-from stiffbeam.model.beam import mode, natural_frequencies, roots
+from stiffbeam.model.beam import natural_frequencies, roots
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
 from stiffbeam.schemes import HHT, SDIRK, Scheme
+
+from .no_contact import mode
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy import stats
 
 from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.text import plain
-from stiffbeam.march.ensemble import integrate_ensemble
+from stiffbeam.march.integrate import integrate_ensemble
 from stiffbeam.measures.comparison import compare
 from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.model.beam import natural_frequencies

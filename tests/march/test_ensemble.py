@@ -11,7 +11,7 @@ from systems import one_mass, random_chain, two_contacts, with_stops
 import stiffbeam as sb
 from stiffbeam.basics.resources import cores
 from stiffbeam.march import block_march
-from stiffbeam.march import ensemble as module
+from stiffbeam.march import integrate as module
 from stiffbeam.model.modes import modes
 from stiffbeam.references.exact.solution import solve_exact
 

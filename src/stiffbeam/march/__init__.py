@@ -1,6 +1,6 @@
 """Time loops of the schemes on a system, in reading order:
 
-    integrate, ensemble    what is called: one run, many members
+    integrate              what is called: one run, many members
     treatment              treatments of contact: implicit, extrapolated, conserving
     block_march            any scheme on any system in blocks of K steps
     probe                  the matrices of a scheme's step, in modes or for all unknowns, from unit inputs

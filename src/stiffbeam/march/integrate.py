@@ -1,27 +1,28 @@
-"""integrate: check the arguments, choose the march, return the run as a trajectory."""
+"""integrate and integrate_ensemble: check the arguments, choose the march, return the runs of one or many members."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array, Recent
-from ..basics.progress import silent, working
-from ..basics.resources import afford, clock
+from ..basics.progress import current, silent, working
+from ..basics.resources import afford, clock, over_slices
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
-from ..model.members import EnsembleMembers
+from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.modes import modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
-from ..trajectory.ensemble import slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Runs, record_from, slim
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import March, Stepper, block_length
@@ -30,6 +31,7 @@ from .replay import replay
 from .rigid_march import rigid_run, rigid_states
 from .treatment import RIGID, TREATMENTS
 
+SLICE_STEPS = 30_000  # below which a thread takes longer to start
 LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
 
 
@@ -252,3 +254,94 @@ def integrate(
         hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
         raise Diverged(str(scheme), run.diverged, hint)
     return run
+
+
+@working("integrating an ensemble")
+def integrate_ensemble(
+    system: System,
+    scheme: Scheme,
+    dt: float,
+    t_end: float,
+    members: EnsembleMembers | Sequence[System],
+    contact: str = "implicit",
+    every: int | None = None,
+    since: float = 0.0,
+) -> Ensemble:
+    """Return the runs of all members of an ensemble, on all cores; each equals its single run to rounding.
+
+    ``joblib.parallel_config`` has processes compute the members, on this machine or on others.
+
+    Parameters
+    ----------
+    system : System
+    scheme : Scheme
+    dt, t_end : float
+    members : EnsembleMembers or sequence of System
+        From ``perturbed_members`` or ``varied_members``, or systems with as many unknowns and contacts. Members with
+        records (Sampled) or matrices of their own are set up one by one.
+    contact : {"implicit", "extrapolated", "conserving"}
+        As in ``integrate``.
+    every : int, optional
+        Keep tip and tip velocity every so many steps. None keeps none; memory then grows with the impacts only.
+    since : float
+        Contacts are recorded after this time, a whole number of steps. A contact that is there then is no impact.
+        Impulses are the sum of dt F over the steps after it, without half weights at the ends.
+
+    Returns
+    -------
+    Ensemble
+        A member that overflows is marked in ``diverged``; the others go on.
+
+    Raises
+    ------
+    InputError
+        For bad arguments.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> system = sb.paper_case(10).system()
+    >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed_members(system, 16))
+    >>> many.impact_count.shape
+    (16,)
+    """
+    begun = perf_counter()
+    members = as_members(system, members)
+    plan = Plan(system, scheme, dt, t_end, contact)
+    plan.afford(len(members), every if every is None else integer("every", every, 1))
+    passed = round(record_from(since, t_end) / dt)
+    if abs(passed * dt - since) > 1e-9 * t_end:
+        remedy = f"for example {dt * int(since / dt):.12g}"
+        raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
+    # Members with records, or with other matrices, share no propagator and are set up one by one.
+    apart, show = march_apart(members), current()
+    march = partial(_march, plan, every, passed, apart)
+    # A slice holds at least as much work as a thread takes to start.
+    least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
+    report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
+    runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
+    seconds = perf_counter() - begun
+    return Ensemble(
+        **vars(Runs.of(runs)),
+        members=members,
+        t=np.arange(0, plan.steps + 1, every) * plan.dt if every is not None else np.zeros(0),
+        work=Work(len(members) * plan.steps, seconds, seconds),
+        provenance=plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
+        ledger=partial(_ledger, plan, members, every or plan.steps, apart),
+    )
+
+
+def _march(plan: Plan, every: int | None, since: int, apart: bool, part: EnsembleMembers) -> list[Trajectory]:
+    """Runs of some of the members."""
+    if apart:
+        return [slim(_alone(plan, member).run(member, every, None, since)) for member in part]
+    return plan.runs(part, every, since)
+
+
+def _alone(plan: Plan, member: System) -> Plan:
+    """Plan of a member with its own records, whose loads no other member shares."""
+    return Plan(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name)
+
+
+def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:
+    return (_alone(plan, members[i]) if apart else plan).ledger(members[i], every)

@@ -136,21 +136,6 @@ def roots(count: int) -> Array:
     return np.array([brentq(f, c - 0.5, c + 0.5, xtol=1e-15) for c in centres])
 
 
-def mode(root: float, x: ArrayLike) -> Array:
-    """X(x) = r (cosh lx - cos lx) + sin lx - sinh lx, r = (sin l + sinh l)/(cos l + cosh l).
-
-    x is a share of the length. Written over e^{-lx} and e^{-l(1-x)}: the difference of cosh and sinh
-    cancels for large l.
-    """
-    x = np.asarray(x, float)
-    c, s, small = np.cos(root), np.sin(root), np.exp(-root)
-    below = c + 0.5 * (np.exp(root) + small)
-    r = (s + 0.5 * (np.exp(root) - small)) / below
-    # sinh l - cosh l = -e^-l by hand: in float64 the difference of the two would lose it.
-    growing = 0.5 * (s - c - small) / below  # (r - 1)/2, of size e^{-l}
-    return growing * np.exp(root * x) + 0.5 * (r + 1.0) * np.exp(-root * x) - r * np.cos(root * x) + np.sin(root * x)
-
-
 def natural_frequencies(problem: BeamProblem, count: int) -> Array:
     """w_i = l_i^2 sqrt(EI/(m L^4)) of the undamped clamped-free beam, the paper's l_i^2 k.
 

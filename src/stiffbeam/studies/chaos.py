@@ -24,7 +24,7 @@ from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
 from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
+from ..march.integrate import integrate_ensemble
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System

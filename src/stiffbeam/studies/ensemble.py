@@ -24,7 +24,7 @@ from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, s
 from ..figures.runs import OMEGA
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, part_of
-from ..march.ensemble import integrate_ensemble
+from ..march.integrate import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, EnsembleMembers, perturbed_members

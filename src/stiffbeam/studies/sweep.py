@@ -23,7 +23,7 @@ from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, near, number
 from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
+from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import paths_of
 from ..model.natural_modes import modes
