@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import stiffbeam as sb
-from stiffbeam.kernels.march import LINEAR, solve_node, solve_stage
+from stiffbeam.kernels.march import solve_node
 
 EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)
@@ -143,9 +143,6 @@ def test_one_contact_among_several_is_the_closed_form(stops, r, exponent):
     # The penetration may cancel: its error is eps (|r| + |g|), with |g| < 4.
     tolerance = 8.0 * EPS * (stops.stiffness / (1.0 + stops.stiffness * s) * (abs(r) + 4.0) + abs(closed))
     assert abs(solve_several(np.array([r]), np.array([[s]]), [stops])[0] - closed) <= tolerance + 1e-300
-    one, none = np.ones(1), np.zeros((1, 1))
-    stage = solve_stage(r * one, 0.0 * one, s * one[None], none, 0.0 * one, LINEAR, stops.law[None])[0]
-    assert abs(stage - closed) <= tolerance + 1e-300
 
 
 def test_rigid_contacts_that_almost_follow_from_each_other_meet_their_conditions():

@@ -13,7 +13,6 @@ from oracles import exact_linear
 from systems import linear_part, one_mass, three_masses
 
 import stiffbeam as sb
-from stiffbeam.kernels.march import MEAN, solve_stage
 from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
 from stiffbeam.schemes.labels import parse_run, split_runs
@@ -199,54 +198,6 @@ def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
 def test_without_contact_nothing_is_left_to_conserve(scheme):
     runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
     np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
-
-
-def mean_force(r, u0, S, stops):
-    """Mean forces of contacts that end at r + S F."""
-    m, none = len(r), np.zeros((len(r), len(r)))
-    return solve_stage(r, np.zeros(m), S, none, u0, MEAN, np.array([x.law for x in stops]))
-
-
-def test_the_mean_force_solves_its_equation():
-    """One contact of any law and gap; rounding of the positions times the forces there."""
-    rng = np.random.default_rng(2)
-    for _ in range(700):
-        p, kappa = float(rng.choice([1.0, 1.0, 1.5, 2.7])), float(10.0 ** rng.uniform(-1, 6))
-        gaps = sorted(rng.normal(size=2) * 0.3)
-        open_side = rng.integers(4)
-        stops = sb.Stops(
-            None if open_side == 0 else gaps[0], None if open_side == 1 else gaps[1], stiffness=kappa, exponent=p
-        )
-        r, u0, s = rng.normal(), rng.normal(), float(10.0 ** rng.uniform(-10, 1)) * (rng.random() < 0.95)
-        F = mean_force(np.array([r]), np.array([u0]), np.array([[s]]), [stops])[0]
-        u = r + s * F
-        held, size = float(stops.energy(u0)) + float(stops.energy(u)), abs(r) + abs(u0) + s * abs(F)
-        peak = max(abs(float(stops.force(x))) for x in (u, u0))
-        assert (
-            abs(float(stops.energy(u) - stops.energy(u0)) + F * (u - u0))
-            <= 1e-12 * held + 1e-14 * (peak + abs(F)) * size
-        )
-        assert max(peak, abs(float(stops.force(r)))) >= abs(F) * (1.0 - 1e-9)
-        if p != 1.0 or not np.isfinite(stops.upper_bound):
-            continue
-        for gap in (1e-3, 1e-8, 1e-13, 0.0):  # two depths next to each other: the force at the middle
-            inside = np.array([[gaps[1] + 1.0 + gap], [gaps[1] + 1.0]])
-            mean = mean_force(inside[0], inside[1], np.zeros((1, 1)), [stops])[0]
-            assert -mean == pytest.approx(kappa * (1.0 + 0.5 * gap), rel=2.0 * gap**2 + 1e-12)
-
-
-def test_several_mean_forces_at_once():
-    rng, still = np.random.default_rng(5), np.zeros((1, 1))
-    for _ in range(200):
-        m, p = int(rng.integers(2, 5)), float(rng.choice([1.0, 1.5]))
-        stops = [sb.Stops(-0.5, 0.4, stiffness=10.0 ** rng.uniform(0, 4), exponent=p) for _ in range(m)]
-        A = rng.normal(size=(m, m))
-        S, r, u0 = A @ A.T * 10.0 ** rng.uniform(-6, 0), rng.normal(size=m), rng.normal(size=m)
-        F = mean_force(r, u0, S, stops)
-        u = r + S @ F
-        for c in range(m):
-            want = mean_force(u[c : c + 1], u0[c : c + 1], still, stops[c : c + 1])[0]
-            assert abs(F[c] - want) <= 1e-9 * (abs(want) + np.abs(S[c]) @ np.abs(F) / S[c, c])
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -111,10 +111,6 @@ API Int rigid_steps(const Rigid *s);
 /* F (m,) of springs, or rigid stops, with v = r + S F; S (m, m) symmetric positive semidefinite. */
 API Int solve_node(Int m, const double *r, const double *S, const Law *law, double *F);
 
-/* F (m,) under any law with u = r + S F, u' = w + S' F, and u0 where the step began; NaN where the search fails. */
-API Int solve_stage(Int m, Int rule, const double *r, const double *w, const double *S, const double *S_rate,
-                    const double *u0, const Law *law, double *F);
-
 /* Forces, and energies unless NULL, at positions u and velocities v, each (count,) as the laws are. */
 API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy);
 

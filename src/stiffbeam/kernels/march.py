@@ -53,7 +53,6 @@ def _functions() -> ctypes.CDLL:
     lib.rigid_steps.argtypes = [at(_Rigid.type)]
     lib.march.restype = lib.rigid_steps.restype = Int
     lib.solve_node.argtypes, lib.solve_node.restype = [Int, *4 * [pointer]], Int
-    lib.solve_stage.argtypes, lib.solve_stage.restype = [Int, Int, *7 * [pointer]], Int
     lib.contact_forces.argtypes, lib.contact_forces.restype = [Int, *5 * [pointer]], None
     lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], pointer, Real], Real
     return lib
@@ -244,30 +243,6 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     linear[:, :3] = law[:, :3]
     at = address(r, (m,)), address(compliance, (m, m)), address(linear, (m, LAW)), address(F, (m,))
     filled(_functions().solve_node(m, *at))
-    return F
-
-
-def solve_stage(r: Array, w: Array, S: Array, S_rate: Array, u0: Array, rule: int, law: Array) -> Array:
-    """The forces (m,) under any law; NaN where the search fails. r, w, u0 (m,); S, S_rate (m, m); law (m, 6).
-
-    Contact c by itself, the others' forces given, has one force f_c. H(F) = F - f(F) vanishes at the solution:
-    a semismooth Newton method with a line search on |H|; where that does not lower |H|, every contact takes its
-    own f_c in turn (Gauss-Seidel), which for forces that have an energy cannot fail.
-
-    By the rule MEAN F_c is the mean force over the step, which neither gains nor loses energy, u0 at its start:
-
-        F = -(U(u+) - U(u0))/(u+ - u0),   u+ = r + s F
-
-    F does the work F (u+ - u0) = U(u0) - U(u+) whatever the step is, so that a scheme which conserves the energy of the
-    linear system under a force that is constant over the step conserves the sum of both. U is convex, so its secant
-    slope grows with u+ and there is one F. Source: Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP
-    43 (1992) 757-792.
-    """
-    m, F = len(law), np.empty(len(law))
-    r, w, S, S_rate, u0 = (np.ascontiguousarray(x) for x in (r, w, S, S_rate, u0))
-    vectors, matrices = [address(x, (m,)) for x in (r, w)], [address(x, (m, m)) for x in (S, S_rate)]
-    at = *vectors, *matrices, address(u0, (m,)), address(law, (m, LAW)), address(F, (m,))
-    filled(_functions().solve_stage(m, rule, *at))
     return F
 
 

@@ -197,24 +197,6 @@ API Int solve_node(Int m, const double *r, const double *S, const Law *law, doub
     return DONE;
 }
 
-API Int solve_stage(Int m, Int rule, const double *r, const double *w, const double *S, const double *S_rate,
-                    const double *u0, const Law *law, double *F)
-{
-    Node x = {0};
-    double *memory = calloc((size_t)node_memory(&x, m, NULL) + 1, sizeof *memory);
-    if (!memory) return NO_MEMORY;
-    node_memory(&x, m, memory);
-    memcpy(x.r, r, (size_t)m * sizeof *F), memcpy(x.w, w, (size_t)m * sizeof *F),
-        memcpy(x.before, u0, (size_t)m * sizeof *F);
-    memcpy(x.S, S, (size_t)(m * m) * sizeof *F), memcpy(x.S_rate, S_rate, (size_t)(m * m) * sizeof *F);
-    if (m == 1)
-        *F = force_alone(*r, *w, *S, *S_rate, *u0, rule, law).F;
-    else
-        solve_laws(&x, rule, law, m), memcpy(F, x.F, (size_t)m * sizeof *F);
-    free(memory);
-    return DONE;
-}
-
 API void contact_forces(Int count, const double *u, const double *v, const Law *law, double *F, double *energy)
 {
     for (Int i = 0; i < count; i++) F[i] = law_force(u[i], v[i], law + i);

@@ -109,7 +109,7 @@ class Propagator:
         F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
     where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
-    extrapolated and w_i is the predictor); for other laws than the linear one see ``solve_stage``, which takes the
+    extrapolated and w_i is the predictor); for other laws than the linear one see node.c, which takes the
     velocities at the nodes too, entries after the others. ``block`` holds what is the same for every load; the
     rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
     ``inflow`` is there for sampled loads and offsets only.

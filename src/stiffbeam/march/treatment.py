@@ -21,9 +21,14 @@ RIGID = -1  # the rule of rigid stops: reactions by complementarity
 class Treatment:
     """Force of a stop that acts in a step: treatments differ in it, and so in the stops and the schemes that they take.
 
-    "implicit"      at a node, from the position and the velocity there, v = r + s F(v, v')
-    "extrapolated"  F at the position that the scheme ``predicts`` from known values, as in the paper
-    "conserving"    the mean force over the step, ``means``, that keeps the energy of system and stops
+        "implicit"      at a node, from the position and the velocity there, v = r + s F(v, v')
+        "extrapolated"  F at the position that the scheme ``predicts`` from known values, as in the paper
+        "conserving"    the mean force over the step, ``means``, that keeps the energy of system and stops:
+                        F = -(U(u+) - U(u0))/(u+ - u0), u+ = r + s F, u0 where the step begins
+
+    That F does the work F (u+ - u0) = U(u0) - U(u+) whatever the step is. A scheme which conserves the energy of the
+    linear system under a constant force therefore conserves the sum of both. U is convex, so there is one F. Source:
+    Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467; Simo and Tarnow, ZAMP 43 (1992) 757-792.
     """
 
     name: str

@@ -17,7 +17,7 @@ class MeanReaction(Scheme):
 
     A constant force does the work lambda . (q^{n+1} - q^n) on the linear system, and ``advance`` conserves
     the energy beside it; so where lambda is the discrete gradient of the stops' energy (see
-    stage), kinetic + elastic + stop energy is conserved without loads and damping, whatever
+    ``Treatment``), kinetic + elastic + stop energy is conserved without loads and damping, whatever
     the step. State: (y, f), the load carried. It has the name of the scheme it is a form of.
     """
 
