@@ -147,8 +147,6 @@ NO_SYSTEM = [
 NO_FUNCTION = [
     (lambda: sb.Harmonic(math.nan, 1.0), "^amplitude"), (lambda: sb.Harmonic(1.0, 0.0), "^frequency"),
     (lambda: sb.Harmonic(1.0, 1.0, "zero"), "^phase"), (lambda: sb.Constant(None), "^level"),
-    (lambda: sb.Superposition([sb.Constant(1.0), sb.Harmonic(1.0, 2.0)]),
-     r"leave the brackets out: Superposition\(f, g\)"),
     (lambda: sb.Superposition(), "^Superposition"), (lambda: sb.Superposition(np.sin), "^Superposition"),
     *((lambda t=t, x=x: sb.Sampled(t, x), f"^{field}") for t, x, field in (
         ([0.0, 1.0, 1.0], T, "sampled.t"), ([0.0], [0.0], "sampled.t"), ([0.0, 1.0], T, "sampled.values"),

@@ -48,14 +48,12 @@ static int node_forces(Motion *s, const double *f, Int first, Int i)
     const Block *b = s->b;
     const Law *law = s->law;
     Node *x = &s->node;
-    Int m = s->run->m, wide = s->wide, beyond = 0, last = 0;
+    Int m = s->run->m, wide = s->wide, beyond = 0;
     const double *S = b->push + i * wide;
     for (Int c = 0; c < m; c++) {
         x->r[c] = pushed(s, f, first, i, i + c);
-        if (side_of(x->r[c], law + c) != 0.0)
-            beyond++, last = c;
-        else if (b->rule == MEAN && side_of(x->before[c], law + c) != 0.0)
-            beyond++, last = c; /* from one end of the step */
+        beyond |= side_of(x->r[c], law + c) != 0.0;
+        if (b->rule == MEAN) beyond |= side_of(x->before[c], law + c) != 0.0; /* from one end of the step */
     }
     if (!beyond) return 0;
     for (Int c = 0; b->rated && c < m; c++) x->w[c] = pushed(s, f, first, i, b->rates[i + c]);
@@ -64,13 +62,8 @@ static int node_forces(Motion *s, const double *f, Int first, Int i)
         x->F[0] = force_alone(x->r[0], x->w[0], S[i], s_rate, x->before[0], b->rule, law).F;
         return isnan(x->F[0]) && !isnan(x->r[0]) ? -1 : 1;
     }
-    if (b->rule == LINEAR) { /* most are touched one at a time: alone, unless its force closes another one */
-        const double *own = S + last * wide + i;
-        for (Int c = 0; c < m; c++) x->F[c] = 0.0;
-        x->F[last] = stage_force(x->r[last], 0.0, own[last], 0.0, law + last).F;
-        for (Int c = 0; c < m; c++)
-            if (c != last) beyond += side_of(x->r[c] + x->F[last] * own[c], law + c) != 0.0;
-        if (beyond > 1) solve_springs(x->r, S + i, wide, law, m, x);
+    if (b->rule == LINEAR) {
+        solve_springs(x->r, S + i, wide, law, m, x);
         return 1;
     }
     for (Int c = 0; c < m; c++)

@@ -11,7 +11,6 @@ from ..basics.arrays import Array
 from ..model.equations import Equation, Matrices, Modal
 from ..model.modes import Modes
 from ..model.system import System
-from ..model.time_functions import LoadFunction, evaluate
 from ..schemes import Scheme
 
 
@@ -43,16 +42,9 @@ class Coordinates:
         """q and q' (..., n) of y (2, ..., N)."""
         return (y[0], y[1]) if self.basis is None else (self.basis.to_nodal(y[0]), self.basis.to_nodal(y[1]))
 
-    def loads(self, member: System) -> list[tuple[Array, LoadFunction]]:
-        """The loads of such a system, their vectors (N,) as parts of the right-hand side."""
-        return [(self.vector(vector), f) for vector, f in member.loads]
-
     def load(self, member: System, t: ArrayLike) -> Array:
-        """Share of its loads in the right-hand side, (..., N) at times t (...)."""
-        total = np.zeros((*np.shape(t), self.rows.shape[1]))
-        for vector, function in self.loads(member):
-            total += evaluate(function, t)[..., None] * vector
-        return total
+        """Share of the loads of such a system in the right-hand side, (..., N) at times t (...)."""
+        return self.vector(member.load(t))
 
     def units(self, components: int) -> Array:
         """Unit states (components, batch, N), of all parts at once."""
@@ -122,7 +114,7 @@ class StepMap:
     ) -> None:  # fmt: skip
         self.scheme, self.coordinates, self.dt = scheme, coordinates, dt
         equation, (C, N), m = coordinates.equation, coordinates.rows.shape, len(coordinates.columns)
-        vectors = [vector for vector, _ in coordinates.loads(coordinates.system)]
+        vectors = [coordinates.vector(vector) for vector, _ in coordinates.system.loads]
         forces = np.concatenate([coordinates.columns, np.array(vectors).reshape(-1, N)])
         S, P, a = len(scheme.nodes), len(forces), components(scheme, equation, N)
         self.keep, self.mix = independent(scheme, dt, extrapolated) if reduced else (np.arange(a), np.eye(a))

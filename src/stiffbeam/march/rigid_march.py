@@ -108,7 +108,7 @@ def _march(
     m, S, channels, n = len(system.contacts), len(scheme.nodes), *view.rows.shape
     is_rigid = isinstance(scheme, RigidScheme)
     kinds = scheme.conditions if is_rigid else (POSITION,) * S
-    loads = np.array([vector for vector, _ in view.loads(system)]).reshape(-1, n)
+    loads = np.array([view.vector(vector) for vector, _ in system.loads]).reshape(-1, n)
     # All that the kernel needs of the scheme, from its step with unit states and forces.
     linear, pulses, shifts_by_load = _probed(view, scheme, dt, kinds)
     weights = _weights(scheme, dt)

@@ -113,9 +113,15 @@ def _complex_modes(system: System) -> tuple[Array, Array, Array]:
     kept = np.imag(values) >= 0.0
     values, vectors = values[kept], vectors[:, kept]
     x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
-    # Twice: a step of Newton's method leaves the square of the error.
+    # An algorithm errs by eps of the largest eigenvalue in all of them: two of Newton's steps on the stationary form
+    # y^T (lambda^2 + lambda D + Omega^2) x, which is as good as a slow motion is slow; none where it is flat.
+    a, b, c = (np.sum(y * z, axis=0) for z in (x, -A[n:, n:] @ x, basis.omega[:, None] ** 2 * x))
     for _ in range(2):
-        values = values + eigenvalues_off(values, x, -A[n:, n:], basis.omega, y)
+        slope = 2.0 * a * values + b
+        single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            off = -((a * values + b) * values + c) / slope
+        values = values + np.where(single & np.isfinite(off), off, 0.0)
     order = np.argsort(np.abs(values), kind="stable")
     values, shapes = values[order], basis.shapes @ (vectors[:n, order] / scale[:, None])
     # Unit norm in M, and the phase at which the largest entry is real and positive.
@@ -123,22 +129,6 @@ def _complex_modes(system: System) -> tuple[Array, Array, Array]:
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
     return np.abs(values), shapes, -np.real(values)
-
-
-def eigenvalues_off(values: Any, x: Any, damping: Array, omega: Array, y: Any = None) -> Any:
-    """Correction of eigenvalues lambda (k,): Newton's step on y^T (lambda^2 + lambda D + Omega^2) x, (n, k) x and y,
-    the left eigenvectors; those of a symmetric D are x.
-
-    An algorithm errs by eps of the largest in all of them. The form is stationary at an eigenvector, so that its zero
-    is as good as a slow motion is slow. 0 where two that meet make it flat.
-    """
-    # x^T and not x^H: the left eigenvector of symmetric matrices is x^T.
-    a, b, c = (np.sum((x if y is None else y) * z, axis=0) for z in (x, damping @ x, omega[:, None] ** 2 * x))
-    slope = 2.0 * a * values + b
-    single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        off = -((a * values + b) * values + c) / slope
-    return np.where(single & np.isfinite(off), off, 0.0)
 
 
 def static_equilibrium(system: System, t: float | None = None) -> Array:

@@ -379,9 +379,6 @@ class Superposition:
                 "Superposition", "nothing", "have at least one function of time", "for none give Constant(0.0)"
             )
         for function in functions:
-            if isinstance(function, (list, tuple)):
-                remedy = "leave the brackets out: Superposition(f, g)"
-                raise InputError("Superposition", function, "add functions with value, rate and acceleration", remedy)
             motion_function("Superposition", function)
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
 
