@@ -75,7 +75,7 @@ API double switch_time(double u0, double v0, double u1, double v1, double side, 
 
 /* ---------------------------------------------------------------- states */
 
-/* q and q' (2, steps, n) at the ends of single steps under known forces, every K steps from one of the `starts`
+/* q and q' (2, 1 + steps, n) behind the first row, after single steps under known forces, every K from one of `starts`
  * (B, a n): transition as that of a Block, push (F, a n), forces (steps, F), memory z (3, a n). */
 API void states(Int a, Int n, Int F, Int steps, Int K, const double *transition, const double *push,
                 const double *forces, const double *starts, double *z, double *out);

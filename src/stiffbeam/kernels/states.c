@@ -12,7 +12,7 @@ API void states(Int a, Int n, Int F, Int steps, Int K, const double *transition,
         memcpy(z + D, z, (size_t)D * sizeof *z);
         turn(transition, a, n, D, z, new);
         add_rows(new, D, forces + k * F, push, D, F);
-        memcpy(out + k * n, new, (size_t)n * sizeof *out);
-        memcpy(out + (steps + k) * n, new + n, (size_t)n * sizeof *out);
+        memcpy(out + (k + 1) * n, new, (size_t)n * sizeof *out);
+        memcpy(out + (steps + k + 2) * n, new + n, (size_t)n * sizeof *out);
     }
 }

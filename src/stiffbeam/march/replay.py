@@ -24,22 +24,22 @@ def replay(
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
     """A run at every step, see ``Pieces``; ``modal``: q and q' in the coordinates of the march."""
     coordinates, m = stepper.coordinates, len(system.contacts)
-    start = coordinates.start(system.q0, system.v0) if modal else (system.q0, system.v0)
-    last = start[0][None], start[1][None], np.full((1, m), np.nan)
+    last = coordinates.start(system.q0, system.v0) if modal else (system.q0, system.v0)
+    node = np.full((1, m), np.nan)  # the forces of the last node
     segments: list[Segment] = []
     for _ in March(stepper, [system], steps, None).advance(segments.append):
         segment = segments.pop()
         of_starter = segment.block is stepper.starter
         y, forces = _motion(segment, segment.block.one if of_starter else stepper.single, system)
         q, v = y if modal else coordinates.states(y)
-        q, v, node_forces = (np.concatenate(both) for both in zip(last, (q, v, forces), strict=True))
-        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, node_forces
-        last = q[-1:], v[-1:], node_forces[-1:]
+        q[0], v[0], forces = *last, np.concatenate([node, forces])
+        yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, forces
+        last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
 
 def _motion(segment: Segment, one: StepMap, system: System) -> tuple[Array, Array]:
-    """y (2, steps, N) at the ends of a segment's steps, and the forces (steps, m) that nodes found there, NaN where no
-    node is; ``one``: the scheme's single step."""
+    """y (2, 1 + steps, N) at the ends of a segment's steps, behind a row for what is before, and the forces (steps, m)
+    that nodes found there, NaN where no node is; ``one``: the scheme's single step."""
     block, steps, (B, _), K = segment.block, segment.steps, segment.starts.shape, segment.block.steps
     S, m, n, N = len(one.readers.nodes), len(system.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
     at_nodes = segment.forces[:, : block.block.nodes].reshape(B * K, S, m)
@@ -57,7 +57,7 @@ def _motion(segment: Segment, one: StepMap, system: System) -> tuple[Array, Arra
         for k in range(K):
             path[:, k] += z @ one.transition[0].T
             z = path[:, k]
-        y = path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1)
+        y = np.pad(path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1), ((0, 0), (1, 0), (0, 0)))
     # Where no node lies at the end of a step the force there follows from the state.
     between = m and block.block.end_first[0] >= len(block.block.push)
     return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]

@@ -298,7 +298,7 @@ def step_ledger(
     squares, damping = (None, None) if basis is None else (basis.omega**2, basis.damping)
     # Pieces share end points; every piece adds its steps to the totals of those before.
     for t, q, v, forces in pieces:
-        motions, dq, dt = _motions(system, t, q, v, basis), np.diff(q, axis=0), np.diff(t)
+        motions, dt = _motions(system, t, q, v, basis), np.diff(t)
         free = system.free_energies(q, v) if squares is None else (0.5 * _squares(v), 0.5 * _squares(q, squares))
         stored = sum((x.stops.energy(u) for x, (u, _) in zip(system.contacts, motions, strict=True)), np.zeros(len(t)))
         if impacts is None:
@@ -316,7 +316,7 @@ def step_ledger(
         d_viscous = np.zeros(len(dt))
         if system.damped:
             # Two rules for the dampers: by the displacement and by the mean velocity. They differ by the spread.
-            mean = 0.5 * (v[1:] + v[:-1])
+            dq, mean = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1])
             by_way, by_mean = (
                 np.sum(x * (x @ system.damping), axis=1) if damping is None else _squares(x, damping)
                 for x in (dq, mean)
@@ -324,31 +324,28 @@ def step_ledger(
             d_viscous = by_way / dt
             d_spread += np.abs(d_viscous - dt * by_mean)
         # The loss is what the balance of energies and works leaves: of the whole run, without a sum of its roundings.
-        energies = np.stack([*free, stored])
-        energy = np.sum(energies, axis=0)
+        energy = free[0] + free[1] + stored
         start = energy[0] if start is None else start
         d_contact = np.where(either, -np.diff(energy) + d_input - d_viscous - d_stops, 0.0)
         steps = np.stack([d_input, d_viscous, d_contact, d_stops, d_spread])
-        sums = np.concatenate([total[:, None], total[:, None] + np.cumsum(steps, axis=1)], axis=1)
+        sums = np.cumsum(np.concatenate([total[:, None], steps], axis=1), axis=1)
         total = sums[:, -1]
         work, viscous, contact, dissipated, spread = sums
         loss = start - energy + work - viscous - dissipated
-        # The first time of a later piece is the last of the piece before it.
-        keep = slice(1 if times else 0, None)
         # Outputs in this piece, each at the nearest step: rounding of the times must not drop one.
         inside = (outputs >= t[0] - 0.25 * dt[0]) & (outputs <= t[-1] + 0.25 * dt[-1])
         wanted = np.zeros(len(t), bool)
         wanted[np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])] = True
-        wanted = wanted[keep]
-        times.append(t[keep][wanted])
-        rows = np.stack([*energies, work, viscous, loss, contact, loss - contact, dissipated, spread])
-        columns.append(rows[:, keep][:, wanted])
+        wanted[: bool(times)] = False  # the first time of a later piece is the last of the piece before it
+        times.append(t[wanted])
+        rows = (*free, stored, work, viscous, loss, contact, loss - contact, dissipated, spread)
+        columns.append(np.stack([row[wanted] for row in rows]))
     return Ledger(np.concatenate(times), *np.concatenate(columns, axis=1))
 
 
 def _squares(x: Array, weights: Array | None = None) -> Array:
     """sum_j weights_j x_ij^2 of every row of x."""
-    return np.einsum("ij,ij->i", x, x if weights is None else x * weights)
+    return np.einsum("ij,ij->i", x, x) if weights is None else np.einsum("ij,ij,j->i", x, x, weights)
 
 
 def _work_of_stops(
