@@ -189,12 +189,13 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Ar
 
 def states(transition: Array, push: Array, forces: Array, starts: Array, K: int) -> Array:
     """q and q' (2, 1 + steps, n) at the ends of single steps under known forces, every K steps from one of the starts.
-    The first row, before the steps, is the caller's.
+    The first row, before the steps, is zero.
 
     transition: (a, a n), see Block; push: (F, a n); forces: (steps, F); starts: (B, a n).
     """
     (a, D), (steps, F), B = transition.shape, forces.shape, -(-len(forces) // K)
     out, z, n = np.empty((2, 1 + steps, D // a)), np.empty((3, D)), D // a
+    out[:, 0] = 0.0
     arrays = (transition, (a, a * n)), (push, (F, D)), (forces, (steps, F)), (starts, (B, D))
     at = (address(x, shape) for x, shape in (*arrays, (z, z.shape), (out, out.shape)))
     _functions().states(a, n, F, steps, K, *at)
