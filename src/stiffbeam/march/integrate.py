@@ -174,6 +174,7 @@ class Plan:
             return rigid_states(system, self.scheme, self.dt, self.steps)
         return replay(self.stepper_for(system), system, self.steps)
 
+    @working("adding up the energy balance")
     def ledger(self, system: System, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
         outputs = np.arange(0, self.steps + 1, every) * self.dt

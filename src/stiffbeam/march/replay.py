@@ -31,8 +31,11 @@ def replay(
         segment = segments.pop()
         of_starter = segment.block is stepper.starter
         y, forces = _motion(segment, segment.block.one if of_starter else stepper.single, system)
-        q, v = y if modal else coordinates.states(y)
-        q[0], v[0], forces = *last, np.concatenate([node, forces])
+        if modal:
+            (q, v), y[:, 0] = y, last
+        else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
+            q, v = (np.concatenate([x[None], z]) for x, z in zip(last, coordinates.states(y[:, 1:]), strict=True))
+        forces = np.concatenate([node, forces])
         yield (segment.first + np.arange(len(q))) * stepper.dt, q, v, forces
         last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
