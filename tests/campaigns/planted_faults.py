@@ -56,7 +56,7 @@ FAULTS = [
     ("schemes", "kernels/rigid.c", "for (Int later = node + 1; later < S; later++)", "for (Int later = node + 2; later < S; later++)"),
     # the energy balance
     ("march", "trajectory/records.py", "if system.damped:\n", "if not system.damped:\n"),
-    ("march", "trajectory/records.py", "if damping is None else _squares(x, damping)", "if damping is None else _squares(x)"),
+    ("march", "trajectory/records.py", "if damping.ndim == 2 else _squares(x, damping)", "if damping.ndim == 2 else _squares(x)"),
     ("march", "trajectory/records.py", "d_input += 0.5 * (f[1:] + f[:-1])", "d_input += 0.5 * (f[1:] + f[1:])"),
     ("march", "trajectory/records.py", "taken -= dissipated", "taken += dissipated"),
     ("march", "trajectory/records.py", "work -= 0.5 * (force[1:] + force[:-1])", "work -= 0.5 * (force[1:] + force[1:])"),

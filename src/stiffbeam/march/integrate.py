@@ -81,6 +81,14 @@ class Plan:
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
 
+    def passed(self, since: float) -> int:
+        """The steps to the time ``since``. Raises InputError for a time within a step."""
+        passed = round(record_from(since, self.t_end) / self.dt)
+        if abs(passed * self.dt - since) > 1e-9 * self.t_end:
+            remedy = f"for example {self.dt * int(since / self.dt):.12g}"
+            raise InputError("since", since, f"be a whole number of steps dt = {self.dt:g}", remedy)
+        return passed
+
     @cached_property
     def coordinates(self) -> Coordinates:
         """The modes, or where the damping couples them all unknowns, which then step together."""
@@ -310,18 +318,20 @@ def integrate_ensemble(
     members = as_members(system, members)
     plan = Plan(system, scheme, dt, t_end, contact)
     plan.afford(len(members), every if every is None else integer("every", every, 1))
-    passed = round(record_from(since, t_end) / dt)
-    if abs(passed * dt - since) > 1e-9 * t_end:
-        remedy = f"for example {dt * int(since / dt):.12g}"
-        raise InputError("since", since, f"be a whole number of steps dt = {dt:g}", remedy)
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart, show = march_apart(members), current()
-    march = partial(_march, plan, every, passed, apart)
+    march = partial(_march, plan, every, plan.passed(since), apart)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
     report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
     runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
-    seconds = perf_counter() - begun
+    return _collected(plan, members, runs, every, apart, perf_counter() - begun)
+
+
+def _collected(
+    plan: Plan, members: EnsembleMembers, runs: list[Trajectory], every: int | None, apart: bool, seconds: float
+) -> Ensemble:
+    """The ensemble of these runs."""
     return Ensemble(
         **vars(Runs.of(runs)),
         members=members,

@@ -315,14 +315,8 @@ def step_ledger(
             d_input += 0.5 * (f[1:] + f[:-1]) * np.diff(along)
         d_viscous = np.zeros(len(dt))
         if system.damped:
-            # Two rules for the dampers: by the displacement and by the mean velocity. They differ by the spread.
-            dq, mean = np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1])
-            by_way, by_mean = (
-                np.sum(x * (x @ system.damping), axis=1) if damping is None else _squares(x, damping)
-                for x in (dq, mean)
-            )
-            d_viscous = by_way / dt
-            d_spread += np.abs(d_viscous - dt * by_mean)
+            d_viscous, unresolved = _work_of_dampers(system.damping if damping is None else damping, dt, q, v)
+            d_spread += unresolved
         # The loss is what the balance of energies and works leaves: of the whole run, without a sum of its roundings.
         energy = free[0] + free[1] + stored
         start = energy[0] if start is None else start
@@ -341,6 +335,16 @@ def step_ledger(
         rows = (*free, stored, work, viscous, loss, contact, loss - contact, dissipated, spread)
         columns.append(np.stack([row[wanted] for row in rows]))
     return Ledger(np.concatenate(times), *np.concatenate(columns, axis=1))
+
+
+def _work_of_dampers(damping: Array, dt: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """What the damping, a matrix or one number for each mode, takes in steps dt by the displacement, and how much it
+    differs from that by the mean velocity."""
+    by_way, by_mean = (
+        np.sum(x * (x @ damping), axis=1) if damping.ndim == 2 else _squares(x, damping)
+        for x in (np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1]))
+    )
+    return by_way / dt, np.abs(by_way / dt - dt * by_mean)
 
 
 def _squares(x: Array, weights: Array | None = None) -> Array:
