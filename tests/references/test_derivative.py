@@ -85,13 +85,8 @@ def random_system(index: int, **values: float) -> tuple[sb.System, float, dict[s
 SEEN = {
     "tip": (lambda r: r.tip, lambda d: d.tip),
     "velocity": (lambda r: r.tip_velocity, lambda d: d.tip_velocity),
-    "energy": (lambda r: r.energy.energy, lambda d: d.energy),
     "impact times": (lambda r: r.impacts.times, lambda d: d.impact_times[0]),
-    "impulses": (lambda r: r.impacts.impulses, lambda d: d.impulses[0]),
-    "peaks": (lambda r: r.impacts.peaks, lambda d: d.peaks[0]),
 }
-
-OF_IMPACTS = ("impact times", "impulses", "peaks")
 
 
 def distances(index: int, count: int) -> tuple[float, float, int]:
@@ -127,7 +122,9 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
             if len(differences[name]) < 2:
                 continue
             found, wanted, here = np.array(differences[name]), ours(change)[:, p], np.asarray(read(reference), float)
-            known = np.isfinite(wanted) & (fast if name in OF_IMPACTS else True) & np.all(np.isfinite(found), axis=0)
+            known = (
+                np.isfinite(wanted) & (fast if name == "impact times" else True) & np.all(np.isfinite(found), axis=0)
+            )
             if np.any(known):
                 found, wanted, here = found[:, known], wanted[known], np.abs(here[known])
                 size = max(np.max(np.abs(wanted)), 1e-3 * np.max(here) / scale, 1e-300)
@@ -153,7 +150,7 @@ def test_derivatives_are_those_of_differences_of_exact_flows(first, count, param
 
 
 def test_a_free_mass_and_a_spring_in_closed_form():
-    """x = v t to the gap g, half a period of sqrt(kappa/m) in the stop, peak sqrt(kappa m) v, impulse 2 m v."""
+    """x = v t to the gap g, half a period of sqrt(kappa/m) in the stop, then back."""
     m, kappa, g, v = 2.0, 50.0, 0.3, 1.5
     system = one_mass(0.0, sb.Stops(upper=g, stiffness=kappa), mass=m, v=v)
     reference = sb.reference(system, 2.0, t_eval=[0.1, 1.9])
@@ -161,21 +158,14 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     half = np.pi * np.sqrt(m / kappa)
     assert change.wrt == ("v0[0]", "stops.upper", "stops.stiffness")
     assert np.allclose(change.impact_times[0], [[-g / v**2, 1.0 / v, 0.0]], rtol=1e-12, atol=1e-14)
-    assert np.allclose(
-        change.peaks[0], [[np.sqrt(kappa * m), 0.0, 0.5 * np.sqrt(m / kappa) * v]], rtol=1e-12, atol=1e-12
-    )
-    assert np.allclose(change.impulses[0], [[2.0 * m, 0.0, 0.0]], rtol=1e-12, atol=1e-12)
     # afterwards x = g - v (t - g/v - half)
     assert np.allclose(change.tip[-1], [-1.9 + half, 2.0, v * -half / (2.0 * kappa)], rtol=1e-12)
     assert np.allclose(change.tip_velocity, [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], atol=1e-12)
-    assert np.allclose(change.energy, [[m * v, 0.0, 0.0]] * 2, atol=1e-12)
     assert change.horizon == 1.9
     assert np.isinf(change.exists_until)
     along = reference.derivative([("mass", [[1.0]])])
     assert along.wrt == ("mass along a direction",)
     assert np.allclose(along.impact_times[0], 0.0, atol=1e-14)
-    assert np.allclose(along.peaks[0], 0.5 * np.sqrt(kappa / m) * v, rtol=1e-12)
-    assert np.allclose(along.impulses[0], 2.0 * v, rtol=1e-12)
     assert np.allclose(along.tip[-1], v * half / (2.0 * m), rtol=1e-12)
 
 
@@ -208,7 +198,7 @@ def test_a_tip_that_no_wave_has_reached_does_not_end_the_horizon():
 
 
 def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
-    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a), impulse (1 + e) m e^(n-1) sqrt(2 a h)."""
+    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a)."""
     h, a, e = 1.0, 9.81, 0.6
     system = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=e), load=sb.Constant(-a), q=h)
     reference = sb.reference(system, 3.0)
@@ -220,11 +210,6 @@ def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
     assert np.allclose(change.impact_times[0][:6, 0], times / (2.0 * h), rtol=1e-10)
     assert np.allclose(change.impact_times[0][:6, 1], by_e, rtol=1e-10)
     assert np.allclose(change.impact_times[0][:6, 2], times / (2.0 * a), rtol=1e-10)  # level = -a
-    speed = np.sqrt(2.0 * a * h)
-    assert np.allclose(change.impulses[0][:6, 0], (1 + e) * e**n * speed / (2.0 * h), rtol=1e-10)
-    assert np.allclose(
-        change.impulses[0][:6, 1], speed * (e**n + (1 + e) * n * e ** np.maximum(n - 1.0, 0.0)), rtol=1e-10
-    )
     end = first * (1.0 + e) / (1.0 - e)
     assert abs(change.exists_until - end) < 1e-9
     assert "chatter" in change.reason

@@ -417,10 +417,10 @@ class Reference(Trajectory):
         Returns
         -------
         Derivative
-            ``tip`` and ``tip_velocity`` (k, p), ``state`` (k, 2n, p), ``energy`` (k, p), ``event_times`` (events, p);
-            ``impact_times``, ``peaks`` and ``impulses`` by contact, (impacts, p) each. Where a derivative ceases to
-            exist, ``exists_until`` and ``reason`` say when and why, and later entries are NaN. ``horizon`` is the time
-            to which rounding leaves the derivatives three digits.
+            ``tip`` and ``tip_velocity`` (k, p), ``state`` (k, 2n, p), ``event_times`` (events, p), and ``impact_times``
+            by contact, (impacts, p). Where a derivative ceases to exist, ``exists_until`` and ``reason`` say when and
+            why, and later entries are NaN. ``horizon`` is the time to which rounding leaves the derivatives three
+            digits.
 
         Raises
         ------

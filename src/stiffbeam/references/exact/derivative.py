@@ -22,7 +22,6 @@ from .variation import Series, Variation
 
 LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
 HALVINGS = 45  # of the part in which a peak is
-RIVALS = 1e-9  # relative distance of two peaks below which the larger is not known
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 # As large as the perturbations of the copies of a horizon.
 COPY = 4.0 * float(np.finfo(float).eps)
@@ -37,7 +36,7 @@ class Derivative:
     wrt : tuple of str
         The p paths.
     t : (k,) array
-        Fixed times of ``tip``, ``tip_velocity``, ``state`` and ``energy``.
+        Fixed times of ``tip``, ``tip_velocity`` and ``state``.
     bounds : (p,) array
         Relative errors of the derivatives of the system's data.
     exists_until : float
@@ -108,28 +107,6 @@ class Derivative:
         read = lambda series: np.concatenate([series.eta[0] @ X.T, series.eta[1] @ X.T], axis=2)[:, 1:]  # noqa: E731
         return np.moveaxis(self._read(read), 1, 2)
 
-    @cached_property
-    def energy(self) -> Array:
-        """Derivative of the energy, kinetic, elastic and of the stops, (k, p)."""
-        tangent, variation, system = self.tangent, self.tangent.variation, self._system
-        squares, slopes = variation.free.w2, variation.slopes
-
-        def energy(series: Series) -> Array:
-            (q, dq), (v, dv) = ((x[:, 0], x[:, 1:]) for x in series.eta[:2])
-            # v.dv + q.W dq, and the parts of parameters that change M and K.
-            total = np.einsum("si,spi->sp", v, dv) + np.einsum("si,spi->sp", q * squares, dq)
-            for x, name in ((v, "mass"), (q, "stiffness")):
-                total += 0.5 * np.einsum("si,pij,sj->sp", x, slopes[name], x)
-            # Compliant stops: E = kappa d^2/2 at the depth d beyond the stop.
-            for i, contact in enumerate(system.contacts):
-                for side, _ in contact.stops.sides if not contact.stops.rigid else ():
-                    gap = side * tangent.gap(series, i, side)[0]
-                    depth = np.maximum(gap[:, :1], 0.0)
-                    total += variation.data.kappa[i] * depth * gap[:, 1:] + 0.5 * slopes["kappa"][:, i] * depth**2
-            return total
-
-        return self._read(energy)
-
     @property
     def _system(self) -> System:
         assert self.reference.system is not None
@@ -154,121 +131,16 @@ class Derivative:
     @property
     def impact_times(self) -> tuple[Array, ...]:
         """Derivatives of ``contacts[i].impacts.times``, (impacts, p) for every contact; NaN at a graze."""
-        return tuple(times for times, _, _ in self._impacts)
-
-    @property
-    def peaks(self) -> tuple[Array, ...]:
-        """Derivatives of ``contacts[i].impacts.peaks``, (impacts, p) for every contact.
-
-        NaN for rigid stops, for a contact that is closed at the end, and where two peaks are equal.
-        """
-        return tuple(peaks for _, peaks, _ in self._impacts)
-
-    @property
-    def impulses(self) -> tuple[Array, ...]:
-        """Derivatives of ``contacts[i].impacts.impulses``, (impacts, p) for every contact.
-
-        NaN for a contact that is closed at the end, and where a rigid stop holds it.
-        """
-        return tuple(impulses for _, _, impulses in self._impacts)
-
-    @cached_property
-    def _impacts(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """Derivatives of times, peaks and impulses of every contact."""
-        read = self._struck if self.tangent.rigid else self._pressed
-        return tuple(read(i) for i in range(len(self._system.contacts)))
-
-    def _struck(self, i: int) -> tuple[Array, Array, Array]:
-        """Impacts on a rigid stop. A contact that is held after an impact has an impulse over time, which is left out
-        here."""
-        impacts, tangent = self.reference.contacts[i].impacts, self.tangent
-        times, impulses = np.full((2, len(impacts.times), len(self.wrt)), np.nan)
-        for k, (t, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
-            # Impacts and segments take their times from one number: equality is exact.
-            at = [s for s in np.flatnonzero(tangent.path.times == t).tolist() if i in tangent.impulses.get(s, {})]
-            if at and t < self.exists_until:
-                value, slope = tangent.impulses[at[0]][i]
-                times[k] = tangent.event_slope(at[0], i)
-                # Impulses are recorded without sign.
-                impulses[k] = np.sign(value) * slope if end == t else np.nan
-        return times, np.full_like(times, np.nan), impulses
-
-    def _pressed(self, i: int) -> tuple[Array, Array, Array]:
-        """Impacts on a compliant stop."""
-        tangent, impacts, columns = self.tangent, self.reference.contacts[i].impacts, len(self.wrt)
-        times, leaving = np.full((2, len(impacts.times), columns), np.nan)
-        spans: list[tuple[int, int, int]] = []  # impact, first segment and the one after the last
-        for k, (start, end) in enumerate(zip(impacts.times.tolist(), impacts.ends.tolist(), strict=True)):
-            first = self._segment_of_change(start, i)
-            # A contact that is there at t = 0 has no entry that could move.
-            if start > 0.0:
-                times[k] = tangent.event_slope(first, i)
-            if not np.isnan(end):
-                last = self._segment_of_change(end, i)
-                leaving[k] = tangent.event_slope(last, i)
-                spans.append((k, first, last))
-        peaks, impulses = np.full((2, len(impacts.times), columns), np.nan)
-        if spans:
-            # Events of other contacts divide an impact into several segments.
-            pressed = [(k, s) for k, a, b in spans for s in range(a, b) if tangent.lengths[s] > 0.0]
-            owner, segments = np.array(pressed).T
-            self._forces(i, owner, segments, (times, leaving), peaks, impulses)
-        self._masked(impacts.times, times)
-        until = np.where(np.isnan(impacts.ends), np.inf, impacts.ends)
-        return times, self._masked(until, peaks), self._masked(until, impulses)
-
-    def _segment_of_change(self, t: float, contact: int) -> int:
-        """The segment with which a contact changes at t."""
-        path = self.tangent.path
-        # Several segments may begin at one time: the one in which this contact changes.
-        for s in range(*np.searchsorted(path.times, [t, np.nextafter(t, np.inf)]).tolist()):
-            if s == 0 or path.sides[s][contact] != path.sides[s - 1][contact]:
-                return s
-        return int(np.searchsorted(path.times, t))
-
-    def _forces(
-        self, i: int, owner: IntArray, segments: IntArray, events: tuple[Array, Array], peaks: Array, impulses: Array
-    ) -> None:
-        """Derivatives of peaks and impulses of the impacts ``owner`` of a contact, pressed in ``segments``, (k,) each.
-
-        A peak inside has its derivative at a fixed time, one at the entry into a damped stop moves with the entry.
-        """
-        tangent, (entering, leaving) = self.tangent, events
-        path, sides = tangent.path, tangent.path.sides[:, i]
-        impacts = np.unique(owner)
-        first = segments[np.searchsorted(owner, impacts)]
-        last = segments[np.searchsorted(owner, impacts, side="right") - 1]
-        # Steps of all these segments, each with the series of the force and of its derivatives.
-        of_steps, at, lengths, z = tangent.steps
-        steps = np.flatnonzero(np.isin(of_steps, segments))
-        impact = owner[np.searchsorted(segments, of_steps[steps])]
-        impulses[impacts] = 0.0
-        tops: dict[int, list[tuple[float, float, Any]]] = {k: [] for k in impacts.tolist()}  # time, force, derivative
-        for part, series in tangent.expanded(of_steps[steps], at[steps], z[steps], tangent.dz[steps]):
-            side = int(sides[of_steps[steps[part[0]]]])
-            force, h = side * tangent.pressure(series, i, side), lengths[steps[part]]
-            k = np.arange(1.0, 1 + len(force))[:, None]
-            np.add.at(impulses, impact[part], np.einsum("ksp,ks->sp", force[:, :, 1:], h**k / k))
-            for step, s in zip(*maxima(force[:, :, 0], h), strict=True):
-                top: Any = np.polynomial.polynomial.polyval(s, force[:, step])
-                tops[int(impact[part[step]])].append((float(at[steps[part[step]]] + s), top[0], top[1:]))
-        # Where events of other contacts divide an impact the force may have a kink, whose peak has no derivative here.
-        for k, segment in zip(owner.tolist(), segments.tolist(), strict=True):
-            side = int(sides[segment])
-            force, rate, *_ = side * tangent.pressure(tangent.at_start(segment), i, side)[:, 0]
-            slope = force[1:] + rate[0] * entering[k] if segment in first else np.nan
-            tops[k].append((float(path.times[segment]), force[0], slope))
-            if tangent.variation.data.c[i] > 0.0:  # Leibniz's rule: where the force jumps, the integral's ends move
-                if segment in first:
-                    impulses[k] -= force[0] * entering[k]
-                if segment in last:
-                    left = side * tangent.pressure(tangent.at_end(segment), i, side)[0, 0, 0]
-                    impulses[k] += np.nan_to_num(left * leaving[k])
-        for k, begin, end in zip(impacts.tolist(), path.times[first].tolist(), path.ends[last].tolist(), strict=True):
-            time, top, slope = max(tops[k], key=lambda top: top[1])
-            # Rounding decides between two equal peaks: no derivative.
-            rivals = [t for t, x, _ in tops[k] if x > top * (1.0 - RIVALS) and abs(t - time) > 1e-6 * (end - begin)]
-            peaks[k] = np.nan if rivals else slope
+        found = []
+        for i, contact in enumerate(self.reference.contacts):
+            times = contact.impacts.times
+            slopes = np.full((len(times), len(self.wrt)), np.nan)
+            rows = [row for row, (_, of) in enumerate(self._events) if of == i]
+            # Impacts and segments take their times from one number: equality is exact. The first closes the contact.
+            for row in reversed(rows):
+                slopes[times == self.events[row]] = self.event_times[row]
+            found.append(slopes)
+        return tuple(found)
 
     @cached_property
     def horizon(self) -> float:

@@ -108,7 +108,6 @@ class Tangent:
         segments = np.arange(len(path.times))
         self.z = self.states(path.times, segments)
         self.z_end = self.states(path.ends, segments)
-        self.impulses: dict[int, dict[int, tuple[float, Array]]] = {}  # rigid: by segment and contact, with derivative
         self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
         self.ties: list[float] = []  # rigid: times of impacts together that have none
@@ -327,10 +326,7 @@ class Tangent:
             rows = slopes["rows"][:, taking]
             kicks[:P] = impulse @ rows - kick @ slopes["mass"]
             right[:P] -= np.where(held, 0.0, slopes["restitution"][:, taking]) * arriving + rows @ kick
-        impulses = (right - kicks @ H.T) @ inverse
-        kicks += impulses @ H
-        of_segment = self.impulses.setdefault(i, {})
-        of_segment |= {c: (float(impulse[k]), impulses[:, k]) for k, c in enumerate(taking)}
+        kicks += (right - kicks @ H.T) @ inverse @ H
         self.hit_slopes[i, hit] = late
         # Derivatives behind the blow, brought back to a fixed time.
         end = z + np.concatenate([np.zeros(n), kick]) if end is None else end
