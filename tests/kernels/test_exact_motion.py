@@ -149,5 +149,5 @@ def test_wrong_arrays_are_errors_of_python():
     with pytest.raises(TypeError, match="a kernel takes"):
         Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
     with pytest.raises(TypeError, match="a kernel takes"):
-        Marks(*motion.marks[:3], motion.marks.side.astype("i4")).arguments(made.free)
+        Marks(*motion.marks[:3], motion.marks.side.astype("i4")).argument(made.free)
     assert dataclasses.is_dataclass(made.free)

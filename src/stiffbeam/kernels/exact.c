@@ -61,7 +61,7 @@ typedef struct { /* one call */
     int full; /* terms of a series at full length */
     Series s;
     Flight g;
-    double *turned, *turned_rate, *at_eta, *at_rate, *terms, *P, *r, *v, *A, *b; /* scratch; of impacts */
+    double *turned, *turned_rate, *P, *r, *v, *A, *b; /* scratch; of impacts */
     Int *on, *at, *left;
     Output *out;
 } Motion;
@@ -1514,7 +1514,7 @@ static size_t layout(Motion *x, double *block)
     if (T < n + f->F) T = n + f->F;
 #define REALS(name, count) (name = block ? block + at : NULL, at += (count))
 #define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
-    REALS(x->turned, n), REALS(x->turned_rate, n), REALS(x->at_eta, n), REALS(x->at_rate, n), REALS(x->terms, 4 * T);
+    REALS(x->turned, n), REALS(x->turned_rate, n);
     REALS(x->s.a, MOST * n), REALS(x->s.u, MOST * m), REALS(x->s.lam, MOST * m), REALS(x->s.G, MOST * B);
     INTS(x->s.held, m), REALS(x->s.inverse, m * m), REALS(x->s.A, m * m);
     REALS(x->g.z, 2 * N), REALS(x->g.poly, 2 * N * ROOM), INTS(x->g.degree, N), REALS(x->g.Z, 2 * m * T), REALS(x->g.slide, m * ROOM);
@@ -1568,11 +1568,11 @@ static double *own_state(State *c, const Free *f)
     return block;
 }
 
-static void restore(Motion *x, Int k, const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side)
+static void restore(Motion *x, Int k, const Marks *marks)
 {
     State *c = x->c;
     Int n = x->free->n, m = x->free->m;
-    c->t = mark_t[k], c->late = 0.0, c->piece = 0;
+    c->t = marks->t[k], c->late = 0.0, c->piece = 0;
     Int lo = 0, hi = x->free->E; /* the piece by bisection; room_for goes on from there */
     while (hi - lo > 1) {
         Int middle = (lo + hi) / 2;
@@ -1580,17 +1580,15 @@ static void restore(Motion *x, Int k, const double *mark_t, const double *mark_e
         else hi = middle;
     }
     c->piece = lo;
-    memcpy(c->eta, mark_eta + k * n, (size_t)n * sizeof(double));
-    memcpy(c->rate, mark_rate + k * n, (size_t)n * sizeof(double));
-    memcpy(c->side, mark_side + k * m, (size_t)m * sizeof(Int));
+    memcpy(c->eta, marks->eta + k * n, (size_t)n * sizeof(double));
+    memcpy(c->rate, marks->rate + k * n, (size_t)n * sizeof(double));
+    memcpy(c->side, marks->side + k * m, (size_t)m * sizeof(Int));
     memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
 }
 
-Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-               const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
-               const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
+Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+               Int count, const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
 {
-    (void)marks;
     State c = {0};
     Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
     double *block = prepared(&x), *own = own_state(&c, f);
@@ -1598,7 +1596,7 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
     for (Int i = 0; i < count && result == DONE;) {
         Int last = i;
         while (last + 1 < count && mark_of[last + 1] == mark_of[i]) last++;
-        restore(&x, mark_of[i], mark_t, mark_eta, mark_rate, mark_side);
+        restore(&x, mark_of[i], marks);
         for (; i <= last && times[i] <= c.t; i++) {
             memcpy(eta_at + i * n, c.eta, (size_t)n * sizeof(double));
             memcpy(rate_at + i * n, c.rate, (size_t)n * sizeof(double));
@@ -1655,112 +1653,37 @@ static void shifted(double *p, int n, double a)
         for (int l = n - 1; l >= k; l--) p[l] += a * p[l + 1];
 }
 
-/* Depth of the only contact, pressed without damping, at tau of a flight, with its rate and curvature. */
-static double depth_at(const Free *f, Flight *g, double way, double stop, double tau, double *rate, double *curve)
+/* The largest value, if above `best`, of a force on [0, h], a polynomial of degree n, whose integral is added. */
+static double press_on(const double *p, int n, double h, double best, double *impulse)
 {
-    Int T = g->T;
-    const double *restrict Zx = g->Z, *restrict Zy = g->Z + T, *restrict sigma = f->sorted, *restrict omega = sigma + T;
-    double u = 0.0, v = 0.0, w = 0.0, x = 0.0, y = 0.0, z = 0.0;
-    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], tau, g->C, g->S);
-#pragma omp simd reduction(+ : u, v, w)
-    for (Int k = 0; k < T; k++) {
-        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = omega[k] * (Zx[k] * g->S[k] + Zy[k] * g->C[k]);
-        u += re;
-        v += sigma[k] * re - im;
-        w += (sigma[k] * sigma[k] - omega[k] * omega[k]) * re - 2.0 * sigma[k] * im;
-    }
-    for (Int k = g->deg; k >= 0; k--) {
-        z = z * tau + 2.0 * y;
-        y = y * tau + x;
-        x = x * tau + g->slide[k];
-    }
-    *rate = way * (v + y), *curve = way * (w + z);
-    return way * (u + x - stop);
+    for (int l = n; l >= 0; l--) *impulse += p[l] * pow(h, l + 1) / (l + 1.0);
+    return highest(p, n, h, best);
 }
 
-/* One turn of all terms by C + i S, and the sums of their values and rates. */
-HOT static void turn_all(double *restrict x, double *restrict y, const double *restrict C, const double *restrict S,
-                         const double *restrict sigma, const double *restrict omega, Int T, double sums[2])
-{
-    double u = 0.0, v = 0.0;
-#pragma omp simd reduction(+ : u, v)
-    for (Int k = 0; k < T; k++) {
-        double old = x[k];
-        x[k] = old * C[k] - y[k] * S[k];
-        y[k] = old * S[k] + y[k] * C[k];
-        u += x[k];
-        v += sigma[k] * x[k] - omega[k] * y[k];
-    }
-    sums[0] = u, sums[1] = v;
-}
-
-/* The largest depth of a pressed spring in a flight over [a, b], if above `best`: samples a radian of the fastest motion
- * apart, and Newton's method for the turns between them that may exceed the best so far. */
-static double deepest(Motion *x, const Free *f, double way, double stop, double a, double b, double best)
+/* The same of the only contact, a spring, in a flight over [a, b]: series of the terms that have not decayed yet. */
+static double press_in_flight(Motion *x, const Free *f, double way, double stop, double a, double b, double best, double *impulse)
 {
     Flight *g = &x->g;
-    Int T = g->T;
-    const double *sigma = f->sorted, *omega = sigma + T;
-    double turns = 0.0; /* what decays makes no maximum of its own */
-    for (Int k = 0; k < T; k++) turns = most(turns, omega[k]);
-    Int count = 1 + (Int)((b - a) * turns);
-    double d = (b - a) / (double)count, rate, curve, sums[2], depth = depth_at(f, g, way, stop, a, &rate, &curve);
-    double *X = x->terms, *Y = X + T, *C = Y + T, *S = C + T;
-    for (Int k = 0; k < T; k++) {
-        X[k] = g->Z[k] * g->C[k] - g->Z[T + k] * g->S[k];
-        Y[k] = g->Z[k] * g->S[k] + g->Z[T + k] * g->C[k];
-    }
-    waves_at(sigma, omega, T, f->damped, f->sorted[3 * T - 1], d, C, S);
-    best = most(best, depth);
-    for (Int i = 1; i <= count; i++) {
-        double tau = a + i * d, u = 0.0, v = 0.0, before = depth, rise = rate;
-        turn_all(X, Y, C, S, sigma, omega, T, sums);
-        for (Int k = g->deg; k >= 0; k--) {
-            v = v * tau + u;
-            u = u * tau + g->slide[k];
-        }
-        depth = way * (sums[0] + u - stop), rate = way * (sums[1] + v);
-        if (i == count) best = most(best, depth_at(f, g, way, stop, b, &rate, &curve));
-        if (!(rise > 0.0 && rate < 0.0)) continue;
-        double meet = (depth - before - rate * d) / (rise - rate); /* of the tangents at both ends */
-        if (before + rise * least(most(meet, 0.0), d) < best) continue;
-        double lo = tau - d, hi = tau, at = lo + d * rise / (rise - rate), r, w;
-        for (int it = 0; it < 30; it++) {
-            double y = depth_at(f, g, way, stop, at, &r, &w);
-            best = most(best, y);
-            if (r > 0.0) lo = at;
-            else hi = at;
-            double step = w < 0.0 ? -r / w : INFINITY;
-            if (fabs(r * step) <= 1e-17 * y) break; /* flat there */
-            at = lo <= at + step && at + step <= hi ? at + step : 0.5 * (lo + hi);
-        }
+    Int T = g->T, alive = T;
+    int K = terms_for(x->radians);
+    double kappa = x->free->laws[0], p[MOST + 1], bounds[3], size = 0.0;
+    if (K < g->deg) K = (int)g->deg;
+    for (Int k = 0; k < T; k++) size += g->sizes[k];
+    while (a < b) {
+        waves_at(f->sorted, f->sorted + T, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
+        while (alive && g->sizes[alive - 1] * hypot(g->C[alive - 1], g->S[alive - 1]) < 1e-18 * size) alive--;
+        double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, x->radians / most(fast, 1e-300));
+        gap_series(f, g, 0, a, alive, K, p, bounds);
+        p[0] -= stop;
+        for (int k = 0; k <= K; k++) p[k] *= way * kappa;
+        best = press_on(p, K, h, best, impulse);
+        a += h;
     }
     return best;
 }
 
-/* The integral of depth over [a, b] of a flight: of an exponential, (exp(lambda d) - 1)/lambda. */
-static double depths(Motion *x, const Free *f, double way, double stop, double a, double b)
-{
-    const Flight *g = &x->g;
-    Int T = g->T;
-    const double *Zx = g->Z, *Zy = g->Z + T, *sigma = f->sorted, *omega = sigma + T;
-    double d = b - a, sum = -stop * d, c[ROOM];
-    waves_at(f->sorted, omega, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
-    for (Int k = 0; k < T; k++) {
-        double re = Zx[k] * g->C[k] - Zy[k] * g->S[k], im = Zx[k] * g->S[k] + Zy[k] * g->C[k], half = sin(0.5 * omega[k] * d);
-        double size = sigma[k] * sigma[k] + omega[k] * omega[k], less = expm1(sigma[k] * d);
-        double real = less * cos(omega[k] * d) - 2.0 * half * half, imag = (1.0 + less) * sin(omega[k] * d);
-        double A = real * sigma[k] + imag * omega[k], B = imag * sigma[k] - real * omega[k];
-        sum += size > 0.0 ? (re * A - im * B) / size : re * d;
-    }
-    slide_at(g, 0, a, (int)g->deg, c);
-    for (int k = (int)g->deg; k >= 0; k--) sum += c[k] * pow(d, k + 1) / (k + 1.0);
-    return way * sum;
-}
-
-Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-                const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int contact,
-                Int count, const double *starts, const double *ends, double *peak, double *impulse)
+Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+                Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse)
 {
     State c = {0};
     Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
@@ -1768,13 +1691,13 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
     Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
     double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
     for (Int i = 0; i < count && result == DONE; i++) {
-        while (k + 1 < marks && mark_t[k + 1] <= starts[i]) k++;
+        while (k + 1 < marks->count && marks->t[k + 1] <= starts[i]) k++;
         peak[i] = impulse[i] = 0.0;
-        for (Int at = k; at < marks && (at == k || mark_t[at] < ends[i]); at++) {
-            double until = at + 1 < marks ? least(ends[i], mark_t[at + 1]) : ends[i];
-            Int side = mark_side[at * m + contact];
+        for (Int at = k; at < marks->count && (at == k || marks->t[at] < ends[i]); at++) {
+            double until = at + 1 < marks->count ? least(ends[i], marks->t[at + 1]) : ends[i];
+            Int side = marks->side[at * m + contact];
             if ((side != 1 && side != -1) || until <= starts[i]) continue;
-            restore(&x, at, mark_t, mark_eta, mark_rate, mark_side);
+            restore(&x, at, marks);
             while (c.t < until) {
                 int K = 0;
                 const Free *flown;
@@ -1783,16 +1706,14 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
                 if (c.t + h == c.t) break;
                 if (a < b && flown) {
                     see(flown, c.t, &x.g);
-                    peak[i] = kappa * deepest(&x, flown, way, stop, a, b, peak[i] / kappa);
-                    impulse[i] += kappa * depths(&x, flown, way, stop, a, b);
+                    peak[i] = press_in_flight(&x, flown, way, stop, a, b, peak[i], impulse + i);
                 } else if (a < b) {
                     int degree = rigid(f, contact) ? K - 2 : K - 1;
                     for (int l = 0; l <= degree; l++)
                         p[l] = rigid(f, contact) ? -way * x.s.lam[l * m + contact]
                             : way * (kappa * (x.s.u[l * m + contact] - (l == 0 ? stop : 0.0)) + dash * (l + 1.0) * x.s.u[(l + 1) * m + contact]);
                     shifted(p, degree, a);
-                    peak[i] = highest(p, degree, b - a, peak[i]);
-                    for (int l = degree; l >= 0; l--) impulse[i] += p[l] * pow(b - a, l + 1) / (l + 1.0);
+                    peak[i] = press_on(p, degree, b - a, peak[i], impulse + i);
                 }
                 move(&x, flown, K, h);
             }
@@ -1800,112 +1721,5 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
     }
     free(block);
     free(own);
-    return result;
-}
-
-/* Values and rates (B,) of the drive at t. */
-static void drive_at(const Free *f, double t, Int piece, double *g, double *rate)
-{
-    for (Int i = 0; i < f->F; i++) {
-        double w = f->waves[i], s = sin(w * t), c = cos(w * t);
-        g[2 * i] = s, g[2 * i + 1] = c, rate[2 * i] = w * c, rate[2 * i + 1] = -w * s;
-    }
-    for (Int r = 0; r < f->R; r++) {
-        double c[4];
-        record_at(f, piece, r, t, c);
-        g[2 * f->F + r] = c[0], rate[2 * f->F + r] = c[1];
-    }
-}
-
-/* Powers at tau of a stretch: of loads and moving stops, of damping, and of the stops' dashpots. g: (2, B) scratch;
- * loads: in the modes of the flight. */
-static void powers(Motion *x, const Free *flown, int K, double tau, const double *loads, double *g, double power[3])
-{
-    const Free *f = x->free, *of = flown ? flown : f; /* whose modes q and v are in */
-    const double *rows = of->rows;
-    State *c = x->c;
-    Int n = f->n, m = f->m, B = 2 * f->F + f->R;
-    double *q = x->at_eta, *v = x->at_rate, *rate = g + B;
-    if (flown) land(flown, &x->g, c->t, tau, q, v);
-    else horner(x->s.a, K, tau, q, v, n);
-    drive_at(f, c->t + tau, c->piece, g, rate);
-    power[0] = power[1] = power[2] = 0.0;
-    for (Int b = 0; b < B; b++)
-        if (g[b] != 0.0) power[0] += g[b] * dot(loads + b * n, v, n);
-    if (of->coupling == 1)
-        for (Int j = 0; j < n; j++) power[1] += of->drag[j] * v[j] * v[j];
-    for (Int j = 0; of->coupling == 2 && j < n; j++) power[1] += v[j] * dot(of->damping + j * n, v, n);
-    for (Int i = 0; i < m; i++) {
-        Int side = c->side[i];
-        if (side == 0) continue;
-        double speed = dot(rows + i * n, v, n), moves = 0.0, force = 0.0;
-        for (Int b = 0; b < B; b++) moves += f->offsets[b * m + i] * rate[b];
-        speed += moves;
-        if (rigid(f, i)) {
-            if (!flown)
-                for (int k = K - 2; k >= 0; k--) force = force * tau + x->s.lam[k * m + i];
-            power[0] -= force * moves;
-            continue;
-        }
-        double depth = dot(rows + i * n, q, n) - stop_of(f, i, side), drag = f->laws[3 * i + 1] * speed;
-        for (Int b = 0; b < B; b++) depth += f->offsets[b * m + i] * g[b];
-        force = -f->laws[3 * i] * depth;
-        if (presses(c, i)) power[0] += (drag - force) * moves, power[2] += drag * speed;
-        else power[2] += force * speed; /* beyond a stop that has let go its energy falls without a force */
-    }
-}
-
-static const double NODES[5] = {0.1488743389816312, 0.4333953941292472, 0.6794095682990244, 0.8650633666889845, 0.9739065285171717};
-static const double WEIGHTS[5] = {0.2955242247147529, 0.2692667193099963, 0.2190863625159820, 0.1494513491505806, 0.0666713443086881};
-
-Int exact_work(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-               const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
-               const double *edges, double *work)
-{
-    State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
-    double *block = prepared(&x), *own = own_state(&c, f);
-    Int B = 2 * f->F + f->R, result = block && own ? DONE : NO_MEMORY, k = 0;
-    double *g = result == DONE ? malloc((size_t)(2 * B + B * f->n + 1) * sizeof(double)) : NULL, *turned = g + 2 * B;
-    if (!g) result = NO_MEMORY;
-    for (Int b = 0; b < B && g && (up || low); b++) turn(V, f->loads + b * f->n, turned + b * f->n, f->n);
-    for (Int i = 0; i + 1 < count && result == DONE; i++) {
-        double *sum = work + 3 * i;
-        sum[0] = sum[1] = sum[2] = 0.0;
-        if (i == 0 || (k + 1 < marks && mark_t[k + 1] <= edges[i])) {
-            while (k + 1 < marks && mark_t[k + 1] <= edges[i]) k++;
-            restore(&x, k, mark_t, mark_eta, mark_rate, mark_side);
-        }
-        while (c.t < edges[i + 1]) {
-            int K = 0;
-            const Free *flown;
-            if (k + 1 < marks && mark_t[k + 1] <= c.t) restore(&x, ++k, mark_t, mark_eta, mark_rate, mark_side);
-            double until = k + 1 < marks ? least(edges[i + 1], mark_t[k + 1]) : edges[i + 1];
-            double h = begin(&x, room_for(&x, until), &flown, &K), a = 0.0, longest = h, part = h;
-            if (flown) { /* half of the shortest period, and short where a mode decays */
-                double omega = 1e-300, decay = 1e-300;
-                for (Int j = 0; j < flown->N + flown->F; j++) {
-                    omega = most(omega, flown->sorted[flown->N + flown->F + j]);
-                    decay = most(decay, -flown->sorted[j]);
-                }
-                longest = least(h, PI / omega), part = least(longest, 1.0 / decay);
-            }
-            while (a < h) {
-                double b = least(h, a + part), middle = 0.5 * (a + b), half = 0.5 * (b - a), power[3];
-                if (h - b < 0.1 * part) b = h, middle = 0.5 * (a + b), half = 0.5 * (b - a);
-                for (int j = 0; j < 10; j++) {
-                    powers(&x, flown, K, middle + (j < 5 ? -half : half) * NODES[j % 5], flown && flown != f ? turned : f->loads, g, power);
-                    for (int l = 0; l < 3; l++) sum[l] += half * WEIGHTS[j % 5] * power[l];
-                }
-                a = b, part = least(longest, 2.0 * part);
-            }
-            double before = c.t;
-            move(&x, flown, K, h);
-            if (c.t == before) c.t = until;
-        }
-    }
-    free(block);
-    free(own);
-    free(g);
     return result;
 }

@@ -86,22 +86,21 @@ typedef struct {
 API Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
                      double radians, Output *out);
 
-/* The motion from `marks` marks on, again: at `count` times, of which `mark` (count,) is not decreasing and the times
+/* States from which parts of a motion are computed again. */
+typedef struct {
+    Int count;
+    const double *t, *eta, *rate; /* (count,), (count, n), (count, n) */
+    const Int *side;              /* (count, m) */
+} Marks;
+
+/* The motion again at `count` times, each from the mark of this number: `mark` (count,) is not decreasing, and the times
  * (count,) of one mark increase. */
-API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-                   const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
-                   const double *times, const Int *mark, double *eta_at, double *rate_at, double *force_at);
+API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+                   Int count, const double *times, const Int *mark, double *eta_at, double *rate_at, double *force_at);
 
 /* Largest force and impulse of a compliant contact, or impulse of the reaction of a rigid one, in spans from starts
  * to ends (count,), which lie in order. */
-API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-                    const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side,
+API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
                     Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse);
-
-/* Work between consecutive edges (count,), which include every event: work (count - 1, 3) of the loads and moving
- * stops, of the damping, and of the stops' dashpots. */
-API Int exact_work(const Free *f, const Free *up, const Free *low, const double *V, double radians, Int marks,
-                   const double *mark_t, const double *mark_eta, const double *mark_rate, const Int *mark_side, Int count,
-                   const double *edges, double *work);
 
 #endif

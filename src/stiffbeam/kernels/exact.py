@@ -45,18 +45,18 @@ _Output = _structure(
     (Address, """mark_t mark_eta mark_rate mark_side event_t event_contact event_side event_mark blow_t blow_impulse
         blow_before blow_after blow_contact blow_side blow_mark stations eta_at rate_at force_at"""),
 )  # fmt: skip
+_Marks = _structure("_Marks", (Int, "count"), (Address, "t eta rate side"))
 
 
 @cache
 def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
     lib, at = library(), ctypes.POINTER
-    flown, marks = [at(_Free.type)] * 3 + [Address], [Int, *[Address] * 4]
+    flown = [at(_Free.type)] * 3 + [Address]
     lib.exact_follow.argtypes = [*flown, at(_State), Real, Real, at(_Output)]
-    lib.exact_read.argtypes = [*flown, Real, *marks, Int, *[Address] * 5]
-    lib.exact_press.argtypes = [*flown, Real, *marks, Int, Int, *[Address] * 4]
-    lib.exact_work.argtypes = [*flown, Real, *marks, Int, Address, Address]
-    for function in (lib.exact_follow, lib.exact_read, lib.exact_press, lib.exact_work):
+    lib.exact_read.argtypes = [*flown, Real, at(_Marks), Int, *[Address] * 5]
+    lib.exact_press.argtypes = [*flown, Real, at(_Marks), Int, Int, *[Address] * 4]
+    for function in (lib.exact_follow, lib.exact_read, lib.exact_press):
         function.restype = Int
     return lib
 
@@ -269,13 +269,11 @@ class Marks(NamedTuple):
     rate: Array
     side: IntArray
 
-    def arguments(self, free: Free) -> tuple[Any, ...]:
-        """The arguments of the library."""
+    def argument(self, free: Free) -> Any:
+        """The argument of the library."""
         k, n, m = len(self.t), len(free.w2), len(free.rows)
-        return (
-            k, address(self.t, (k,)), address(self.eta, (k, n)),
-            address(self.rate, (k, n)), address(self.side, (k, m), INTEGER),
-        )  # fmt: skip
+        floats = (address(x, (k, *width)) for x, width in ((self.t, ()), (self.eta, (n,)), (self.rate, (n,))))
+        return ctypes.byref(_Marks(k, *floats, address(self.side, (k, m), INTEGER)))
 
 
 def read(
@@ -289,7 +287,7 @@ def read(
         raise ValueError("mark: a number of a mark wanted")
     eta, rate, force = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
     _done(_functions().exact_read(
-        *pressed.arguments(free), radians, *marks.arguments(free), k, t.ctypes.data, at.ctypes.data, eta.ctypes.data,
+        *pressed.arguments(free), radians, marks.argument(free), k, t.ctypes.data, at.ctypes.data, eta.ctypes.data,
         rate.ctypes.data, force.ctypes.data,
     ))  # fmt: skip
     if np.array_equal(order, np.arange(k)):
@@ -309,17 +307,7 @@ def press(
     a, b = np.ascontiguousarray(starts, float), np.ascontiguousarray(ends, float)
     peaks, impulses = np.empty(len(a)), np.empty(len(a))
     _done(_functions().exact_press(
-        *pressed.arguments(free), radians, *marks.arguments(free), contact, len(a), a.ctypes.data,
+        *pressed.arguments(free), radians, marks.argument(free), contact, len(a), a.ctypes.data,
         address(b, a.shape), peaks.ctypes.data, impulses.ctypes.data,
     ))  # fmt: skip
     return peaks, impulses
-
-
-def work(free: Free, pressed: Pressed, marks: Marks, edges: Array, radians: float = RADIANS) -> Array:
-    """Work between consecutive edges (k,), which include every event: (k - 1, 3) of the loads and moving stops, of the
-    damping, and of the stops' dashpots."""
-    at, found = np.ascontiguousarray(edges, float), np.empty((len(edges) - 1, 3))
-    _done(_functions().exact_work(
-        *pressed.arguments(free), radians, *marks.arguments(free), len(at), at.ctypes.data, found.ctypes.data
-    ))  # fmt: skip
-    return found

@@ -33,10 +33,9 @@ from ...kernels.exact import (
     Marks,
     press,
     read,
-    work,
 )  # fmt: skip
 from ...model.system import System
-from ...model.time_functions import Drive, offset_rate, offset_values
+from ...model.time_functions import Drive, evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import on_stops, require_smooth, resting, shift_at_start
 from .free import FreeSystem, closed_form, free_system, pressed_system
@@ -47,6 +46,7 @@ LET_GO = 2  # times the stop: the side of a contact beyond a damped stop that do
 REMEDY = "check the stops and stiffnesses for sizes that float64 cannot hold together, or use cvode-adams"
 # With e = 1 and a lasting load impacts accumulate without end, and the search would never stop.
 MOST_IMPACTS = 200_000
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 MOST_RADIANS = 1e8  # of the fastest decay of modes without a closed form, each half a step
 
 
@@ -361,15 +361,60 @@ class Motion:
 
     def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
-        which include every event."""
-        span = float(edges[-1] - edges[0])
+        which include every event: Gauss's rule in parts in which the motion turns by pi or decays by e at most."""
+        span, n = float(edges[-1] - edges[0]), self.system.size
         require_short(self.made.free, span)
-        radians = 2.0 * np.pi * span / self.shortest_period
-        if radians > MOST_RADIANS:
-            reason = f"its energy is a sum over {radians:.2g} radians of the fastest motion, more than {MOST_RADIANS:g}"
+        turning, decay = self._rates
+        if span * turning > MOST_RADIANS:
+            reason = f"its energy is a sum over {span * turning:.2g} radians of the motion, more than {MOST_RADIANS:g}"
             raise SolverFailure("exact", 0.0, reason, "shorten t_end")
-        found = work(self.made.free, self.made.pressed, self.marks, edges, self.radians)
-        return found[:, 0], found[:, 1], found[:, 2]
+        longest = np.pi / turning
+        # Behind events and samples what decays is fast at first: parts that double.
+        doublings = max(0, math.ceil(math.log2(max(decay * longest, 1.0))))
+        grades = np.append(0.0, 2.0 ** np.arange(doublings) / max(decay, 1e-300))
+        begun = np.concatenate([self.times, self.drive.edges])
+        at = np.linspace(edges[0], edges[-1], 2 + int(span / longest))
+        at = np.unique(np.concatenate([edges, at, np.add.outer(begun, grades).ravel()]))
+        at = at[(at >= edges[0]) & (at <= edges[-1])]
+        found = np.empty((3, len(at) - 1))
+        for part in np.array_split(np.arange(len(at) - 1), 1 + len(at) * n // 2**17):
+            middle, half = 0.5 * (at[part + 1] + at[part]), 0.5 * (at[part + 1] - at[part])
+            t = middle[:, None] + half[:, None] * NODES
+            found[:, part] = half * (self._powers(t.ravel()).reshape(3, *t.shape) @ WEIGHTS)
+        return tuple(np.add.reduceat(found, np.searchsorted(at, edges[:-1]), axis=1))  # type: ignore[return-value]
+
+    @cached_property
+    def _rates(self) -> tuple[float, float]:
+        """The largest angular frequency and decay rate of all motions and drives."""
+        free, pressed = self.made.free, self.made.pressed
+        poles = np.hstack([x.poles for x in (free, pressed.up, pressed.low) if x is not None])
+        turning, decay = max(float(np.max(poles[1], initial=1e-300)), 1e-300), float(np.max(-poles[0], initial=0.0))
+        if free.kind == 0 or (pressed.up is pressed.low is None and np.any(self.sides)):  # contacts make series
+            dashpots = float(free.laws[:, 1] @ np.diag(free.meet))
+            turning, decay = max(turning, self._fastest), float(np.linalg.norm(free.damping, 2)) + dashpots
+        return turning, decay
+
+    def _powers(self, t: Array) -> Array:
+        """Powers at times t (k,) of loads and moving stops, of the damping, and of the stops' dashpots, (3, k)."""
+        free, piece = self.made.free, self.piece_at(t)
+        eta, rate, force = read(free, self.made.pressed, self.marks, t, self.mark_at(t, piece), self.radians)
+        given, stops = np.zeros(len(t)), np.zeros(len(t))
+        for vector, function in self.system.loads:
+            given += evaluate(function, t) * (rate @ (vector @ self.made.X))
+        lost = np.sum(rate * (rate @ free.damping.T), axis=1) if free.coupling == 2 else rate**2 @ free.drag
+        for i, contact in enumerate(self.system.contacts):
+            side, moves = self.sides[piece, i], offset_rate(contact.offset, t)
+            if contact.stops.rigid:
+                given -= force[:, i] * moves
+                continue
+            u, speed = eta @ free.rows[i] + offset_values(contact.offset, t), rate @ free.rows[i] + moves
+            stop = np.where(side > 0, free.stops[i, 1], free.stops[i, 0])
+            pull = free.laws[i, 0] * np.where(side != 0, u - stop, 0.0)
+            drag, presses = free.laws[i, 1] * speed, np.abs(side) == 1
+            given += np.where(presses, (drag + pull) * moves, 0.0)
+            # Beyond a stop that has let go its energy falls without a force.
+            stops += np.where(presses, drag, -pull) * speed
+        return np.array([given, lost, stops])
 
 
 def joined(parts: Sequence[Motion]) -> Motion:
