@@ -12,8 +12,8 @@
  * infinities (a missing stop) and the compensated sums of `advance`.
  */
 #include "exact.h"
+#include "node.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -48,7 +48,6 @@ typedef struct { /* a flight from t on */
     double *C, *S, *x, *y; /* (T,) scratch */
     double *h;            /* (2 n) */
     double *c;            /* (R, 4) records at t */
-    Int *cross;           /* (m,) the side at which a gap is sure to cross zero once */
 } Flight;
 
 typedef struct { double s; Int contact, side; } Event; /* contact -1: none until s */
@@ -66,8 +65,6 @@ typedef struct { /* one call */
     Output *out;
 } Motion;
 
-static double least(double x, double y) { return x < y ? x : y; }
-static double most(double x, double y) { return x > y ? x : y; }
 static double stop_of(const Free *f, Int i, Int side) { return f->stops[2 * i + (side > 0)]; }
 static int rigid(const Free *f, Int i) { return isinf(f->laws[3 * i]); }
 static int presses(const State *c, Int i) { return c->side[i] == 1 || c->side[i] == -1; }
@@ -179,21 +176,6 @@ static int terms_for(double x)
     return k;
 }
 
-/* b becomes the solution of A x = b, A symmetric and positive definite; A is lost. */
-static void eliminate(double *A, double *b, Int n)
-{
-    for (Int k = 0; k < n; k++)
-        for (Int i = k + 1; i < n; i++) {
-            double x = A[i * n + k] / A[k * n + k];
-            for (Int j = k; j < n; j++) A[i * n + j] -= x * A[k * n + j];
-            b[i] -= x * b[k];
-        }
-    for (Int k = n - 1; k >= 0; k--) {
-        for (Int j = k + 1; j < n; j++) b[k] -= A[k * n + j] * b[j];
-        b[k] /= A[k * n + k];
-    }
-}
-
 /* Record r as a cubic in the time since t. */
 static void record_at(const Free *f, Int piece, Int r, double t, double *out)
 {
@@ -244,25 +226,6 @@ HOT static double dot(const double *restrict x, const double *restrict y, Int n)
 #pragma omp simd reduction(+ : s)
     for (Int j = 0; j < n; j++) s += x[j] * y[j];
     return s;
-}
-
-/* out = rows x; four rows at a time, since one sum alone waits for its own additions. */
-HOT static void see_all(const double *restrict rows, const double *restrict x, Int m, Int n, double *restrict out)
-{
-    Int i = 0;
-    for (; i + 4 <= m; i += 4) {
-        const double *p = rows + i * n;
-        double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
-#pragma omp simd reduction(+ : a, b, c, d)
-        for (Int j = 0; j < n; j++) {
-            a += p[j] * x[j];
-            b += p[n + j] * x[j];
-            c += p[2 * n + j] * x[j];
-            d += p[3 * n + j] * x[j];
-        }
-        out[i] = a, out[i + 1] = b, out[i + 2] = c, out[i + 3] = d;
-    }
-    for (; i < m; i++) out[i] = dot(rows + i * n, x, n);
 }
 
 HOT static void add(double *restrict y, const double *restrict x, double factor, Int n)
@@ -344,7 +307,7 @@ static void expand(const Free *f, double t, Int piece, int K, const double *eta,
                              1.0 / (k * (k - 1.0)), n);
         } else {
             if (k >= 2) any_term(f, c, s, k, count);
-            see_all(f->rows, new, m, n, u);
+            for (Int i = 0; i < m; i++) u[i] = dot(f->rows + i * n, new, n);
         }
         for (Int b = 0; b < B; b++)
             if (s->G[k * B + b] != 0.0)
@@ -716,25 +679,21 @@ static double slide_at(const Flight *g, Int i, double tau, int K, double *p)
     return size;
 }
 
-/* p: the series of the position of contact i at tau, of degree K, from its `slow` slowest terms. Bounds of the others,
- * of their rates, and of all. */
-HOT static void gap_series(const Free *f, const Flight *g, Int i, double tau, Int slow, int K, double *p, double bounds[3])
+/* p: the series of the position of contact i at tau, of degree K, from its `slow` slowest terms. rest: a bound of the
+ * others. Returns one of all. */
+HOT static double gap_series(const Free *f, const Flight *g, Int i, double tau, Int slow, int K, double *p, double *rest)
 {
     Int T = g->T;
     const double *restrict Zx = g->Z + i * T, *restrict Zy = g->Z + (f->m + i) * T, *restrict C = g->C, *restrict S = g->S;
-    const double *restrict sigma = f->sorted, *restrict omega = sigma + T, *restrict speed = omega + T, *restrict sizes = g->sizes + i * T;
-    double *restrict x = g->x, *restrict y = g->y, rest = 0.0, rate = 0.0, every = slide_at(g, i, tau, K, p);
+    const double *restrict sigma = f->sorted, *restrict omega = sigma + T, *restrict sizes = g->sizes + i * T;
+    double *restrict x = g->x, *restrict y = g->y, fast = 0.0, every = slide_at(g, i, tau, K, p);
 #pragma omp simd reduction(+ : every)
     for (Int k = 0; k < slow; k++) {
         x[k] = Zx[k] * C[k] - Zy[k] * S[k], y[k] = Zx[k] * S[k] + Zy[k] * C[k];
         every += fabs(x[k]) + fabs(y[k]);
     }
-#pragma omp simd reduction(+ : rest, rate)
-    for (Int k = slow; k < T; k++) {
-        double size = sizes[k] * sqrt(C[k] * C[k] + S[k] * S[k]);
-        rest += size;
-        rate += size * speed[k];
-    }
+#pragma omp simd reduction(+ : fast)
+    for (Int k = slow; k < T; k++) fast += sizes[k] * sqrt(C[k] * C[k] + S[k] * S[k]);
     for (int l = 0; l <= K; l++) {
         double over = 1.0 / (l + 1.0), sum = 0.0;
 #pragma omp simd reduction(+ : sum)
@@ -746,48 +705,17 @@ HOT static void gap_series(const Free *f, const Flight *g, Int i, double tau, In
         }
         p[l] += sum;
     }
-    bounds[0] = rest, bounds[1] = rate, bounds[2] = every + rest;
-}
-
-/* The zero of a gap known to cross once within h after tau: Newton, and bisections where it leaves the bracket. */
-static double crossing(const Free *f, Flight *g, Int i, double way, double stop, double t, double tau, double h, Int *counts)
-{
-    Int T = g->T;
-    const double *Zx = g->Z + i * T, *Zy = g->Z + (f->m + i) * T, *sigma = f->sorted, *omega = sigma + T;
-    double lo = 0.0, hi = h, s = 0.5 * h, fast = f->sorted[3 * T - 1];
-    for (int it = 0; it < 80; it++) {
-        double x = tau + s, u = 0.0, v = 0.0, du = 0.0, dv = 0.0;
-        waves_at(sigma, omega, T, f->damped, fast, x, g->C, g->S);
-        counts[2]++;
-#pragma omp simd reduction(+ : du, dv)
-        for (Int k = 0; k < T; k++) {
-            double real = Zx[k] * g->C[k] - Zy[k] * g->S[k], imag = Zx[k] * g->S[k] + Zy[k] * g->C[k];
-            du += real;
-            dv += sigma[k] * real - omega[k] * imag;
-        }
-        for (Int k = g->deg; k >= 0; k--) {
-            v = v * x + u;
-            u = u * x + g->slide[i * ROOM + k];
-        }
-        double left = -way * (stop - u - du), fall = -way * (v + dv);
-        if (left > 0.0) lo = s;
-        else hi = s;
-        double move = fall > 0.0 ? left / fall : INFINITY;
-        if (!(lo <= s + move && s + move <= hi)) move = 0.5 * (lo + hi) - s;
-        s += move;
-        if (fabs(move) <= EPS * (t + x) || (fabs(move) < 1e-8 * s && move * move * fast < EPS * (t + tau))) break;
-    }
-    return s;
+    *rest = fast;
+    return every + fast;
 }
 
 /* Looks at the gaps over [tau, tau + h] with the terms below `slow` as series. False where a leap must be shorter to
- * tell. Where the series is all there is (slow = T), it decides; else gaps sure to cross once are marked in g->cross. */
+ * tell. Where the series is all there is (slow = T), it decides. */
 static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slow, int K, const State *c, Event *e)
 {
-    double p[MOST + 1], gap[MOST + 1], b[MOST + 1], bounds[3];
+    double p[MOST + 1], gap[MOST + 1], b[MOST + 1], rest;
     for (Int i = 0; i < f->m; i++) {
-        g->cross[i] = 0;
-        gap_series(f, g, i, tau, slow, K, p, bounds);
+        double every = gap_series(f, g, i, tau, slow, K, p, &rest);
         for (Int side = 1; side >= -1; side -= 2) {
             double stop = stop_of(f, i, side), way = (double)(c->side[i] == 0 ? -side : side);
             if (isinf(stop) || c->side[i] == -side) continue;
@@ -802,14 +730,9 @@ static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slo
             }
             scaled(gap, K, h, b);
             bernstein(b, K);
-            double wrong = bounds[0] + EPS * (20.0 + 2.0 * sqrt((double)g->T)) * (fabs(stop) + bounds[2]), low = b[0], steep = -INFINITY;
-            for (int k = 1; k <= K; k++) {
-                low = least(low, b[k]);
-                steep = most(steep, K * (b[k] - b[k - 1]));
-            }
-            if (low > wrong) continue;
-            if (!(b[0] > wrong && b[K] < -wrong && steep + bounds[1] * h < 0.0)) return 0;
-            g->cross[i] = side; /* falls all the way, and through */
+            double wrong = rest + EPS * (20.0 + 2.0 * sqrt((double)g->T)) * (fabs(stop) + every);
+            for (int k = 0; k <= K; k++)
+                if (!(b[k] > wrong)) return 0;
         }
     }
     return 1;
@@ -817,7 +740,7 @@ static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slo
 
 /* The first gap that closes within `length`. A leap h takes the terms below radians/h as a series. `leap` keeps its
  * length for a flight that goes on where this one ends. */
-static Event flight(const Free *f, Flight *g, double t, double length, double radians, const State *c, double *leap, Int *counts)
+static Event flight(const Free *f, Flight *g, double length, double radians, const State *c, double *leap, Int *counts)
 {
     Int T = g->T;
     int K = terms_for(radians);
@@ -835,12 +758,6 @@ static Event flight(const Free *f, Flight *g, double t, double length, double ra
             wish = 0.4 * h;
             continue;
         }
-        for (Int i = 0; i < f->m; i++)
-            if (g->cross[i] != 0) {
-                double way = (double)(c->side[i] == 0 ? -g->cross[i] : g->cross[i]);
-                double s = crossing(f, g, i, way, stop_of(f, i, g->cross[i]), t, tau, h, counts);
-                if (s < e.s) e = (Event){s, i, g->cross[i]};
-            }
         *leap = e.contact < 0 ? wish : 0.0;
         if (e.contact >= 0 || tau + h >= length) {
             e.s += tau;
@@ -1466,7 +1383,7 @@ static Int run(Motion *x)
         Event e;
         if (flown) {
             see(flown, c->t, &x->g);
-            e = flight(flown, &x->g, c->t, h, x->radians, c, &c->leap, o->counts);
+            e = flight(flown, &x->g, h, x->radians, c, &c->leap, o->counts);
         } else {
             c->leap = 0.0;
             e = watch(f, K, h, c, &x->s);
@@ -1519,7 +1436,7 @@ static size_t layout(Motion *x, double *block)
     INTS(x->s.held, m), REALS(x->s.inverse, m * m), REALS(x->s.A, m * m);
     REALS(x->g.z, 2 * N), REALS(x->g.poly, 2 * N * ROOM), INTS(x->g.degree, N), REALS(x->g.Z, 2 * m * T), REALS(x->g.slide, m * ROOM);
     REALS(x->g.sizes, m * T), REALS(x->g.C, T), REALS(x->g.S, T), REALS(x->g.x, T), REALS(x->g.y, T), REALS(x->g.h, 2 * n);
-    REALS(x->g.c, 4 * f->R), INTS(x->g.cross, m);
+    REALS(x->g.c, 4 * f->R);
     REALS(x->P, m), REALS(x->r, m), REALS(x->v, 2 * m), REALS(x->A, m * m), REALS(x->b, m), INTS(x->on, m), INTS(x->at, m), INTS(x->left, m);
     return (size_t)at * sizeof(double);
 }
@@ -1666,14 +1583,14 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
     Flight *g = &x->g;
     Int T = g->T, alive = T;
     int K = terms_for(x->radians);
-    double kappa = x->free->laws[0], p[MOST + 1], bounds[3], size = 0.0;
+    double kappa = x->free->laws[0], p[MOST + 1], rest, size = 0.0;
     if (K < g->deg) K = (int)g->deg;
     for (Int k = 0; k < T; k++) size += g->sizes[k];
     while (a < b) {
         waves_at(f->sorted, f->sorted + T, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
         while (alive && g->sizes[alive - 1] * hypot(g->C[alive - 1], g->S[alive - 1]) < 1e-18 * size) alive--;
         double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, x->radians / most(fast, 1e-300));
-        gap_series(f, g, 0, a, alive, K, p, bounds);
+        gap_series(f, g, 0, a, alive, K, p, &rest);
         p[0] -= stop;
         for (int k = 0; k <= K; k++) p[k] *= way * kappa;
         best = press_on(p, K, h, best, impulse);

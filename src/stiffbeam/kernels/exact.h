@@ -7,15 +7,7 @@
 #ifndef STIFFBEAM_EXACT_H
 #define STIFFBEAM_EXACT_H
 
-#include <stdint.h>
-
-#ifdef _WIN32
-#define API __declspec(dllexport)
-#else
-#define API __attribute__((visibility("default")))
-#endif
-
-typedef int64_t Int;
+#include "law.h"
 
 enum { DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY }; /* results of exact_follow */
 

@@ -21,19 +21,8 @@ QUANTITIES = ("tip", "tip_velocity", "state")
 
 
 class JaxFlow:
-    """A quantity of the exact solution at fixed times as a function of p parameters, see ``sb.jax_flow``.
-
-    Attributes
-    ----------
-    wrt : tuple of str
-        The p paths.
-    start : (p,) array
-        Values of the parameters in the system itself.
-    t : (k,) array
-        Times of the values.
-    quantity : str
-        Name of the quantity.
-    """
+    """A ``quantity`` of the exact solution at fixed times ``t`` (k,) as a function of the p parameters ``wrt``, see
+    ``sb.jax_flow``. ``start`` (p,) are their values in the system itself."""
 
     def __init__(self, system: System, wrt: Sequence[str], t: Array, quantity: str) -> None:
         import jax
@@ -43,23 +32,25 @@ class JaxFlow:
         # JAX asks for the value and for the derivative at one place in two calls: they share one solution.
         self._solved = lru_cache(maxsize=1)(self._solve)
         # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
-        values = self._values(self.start)
-        if np.any(np.isnan(values)):
-            horizon = float(t[np.argmax(np.isnan(values).reshape(len(t), -1).any(axis=1))])
-            raise InputError("t", t[-1], f"end before the horizon of the solution, {horizon:.4g}", "ask for less time")
-        shapes = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in (values, self._slopes(self.start))]
-        # The solver takes one system at a time, so vmap calls it member by member.
-        values_at = partial(jax.pure_callback, self._values, shapes[0], vmap_method="sequential")
-        slopes_at = partial(jax.pure_callback, self._slopes, shapes[1], vmap_method="sequential")
-        self._flow = jax.custom_jvp(values_at)
+        run = self._solved(*self.start.tolist())
+        if run.horizon < t[-1]:
+            raise InputError(
+                "t", t[-1], f"end before the horizon of the solution, {run.horizon:.4g}", "ask for less time"
+            )
+        values, slopes = (
+            # The solver takes one system at a time, so vmap calls it member by member.
+            partial(jax.pure_callback, f, jax.ShapeDtypeStruct(f(self.start).shape, float), vmap_method="sequential")
+            for f in (self._values, self._slopes)
+        )
+        self._flow = jax.custom_jvp(values)
         # Linear in the tangent, so that JAX can transpose it.
-        self._flow.defjvp(lambda x, tangents: (values_at(*x), slopes_at(*x) @ tangents[0]))
+        self._flow.defjvp(lambda x, tangents: (values(*x), slopes(*x) @ tangents[0]))
 
     def __call__(self, values: Any) -> Any:
         """Return the quantity for these values of the parameters, a JAX array (k,), of the state (k, 2n).
 
         It is NaN past the horizon, and so is its derivative past its own, or where none exists. Raises InputError for
-        arrays in single precision, of another shape, and for values that the system does not allow.
+        arrays of another shape, and for values that the system does not allow.
         """
         import jax.numpy as jnp
 
@@ -68,37 +59,30 @@ class JaxFlow:
             raise InputError("values", f"shape {values.shape}", f"have shape {self.start.shape}", "one per path")
         return self._flow(values)
 
-    def __repr__(self) -> str:
-        return f"<JaxFlow of {self.quantity} in {', '.join(self.wrt)}, {len(self.t)} times to {self.t[-1]:.6g}>"
-
     def _solve(self, *values: float) -> Reference:
         system = with_values(self.system, dict(zip(self.wrt, values, strict=True)))
         return reference(system, float(self.t[-1]), t_eval=self.t)
 
     def _values(self, values: ArrayLike) -> Array:
-        """Return the quantity at the times, NaN past the horizon."""
         run = self._solved(*np.asarray(values, float).tolist())
         found = np.hstack(run.states) if self.quantity == "state" else getattr(run, self.quantity)
-        return _until(run.horizon, self.t, found)
+        return self._until(run.horizon, found)
 
     def _slopes(self, values: ArrayLike) -> Array:
-        """Return its derivative with the parameters as last axis, NaN past its own horizon."""
+        """The derivative, with the parameters as last axis."""
         derivative = self._solved(*np.asarray(values, float).tolist()).derivative(self.wrt)
-        return _until(derivative.horizon, self.t, getattr(derivative, self.quantity))
+        return self._until(derivative.horizon, getattr(derivative, self.quantity))
 
-
-def _until(horizon: float, t: Array, numbers: Array) -> Array:
-    """A copy, since NaN must not enter the Reference."""
-    numbers = np.array(numbers)
-    numbers[t > horizon] = np.nan
-    return numbers
+    def _until(self, horizon: float, found: Array) -> Array:
+        """A copy that is NaN past a horizon."""
+        past = (self.t > horizon).reshape(-1, *[1] * (found.ndim - 1))
+        return np.where(past, np.nan, found)
 
 
 def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> JaxFlow:
     """Return the exact solution at fixed times as a function of parameters, for ``jax.grad``, ``jit`` and ``vmap``.
 
-    Value and derivative are those of ``sb.reference`` and ``Reference.derivative``, without time step or tolerance.
-    Limitation: no second derivatives.
+    Value and derivative are those of ``sb.reference`` and ``Reference.derivative``. No second derivatives.
 
     Parameters
     ----------
@@ -132,13 +116,14 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
     require_system(system)
     require_jax_float64()
     one_of("quantity", quantity, QUANTITIES)
-    times = numbers("t", t).ravel()
-    paths = sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]')
+    times, paths = (
+        numbers("t", t).ravel(),
+        sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]'),
+    )
     for path in paths:
         try:
             value_at(system, path)
         except LookupError as error:
-            raise InputError(
-                "wrt", path, "be a path to a number of the system", near(path, paths_of(system))
-            ) from error
+            rule = "be a path to a number of the system"
+            raise InputError("wrt", path, rule, near(path, paths_of(system))) from error
     return JaxFlow(system, paths, output_times(times, float(times[-1])), quantity)
