@@ -74,44 +74,6 @@ def test_a_free_mass_on_a_kelvin_voigt_wall(method, zeta):
     assert run.impacts.impulses == pytest.approx([1.0 + e], rel=1e-13)
 
 
-def closed_form(kappa, c, gap, t_end):
-    """x'' + x = 0 from 0 at speed 1, the stop at ``gap``: (x, x') at t_end and (entry, release) times, in mp."""
-    with mp.workdps(50):
-        kappa, c, gap = mpf(kappa), mpf(c), mpf(gap)
-        entry = mp.asin(gap)
-        v = mp.cos(entry)
-        k, s = 1 + kappa, c / 2  # d'' + c d' + k d = -gap: about -gap/k
-        w = mp.sqrt(k - s * s)
-        a, b = gap / k, (v + s * gap / k) / w
-
-        def depth(t):
-            return mp.exp(-s * t) * (a * mp.cos(w * t) + b * mp.sin(w * t)) - gap / k
-
-        rate = lambda t: mp.diff(depth, t)  # noqa: E731
-        force = lambda t: kappa * depth(t) + c * rate(t)  # noqa: E731
-        release = mp.findroot(force, (mp.pi / w * 0.95, mp.pi / w))
-        x, v = gap + depth(release), rate(release)
-        free = mpf(t_end) - entry - release
-        end = x * mp.cos(free) + v * mp.sin(free), v * mp.cos(free) - x * mp.sin(free)
-        return [float(y) for y in end], float(entry), float(entry + release)
-
-
-@pytest.mark.parametrize(("method", "error"), [("exact", 1e-13), ("multiprecision", 4e-16)])
-def test_one_impact_in_closed_form(method, error):
-    stops = sb.Stops(upper=0.5, stiffness=100.0, damping=2.0)
-    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
-    (x, v), entry, release = closed_form(100, 2, 0.5, 2.0)
-    run = sb.reference(system, 2.0, method=method, t_eval=[0.0, 2.0])
-    assert abs(run.tip[-1] - x) < error
-    assert abs(run.tip_velocity[-1] - v) < error
-    assert abs(run.impacts.times[0] - entry) < 4e-16
-    assert abs(run.impacts.ends[0] - release) < 1e-15
-    assert run.horizon == 2.0
-    assert abs(run.energy.stop_dissipation[-1] - 0.5 * (1.0 - x**2 - v**2)) < 1e-14
-    # The force is largest at the entry, where it jumps to c v, or inside, as here: above it.
-    assert run.impacts.peaks[0] > 2.0 * np.sqrt(0.75)
-
-
 def test_a_force_that_is_largest_where_it_jumps():
     stops = sb.Stops(upper=0.5, stiffness=1.0, damping=2.0)
     system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])

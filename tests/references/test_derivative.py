@@ -363,20 +363,6 @@ def test_a_released_contact_has_a_derivative_of_its_release():
     np.testing.assert_allclose(change.event_times[0], slopes, rtol=1e-10)
 
 
-def test_a_record_leaves_a_stiff_beam_its_digits(table10):
-    """A record of nothing: the exponential of a regime stands in for its eigenvectors, 1e-10 off if not balanced."""
-    beam = replace(sb.semidiscretise(table10, 10), origin=None)
-    record = (np.ones(beam.size), sb.Sampled(np.array([0.0, 0.1]), np.array([0.0, 1e-12])))
-    paths = ["stops[0].stiffness", "stops[0].upper", "loads[0].time.frequency"]
-    plain, recorded = (
-        sb.reference(system, 0.06, t_eval=[0.03, 0.06]).derivative(paths).state
-        for system in (beam, replace(beam, loads=(*beam.loads, record)))
-    )
-    for p in range(len(paths)):
-        size = np.max(np.abs(plain[..., p]))
-        np.testing.assert_allclose(recorded[..., p], plain[..., p], rtol=0.0, atol=3e-11 * size)
-
-
 def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
     """Held with e = 0 by a stop that moves, and let go with no speed: against differences of order 4."""
     record = sb.Sampled(np.linspace(0.0, 3.0, 7), np.array([0.0, 0.1, -0.1, 0.15, 0.0, 0.1, 0.0]), "cubic")

@@ -11,7 +11,6 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam import InputError
-from stiffbeam.references.exact.contacts import impulsive_work
 from stiffbeam.references.exact.derivative import chatter_ends
 from stiffbeam.references.exact.motion import Solver
 from stiffbeam.references.horizon import PERTURBATION
@@ -61,92 +60,6 @@ def test_impacts_are_on_their_stop_but_for_the_rounding_of_time(gap):
     assert run.impacts.count > 40
 
 
-def chattering(rng):
-    """A random system that is pressed on its stops: 1 to 4 unknowns, 1 or 2 contacts, e from 0 to 0.95."""
-    n = int(rng.integers(1, 5))
-    A = rng.normal(size=(n, n))
-    M, K = np.diag(rng.uniform(0.3, 2.0, n)), A @ A.T * rng.uniform(0.0, 20.0) + 0.1 * np.eye(n)
-    C = K * rng.choice([0.0, 0.02]) + np.diag(rng.uniform(0.0, 0.3, n)) * rng.choice([0.0, 1.0])
-    contacts = []
-    for place in rng.permutation(n)[: rng.integers(1, 3)]:
-        moving = sb.Harmonic(0.02, rng.uniform(1.0, 4.0)) if rng.random() < 0.3 else None
-        stops = sb.Stops(
-            lower=-0.2 - rng.random(), upper=0.1 * rng.random() + 0.01, stiffness=INF, restitution=0.95 * rng.random()
-        )
-        contacts.append(sb.Contact(np.eye(n)[place], stops, moving))
-    loads = [
-        (rng.normal(size=n) * 3.0, sb.Constant(1.0)),
-        (rng.normal(size=n) * 3.0, sb.Harmonic(1.0, rng.uniform(0.5, 6.0))),
-    ]
-    return sb.System.from_matrices(M, K, C, loads, contacts, initial_velocity=rng.normal(size=n))
-
-
-def follow(count, seed):
-    held = impacts = 0
-    for k in range(count):
-        one = chattering(np.random.default_rng([seed, k]))
-        found = Solver(one).solve(8.0)
-        t = np.linspace(0.0, 8.0, 801)
-        (q, _), R = found.states(t), found.reactions(t)
-        for c, contact in enumerate(one.contacts):
-            u = q @ contact.row + (0.0 if contact.offset is None else contact.offset.value(t))
-            assert np.max(np.abs(contact.stops.penetration(u))) < 1e-12 * (1.0 + np.max(np.abs(q))), (seed, k)
-            inside = np.abs(u - contact.stops.lower_bound) < np.abs(u - contact.stops.upper_bound)
-            assert np.all(np.where(inside, R[:, c], -R[:, c]) >= -1e-9 * (1.0 + np.max(np.abs(R)))), (seed, k)
-        assert np.all(impulsive_work(found)[1] >= -1e-9), (seed, k)
-        held += np.any(found.sides)
-        impacts += len(found.blows.t)
-    return held, impacts
-
-
-@pytest.mark.parametrize(
-    "systems", [pytest.param(80, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.campaign)]
-)
-def test_more_random_chattering_systems(systems):
-    held, _ = follow(systems, 2)
-    assert held > systems / 2
-
-
-def first_hundredth(whole):
-    """(count, impulse) of the impacts within 0.01 after the first."""
-    found = Solver(whole).solve(0.063)
-    spans, blows = found.presses(0, 0.0, 0.063)
-    end = blows[0][0] + 0.01
-    soon = [impulse for t, impulse in blows if t <= end]
-    return len(soon), sum(soon) + sum(impulse for start, _, impulse in spans if start <= end)
-
-
-@pytest.mark.slow
-def test_impulses_converge_with_the_mesh_and_counts_do_not(table10):
-    """Within 0.01 after the first impact: e = 0, e = 1."""
-    counts, impulses = [], []
-    for cells in (20, 80):
-        made = []
-        for e in (0.0, 1.0):
-            stops = sb.Stops(lower=-0.1, upper=0.1, stiffness=INF, restitution=e)
-            whole = sb.semidiscretise(replace(table10, stops=stops), cells)
-            made.append(first_hundredth(whole))
-        counts.append([count for count, _ in made])
-        impulses.append([impulse for _, impulse in made])
-    assert np.all(np.array(counts[1]) >= 2 * np.array(counts[0]))
-    assert np.ptp(impulses[1]) < 0.04 * np.mean(impulses[1])  # 0.027
-
-
-@pytest.mark.parametrize("e", [0.5, 1.0])
-def test_two_contacts_that_close_at_one_time_and_move_each_other_end_the_horizon(e):
-    """A flat bar with inertia between its ends: float64 takes one impact after the other, and does not trust it."""
-    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=e)
-    for mass, horizon in ((np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, 0.5), (np.eye(2) / 2.0, 0.8)):
-        loads = [(-4.0 * mass.sum(axis=0) / 0.5, sb.Constant(1.0))]
-        bar = sb.System.from_matrices(
-            mass, np.zeros((2, 2)), None, loads, [sb.Contact(x, stops) for x in np.eye(2)],
-            initial_displacement=[1.0, 1.0],
-        )  # fmt: skip
-        found = sb.reference(bar, 0.8, t_eval=np.linspace(0.0, 0.8, 9))
-        assert found.contacts[1].impacts.times[0] == pytest.approx(0.5, abs=1e-15)
-        assert 0.8 * horizon < found.horizon <= horizon
-
-
 @pytest.mark.parametrize(("speed", "horizon"), [(4.0, 0.5), (4.0 - 1e-11, 0.9), (4.0 + 1e-11, 0.9)])
 def test_where_rounding_decides_whether_a_stop_is_hit_the_horizon_ends(speed, horizon):
     """u = v t - 4 t^2 rises to v^2/16, the stop is at 1."""
@@ -174,20 +87,6 @@ def test_a_beam_that_is_held_everywhere_on_its_stops_has_the_whole_horizon():
     load = sb.DistributedLoad(lambda x: -1.0 + 0.0 * x, sb.Harmonic(5.0, 3.0))
     found = sb.reference(sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops, loads=(load,)), 10), 0.01)
     assert found.horizon == 0.01
-
-
-def test_a_flat_bar_on_two_stops_stays_flat():
-    """Impacts at one time are one problem: with inertia between them, one after the other would turn the bar."""
-    stops = sb.Stops(lower=0.0, stiffness=INF, restitution=0.5)
-    bar = sb.System.from_matrices(
-        np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, np.zeros((2, 2)), loads=[([-4.0, -4.0], sb.Constant(1.0))],
-        contacts=[sb.Contact(x, stops) for x in np.eye(2)], initial_displacement=[1.0, 1.0],
-    )  # fmt: skip
-    run = sb.reference(bar, 2.0)
-    one, other = (contact.impacts for contact in run.contacts)
-    assert one.times[:20] == pytest.approx(other.times[:20], abs=1e-14)
-    assert np.nanmax(one.times) == pytest.approx(1.5, abs=1e-6)  # at rest from then on; t_1 = 1/2
-    assert run.contacts[0].fraction == pytest.approx(0.25, abs=1e-6)
 
 
 def soft(upper: float = 0.1) -> sb.System:

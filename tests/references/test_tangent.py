@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from law_systems import kelvin_voigt_system
-from scipy.optimize import brentq
-from systems import one_mass, two_contacts
+from systems import two_contacts
 from test_rigid_neighbours import system_of as rigid_system
 
 import stiffbeam as sb
@@ -122,53 +121,3 @@ def test_the_digits_that_multiprecision_starts_from_suffice(table10):
 def _digits(system):
     growth = sb.lyapunov(system, 2.0)
     return growth.t, growth.largest / np.log(10.0)
-
-
-@pytest.mark.slow
-def test_nothing_but_impacts_turns_neighbours():
-    """x'' + x = cos w t between blows on a stop at 0, e = 0.8, long after the start, where the rounding of a time makes
-    the velocity jump from stretch to stretch: neighbours come together as two motions in closed form do."""
-    w, e = 2.65, 0.8
-
-    def coefficients(t, x, v):
-        x, v = x - np.cos(w * t) / (1.0 - w * w), v + w * np.sin(w * t) / (1.0 - w * w)
-        return x * np.cos(t) - v * np.sin(t), x * np.sin(t) + v * np.cos(t)
-
-    def moving(t, A, B):
-        x = A * np.cos(t) + B * np.sin(t) + np.cos(w * t) / (1.0 - w * w)
-        return x, -A * np.sin(t) + B * np.cos(t) - w * np.sin(w * t) / (1.0 - w * w)
-
-    def states(x, v, ends):
-        """After 0, by impacts, at the times ``ends``."""
-        t, found = 0.0, []
-        A, B = coefficients(t, x, v)
-        for end in ends:
-            while True:
-                fine = np.linspace(t, end, 400)[1:]
-                beyond = np.flatnonzero(moving(fine, A, B)[0] > 0.0)
-                if not len(beyond):
-                    break
-                t = brentq(lambda s, A=A, B=B: moving(s, A, B)[0], fine[beyond[0]] - (fine[1] - fine[0]),
-                           fine[beyond[0]], xtol=1e-15)  # fmt: skip
-                A, B = coefficients(t, 0.0, -e * moving(t, A, B)[1])
-                t += 1e-9
-            t = end
-            found.append(moving(end, A, B))
-        return np.array(found)
-
-    ends = np.arange(1, 101) * 2.0 * np.pi / w
-    apart = np.linalg.norm(states(-0.3, 0.1, ends) - states(-0.3 + 1e-4, 0.1, ends), axis=1)
-    true = np.polyfit(ends[40:], np.log(apart[40:]), 1)[0]
-    system = one_mass(
-        1.0,
-        sb.Stops(upper=0.0, stiffness=np.inf, restitution=e),
-        load=sb.Harmonic(1.0, w, phase=np.pi / 2),
-        q=-0.3,
-        v=0.1,
-        observe=[1.0],
-    )
-    grown = sb.lyapunov(system, 2000.0)
-    late = grown.t > 1000.0
-    for log in grown.log_growth[late].T:
-        assert np.polyfit(grown.t[late], log, 1)[0] == pytest.approx(true, rel=0.02)
-    assert true == pytest.approx(-0.0515, rel=0.02)
