@@ -21,6 +21,7 @@
 #define EPS 2.220446049250313e-16
 #define MOST 44      /* terms of a series */
 #define ROOM 24      /* terms of the polynomial part of a flight */
+#define RADIANS 2.0  /* of the fastest motion in a step of series */
 #define CHATTER 1e-6 /* radians of the fastest motion in which the rest of a chatter must end */
 #define BETWEEN 32   /* flights or steps of series between two marks */
 #define TURNS 100     /* events without an advance of time from which on rigid contacts come to rest */
@@ -56,7 +57,7 @@ typedef struct { /* one call */
     const Free *free, *up, *low; /* up, low: with its only contact pressed (or NULL), whose modes are V eta */
     const double *V;
     State *c;
-    double t_end, radians, free_fast;
+    double t_end, free_fast;
     int full; /* terms of a series at full length */
     Series s;
     Flight g;
@@ -740,17 +741,17 @@ static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slo
 
 /* The first gap that closes within `length`. A leap h takes the terms below radians/h as a series. `leap` keeps its
  * length for a flight that goes on where this one ends. */
-static Event flight(const Free *f, Flight *g, double length, double radians, const State *c, double *leap, Int *counts)
+static Event flight(const Free *f, Flight *g, double length, const State *c, double *leap, Int *counts)
 {
     Int T = g->T;
-    int K = terms_for(radians);
+    int K = terms_for(RADIANS);
     const double *speed = f->sorted + 2 * T;
-    double fast = most(T ? speed[T - 1] : 0.0, 1.0 / length), tau = 0.0, wish = most(radians / fast, *leap);
+    double fast = most(T ? speed[T - 1] : 0.0, 1.0 / length), tau = 0.0, wish = most(RADIANS / fast, *leap);
     if (K < g->deg) K = (int)g->deg;
     for (;;) {
         double h = least(wish, length - tau);
         Int slow = T;
-        while (slow && speed[slow - 1] * h > radians * (1.0 + 1e-9)) slow--;
+        while (slow && speed[slow - 1] * h > RADIANS * (1.0 + 1e-9)) slow--;
         waves_at(f->sorted, f->sorted + T, T, f->damped, T ? speed[T - 1] : 0.0, tau, g->C, g->S);
         counts[2]++;
         Event e = {h, -1, 0};
@@ -788,7 +789,7 @@ static const Free *flies(const Motion *x, double *length)
     for (Int i = 0; i < f->m; i++)
         if (x->c->slack[i] > 0.0) return NULL;
     double most_of_it = least(*length, f->longest);
-    if (!(most_of_it * x->free_fast > 4.0 * x->radians)) return NULL;
+    if (!(most_of_it * x->free_fast > 4.0 * RADIANS)) return NULL;
     *length = most_of_it;
     return f;
 }
@@ -819,7 +820,7 @@ static double begin(Motion *x, double length, const Free **flown, int *K)
         launch(*flown, c->t, c->piece, length, eta, rate, x->s.G, &x->g);
         return length;
     }
-    double fast = fastest(x->free, c), h = least(x->radians / fast, length);
+    double fast = fastest(x->free, c), h = least(RADIANS / fast, length);
     *K = terms_for(h * fast);
     expand_here(x, *K);
     return h;
@@ -1383,7 +1384,7 @@ static Int run(Motion *x)
         Event e;
         if (flown) {
             see(flown, c->t, &x->g);
-            e = flight(flown, &x->g, h, x->radians, c, &c->leap, o->counts);
+            e = flight(flown, &x->g, h, c, &c->leap, o->counts);
         } else {
             c->leap = 0.0;
             e = watch(f, K, h, c, &x->s);
@@ -1448,7 +1449,7 @@ static double *prepared(Motion *x)
     double *block = calloc(1, layout(x, NULL) + 1);
     if (!block) return NULL;
     layout(x, block);
-    x->full = terms_for(x->radians);
+    x->full = terms_for(RADIANS);
     Int T = f->N + f->F;
     x->free_fast = T ? f->sorted[3 * T - 1] : 0.0;
     for (Int b = 0; b < 2 * f->F + f->R; b++)
@@ -1461,9 +1462,9 @@ static double *prepared(Motion *x)
 }
 
 Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
-                 double radians, Output *out)
+                 Output *out)
 {
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = state, .t_end = t_end, .radians = radians, .out = out};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = state, .t_end = t_end, .out = out};
     double *block = prepared(&x);
     if (!block) return NO_MEMORY;
     Int result = run(&x);
@@ -1503,11 +1504,11 @@ static void restore(Motion *x, Int k, const Marks *marks)
     memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
 }
 
-Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
                Int count, const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
 {
     State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
     double *block = prepared(&x), *own = own_state(&c, f);
     Int n = f->n, m = f->m, result = block && own ? DONE : NO_MEMORY;
     for (Int i = 0; i < count && result == DONE;) {
@@ -1582,14 +1583,14 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
 {
     Flight *g = &x->g;
     Int T = g->T, alive = T;
-    int K = terms_for(x->radians);
+    int K = terms_for(RADIANS);
     double kappa = x->free->laws[0], p[MOST + 1], rest, size = 0.0;
     if (K < g->deg) K = (int)g->deg;
     for (Int k = 0; k < T; k++) size += g->sizes[k];
     while (a < b) {
         waves_at(f->sorted, f->sorted + T, T, f->damped, T ? f->sorted[3 * T - 1] : 0.0, a, g->C, g->S);
         while (alive && g->sizes[alive - 1] * hypot(g->C[alive - 1], g->S[alive - 1]) < 1e-18 * size) alive--;
-        double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, x->radians / most(fast, 1e-300));
+        double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, RADIANS / most(fast, 1e-300));
         gap_series(f, g, 0, a, alive, K, p, &rest);
         p[0] -= stop;
         for (int k = 0; k <= K; k++) p[k] *= way * kappa;
@@ -1599,11 +1600,11 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
     return best;
 }
 
-Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
                 Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse)
 {
     State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c, .radians = radians};
+    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
     double *block = prepared(&x), *own = own_state(&c, f), p[MOST + 1];
     Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
     double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];

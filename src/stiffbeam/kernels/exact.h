@@ -76,7 +76,7 @@ typedef struct {
 
 /* up, low: the system with its only contact pressed at the upper, lower stop, or NULL; V (n, n): its modes V eta. */
 API Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
-                     double radians, Output *out);
+                     Output *out);
 
 /* States from which parts of a motion are computed again. */
 typedef struct {
@@ -87,12 +87,12 @@ typedef struct {
 
 /* The motion again at `count` times, each from the mark of this number: `mark` (count,) is not decreasing, and the times
  * (count,) of one mark increase. */
-API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
                    Int count, const double *times, const Int *mark, double *eta_at, double *rate_at, double *force_at);
 
 /* Largest force and impulse of a compliant contact, or impulse of the reaction of a rigid one, in spans from starts
  * to ends (count,), which lie in order. */
-API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, double radians, const Marks *marks,
+API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
                     Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse);
 
 #endif

@@ -18,8 +18,7 @@ from .library import INTEGER, Address, Int, Real, Structure, address, library
 
 DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY = range(5)
 REBOUND = 9  # times the stop: the side of a contact that an impact throws back
-RADIANS = 2.0  # of the fastest motion in a step of series
-TOGETHER = 16.0
+TOGETHER = 16.0  # roundings of the time within which rigid stops are hit together
 FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
 
 
@@ -53,9 +52,9 @@ def _functions() -> ctypes.CDLL:
     """The library, with the arguments of its functions declared."""
     lib, at = library(), ctypes.POINTER
     flown = [at(_Free.type)] * 3 + [Address]
-    lib.exact_follow.argtypes = [*flown, at(_State), Real, Real, at(_Output)]
-    lib.exact_read.argtypes = [*flown, Real, at(_Marks), Int, *[Address] * 5]
-    lib.exact_press.argtypes = [*flown, Real, at(_Marks), Int, Int, *[Address] * 4]
+    lib.exact_follow.argtypes = [*flown, at(_State), Real, at(_Output)]
+    lib.exact_read.argtypes = [*flown, at(_Marks), Int, *[Address] * 5]
+    lib.exact_press.argtypes = [*flown, at(_Marks), Int, Int, *[Address] * 4]
     for function in (lib.exact_follow, lib.exact_read, lib.exact_press):
         function.restype = Int
     return lib
@@ -193,8 +192,7 @@ class Follower:
         self, free: Free, pressed: Pressed, eta: Array, rate: Array, t: float = 0.0, sides: IntArray | None = None,
         fresh: IntArray | None = None, together: float = TOGETHER,
     ) -> None:  # fmt: skip
-        """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero. together: roundings of
-        the time within which rigid stops are hit together."""
+        """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero."""
         n, m = len(free.w2), len(free.rows)
         self.free, self.pressed = free, pressed
         self.arrays = {"eta": np.array(eta, float), "rate": np.array(rate, float), "lost": np.zeros(2 * n)}
@@ -210,7 +208,7 @@ class Follower:
             self.whole["fresh"][:], self.whole["fresh_side"][:] = fresh != 0, fresh
 
     def follow(
-        self, t_end: float, stations: Array, radians: float = RADIANS,
+        self, t_end: float, stations: Array,
         between: Callable[[float, int, int], None] | None = None,
     ) -> Followed:  # fmt: skip
         """Go on to t_end; the states at ``stations`` (k,), increasing. between: called after every part, with the time
@@ -219,7 +217,7 @@ class Follower:
         room, result, passed, kept, events = FIRST_ROOM + 8 * m * m, FULL, 0, 0, 0
         counts, parts = np.zeros(3, np.int64), []
         while result == FULL:
-            result, part, at, used = self._part(t_end, stations[passed:], radians, room)
+            result, part, at, used = self._part(t_end, stations[passed:], room)
             # Numbers of marks count over all parts.
             part[1][3] += kept
             part[2][6] += kept
@@ -234,16 +232,16 @@ class Follower:
         numbers: Any = (*marks, *found, Blows(*blows), *at, counts)
         return Followed(result, self.state.t, *numbers)
 
-    def first_event(self, t_end: float, radians: float = RADIANS) -> tuple[float, int, int] | None:
+    def first_event(self, t_end: float) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event before t_end; None for none."""
         while True:
-            result, (_, found, _), _, _ = self._part(t_end, np.zeros(0), radians, 8 * len(self.free.rows) ** 2 + 2)
+            result, (_, found, _), _, _ = self._part(t_end, np.zeros(0), 8 * len(self.free.rows) ** 2 + 2)
             if len(found[0]):
                 return float(found[0][0]), int(found[1][0]), int(found[2][0])
             if result != FULL:
                 return None
 
-    def _part(self, t_end: float, stations: Array, radians: float, room: int) -> tuple[int, Any, Any, IntArray]:
+    def _part(self, t_end: float, stations: Array, room: int) -> tuple[int, Any, Any, IntArray]:
         """One call: its result; marks, events and blows; the states at the stations passed; the counts."""
         n, m, k = len(self.free.w2), len(self.free.rows), len(stations)
         at = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
@@ -253,7 +251,7 @@ class Follower:
         blows = *np.empty((4, room)), *np.empty((3, room), np.int64)
         pointers = [x.ctypes.data for x in (*marks, *found, *blows, stations, *at)]
         out, flown = _Output(room, 0, 0, 0, k, 0, (Int * 3)(), *pointers), self.pressed.arguments(self.free)
-        result = _functions().exact_follow(*flown, ctypes.byref(self.state), t_end, radians, ctypes.byref(out))
+        result = _functions().exact_follow(*flown, ctypes.byref(self.state), t_end, ctypes.byref(out))
         if result == NO_MEMORY:
             _done(result)
         kept = ((marks, out.marks), (found, out.events), (blows, out.blows))
@@ -276,9 +274,7 @@ class Marks(NamedTuple):
         return ctypes.byref(_Marks(k, *floats, address(self.side, (k, m), INTEGER)))
 
 
-def read(
-    free: Free, pressed: Pressed, marks: Marks, times: Array, mark: IntArray, radians: float = RADIANS
-) -> tuple[Array, Array, Array]:
+def read(free: Free, pressed: Pressed, marks: Marks, times: Array, mark: IntArray) -> tuple[Array, Array, Array]:
     """eta, eta' (k, n) and the reactions of held contacts (k, m) at times (k,), each from its mark."""
     order = np.lexsort((times, mark))
     t, at = np.ascontiguousarray(times[order], float), np.ascontiguousarray(mark[order], np.int64)
@@ -287,7 +283,7 @@ def read(
         raise ValueError("mark: a number of a mark wanted")
     eta, rate, force = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
     _done(_functions().exact_read(
-        *pressed.arguments(free), radians, marks.argument(free), k, t.ctypes.data, at.ctypes.data, eta.ctypes.data,
+        *pressed.arguments(free), marks.argument(free), k, t.ctypes.data, at.ctypes.data, eta.ctypes.data,
         rate.ctypes.data, force.ctypes.data,
     ))  # fmt: skip
     if np.array_equal(order, np.arange(k)):
@@ -297,9 +293,7 @@ def read(
     return eta[back], rate[back], force[back]
 
 
-def press(
-    free: Free, pressed: Pressed, marks: Marks, contact: int, starts: Array, ends: Array, radians: float = RADIANS
-) -> tuple[Array, Array]:
+def press(free: Free, pressed: Pressed, marks: Marks, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
     """Largest force and impulse of a contact in spans from starts to ends (k,), in order; of rigid stops their
     reactions."""
     if not 0 <= contact < len(free.rows):
@@ -307,7 +301,7 @@ def press(
     a, b = np.ascontiguousarray(starts, float), np.ascontiguousarray(ends, float)
     peaks, impulses = np.empty(len(a)), np.empty(len(a))
     _done(_functions().exact_press(
-        *pressed.arguments(free), radians, marks.argument(free), contact, len(a), a.ctypes.data,
+        *pressed.arguments(free), marks.argument(free), contact, len(a), a.ctypes.data,
         address(b, a.shape), peaks.ctypes.data, impulses.ctypes.data,
     ))  # fmt: skip
     return peaks, impulses

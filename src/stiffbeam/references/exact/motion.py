@@ -24,7 +24,6 @@ from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import (
     NOT_FINITE,
-    RADIANS,
     STALLED,
     TOGETHER,
     Blows,
@@ -81,10 +80,10 @@ def require_short(free: Free, length: float) -> None:
 
 
 class Solver:
-    """Solver of one system. radians: of the fastest motion in a step of series."""
+    """Solver of one system."""
 
-    def __init__(self, system: System, made: FreeSystem | None = None, radians: float = RADIANS) -> None:
-        self.system, self.drive, self.radians, self.together = system, Drive.of(system), radians, TOGETHER
+    def __init__(self, system: System, made: FreeSystem | None = None) -> None:
+        self.system, self.drive, self.together = system, Drive.of(system), TOGETHER
         self.made = made or free_system(system, self.drive)
         self.eta, self.rate = self.made.start(system.q0, system.v0)
         if system.rigid:
@@ -183,7 +182,7 @@ class Solver:
         """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
         decides that is not."""
         follower = Follower(self.made.free, self.made.pressed, *self.made.start(*start), t)
-        follower.follow(np.nextafter(t, np.inf), np.zeros(0), self.radians)
+        follower.follow(np.nextafter(t, np.inf), np.zeros(0))
         return follower.whole["side"]
 
     def first_event(
@@ -196,7 +195,7 @@ class Solver:
         require_short(self.made.free, t_end - t)
         eta, rate = self.made.start(*start)
         known = (None, None) if sides is None else (sides, fresh)
-        return Follower(self.made.free, self.made.pressed, eta, rate, t, *known).first_event(t_end, self.radians)
+        return Follower(self.made.free, self.made.pressed, eta, rate, t, *known).first_event(t_end)
 
     def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
         begun = float(follower.state.t)
@@ -210,7 +209,7 @@ class Solver:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
                 raise InputError("t_end", t_end, rule, f"end before t = {t:.6g}, or take e < 1")
 
-        found = follower.follow(t_end, stations, self.radians, check)
+        found = follower.follow(t_end, stations, check)
         if found.result == STALLED:
             raise SolverFailure("exact", found.t, "events follow each other without an advance of time", REMEDY)
         if found.result == NOT_FINITE:
@@ -222,7 +221,7 @@ class Solver:
         times = found.mark_t[first]
         times[0] = begun
         return Motion(
-            self.system, self.made, self.radians, times, found.mark_side[first], first,
+            self.system, self.made, times, found.mark_side[first], first,
             Marks(found.mark_t, found.mark_eta, found.mark_rate, found.mark_side),
             int(found.counts[0] + found.counts[2]),
             (found.event_t, found.event_contact, found.event_side, found.event_mark), found.blows, seen,
@@ -244,7 +243,6 @@ class Motion:
 
     system: System
     made: FreeSystem
-    radians: float
     times: Array
     sides: IntArray
     first_mark: IntArray
@@ -294,7 +292,7 @@ class Motion:
                 if kept is not None and np.array_equal(kept[0], t):
                     return kept[1:]  # type: ignore[return-value]
         mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
-        found = read(self.made.free, self.made.pressed, self.marks, t, mark, self.radians)
+        found = read(self.made.free, self.made.pressed, self.marks, t, mark)
         if piece is None:
             self.last[:] = [(t, *found)]
         return found
@@ -339,7 +337,7 @@ class Motion:
 
     def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
-        return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends, self.radians)
+        return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends)
 
     def presses(
         self, contact: int, since: float, t_end: float
@@ -397,7 +395,7 @@ class Motion:
     def _powers(self, t: Array) -> Array:
         """Powers at times t (k,) of loads and moving stops, of the damping, and of the stops' dashpots, (3, k)."""
         free, piece = self.made.free, self.piece_at(t)
-        eta, rate, force = read(free, self.made.pressed, self.marks, t, self.mark_at(t, piece), self.radians)
+        eta, rate, force = read(free, self.made.pressed, self.marks, t, self.mark_at(t, piece))
         given, stops = np.zeros(len(t)), np.zeros(len(t))
         for vector, function in self.system.loads:
             given += evaluate(function, t) * (rate @ (vector @ self.made.X))

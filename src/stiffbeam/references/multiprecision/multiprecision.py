@@ -306,7 +306,7 @@ class PreciseSolver:
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
         marks = Marks(times, *self.solver.made.start(*np.split(states, 2, axis=1)), sides)
         return PreciseMotion(
-            self.system, self.solver.made, self.solver.radians, times[first], sides[first], first, marks, len(pieces),
+            self.system, self.solver.made, times[first], sides[first], first, marks, len(pieces),
             NO_EVENTS, NO_BLOWS, precise=pieces,
         )  # fmt: skip
 
