@@ -826,11 +826,12 @@ static double begin(Motion *x, double length, const Free **flown, int *K)
     return h;
 }
 
-/* The modes at tau of a stretch. */
+/* The modes at tau of a stretch: at its start not even rounding changes them. */
 static void state_at(Motion *x, const Free *flown, int K, double tau, double *eta, double *rate)
 {
     Int n = x->free->n;
-    if (!flown) horner(x->s.a, K, tau, eta, rate, n);
+    if (tau == 0.0) memcpy(eta, x->c->eta, (size_t)n * sizeof(double)), memcpy(rate, x->c->rate, (size_t)n * sizeof(double));
+    else if (!flown) horner(x->s.a, K, tau, eta, rate, n);
     else if (flown == x->free) land(flown, &x->g, x->c->t, tau, eta, rate);
     else {
         land(flown, &x->g, x->c->t, tau, x->turned, x->turned_rate);
@@ -1515,22 +1516,15 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
         Int last = i;
         while (last + 1 < count && mark_of[last + 1] == mark_of[i]) last++;
         restore(&x, mark_of[i], marks);
-        for (; i <= last && times[i] <= c.t; i++) {
-            memcpy(eta_at + i * n, c.eta, (size_t)n * sizeof(double));
-            memcpy(rate_at + i * n, c.rate, (size_t)n * sizeof(double));
-            int K = 0;
-            const Free *flown;
-            begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K);
-            forces_at(&x, flown, K, 0.0, force_at + i * m);
-        }
         while (i <= last) {
             int K = 0;
             const Free *flown;
-            double h = begin(&x, room_for(&x, times[last]), &flown, &K), until = c.t + h;
+            double h = begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K), until = c.t + h;
             if (until == c.t) until = times[i]; /* roundings of the time are left */
             for (; i <= last && times[i] <= until; i++) {
-                state_at(&x, flown, K, times[i] - c.t, eta_at + i * n, rate_at + i * n);
-                forces_at(&x, flown, K, times[i] - c.t, force_at + i * m);
+                double tau = most(0.0, times[i] - c.t);
+                state_at(&x, flown, K, tau, eta_at + i * n, rate_at + i * n);
+                forces_at(&x, flown, K, tau, force_at + i * m);
             }
             if (i <= last) move(&x, flown, K, h);
         }

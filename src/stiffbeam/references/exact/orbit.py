@@ -8,7 +8,6 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -85,11 +84,6 @@ class Orbit:
     def stable(self) -> bool:
         """Return True where all multipliers lie inside the unit circle, by more than rounding."""
         return bool(np.abs(self.multipliers[0]) < 1.0 - ALONE)
-
-    @cached_property
-    def peak_forces(self) -> Array:
-        """Largest |sigma| of each contact over a period of the exact motion, (contacts,); NaN for rigid stops."""
-        return np.array([contact.peak_force for contact in self.reference().contacts])
 
     def reference(self, periods: float = 1.0, t_eval: Any = None) -> Reference:
         """The exact motion from the orbit's start. An unstable orbit is left after ln(1e16)/ln|multiplier| periods."""

@@ -139,11 +139,11 @@ class Tangent:
         for i, regime in enumerate(self.regimes if len(dz) else ()):
             if i:
                 dz = self.across(i, dz)
-            steps, tau = slice(first[i], first[i + 1]), float(h[first[i]])
-            if first[i + 1] == first[i] + 1:
-                starts[steps], dz = dz, regime.flow(tau, dz) + driven[first[i]]
-            else:
-                starts[steps], dz = accumulated(regime.flow(tau, np.eye(2 * n)), dz, driven[steps])
+            tau, steps = float(h[first[i]]), range(first[i], first[i + 1])
+            flow = regime.flow(tau, np.eye(2 * n)) if len(steps) > 1 else None
+            for k in steps:
+                starts[k] = dz
+                dz = (regime.flow(tau, dz) if flow is None else dz @ flow) + driven[k]
             ends[i] = dz
         return starts, ends
 
@@ -375,24 +375,6 @@ class Tangent:
         """Derivative of q, q' at the end of the path in the directions of its start, (2n, D)."""
         X, n = self.variation.X, self.variation.n
         return np.vstack([X @ self.ends[-1][:, :n].T, X @ self.ends[-1][:, n:].T])
-
-
-def accumulated(E: Array, dz: Array, driven: Array) -> tuple[Array, Array]:
-    """dz (D, 2n) before each of the steps dz <- dz E + driven, (N, D, 2n), and after the last; by pairs of steps."""
-    N, width = len(driven), len(E)
-    if N == 1:
-        return dz[None], dz @ E + driven[0]
-
-    def moved(x: Array) -> Array:
-        return (x.reshape(-1, width) @ E).reshape(x.shape)  # one product of matrices
-
-    starts, whole = np.empty_like(driven), N - N % 2
-    first, second = driven[0:whole:2], driven[1:whole:2]
-    starts[0:whole:2], dz = accumulated(E @ E, dz, moved(first) + second)
-    starts[1:whole:2] = moved(starts[0:whole:2]) + first
-    if N % 2:
-        starts[-1], dz = dz, dz @ E + driven[-1]
-    return starts, dz
 
 
 def grazes(h: Array, size: float, depth: float = GRAZE) -> bool:
