@@ -921,16 +921,35 @@ static void push(Motion *x, int firm)
     }
 }
 
-/* v: the rates at which the gaps of the closed contacts open. The drive must have been expanded at t. */
-static void outward(Motion *x, double *v)
+/* Derivative `order`, 0 or 1, of the position of contact i. The drive must have been expanded at t. */
+static double position(const Motion *x, Int i, int order)
 {
     const Free *f = x->free;
     Int B = 2 * f->F + f->R;
-    for (Int i = 0; i < f->m; i++) {
-        double s = dot(f->rows + i * f->n, x->c->rate, f->n);
-        for (Int b = 0; b < B; b++) s += f->offsets[b * f->m + i] * x->s.G[B + b];
-        v[i] = -(double)x->c->closed[i] * s;
-    }
+    double u = dot(f->rows + i * f->n, order ? x->c->rate : x->c->eta, f->n);
+    for (Int b = 0; b < B; b++) u += f->offsets[b * f->m + i] * x->s.G[order * B + b];
+    return u;
+}
+
+/* v: the rates at which the gaps of the closed contacts open. */
+static void outward(Motion *x, double *v)
+{
+    for (Int i = 0; i < x->free->m; i++) v[i] = -(double)x->c->closed[i] * position(x, i, 1);
+}
+
+/* An event at t: a contact changes its side, 9 times the stop for a rebound. */
+static void note(Motion *x, Int contact, Int side)
+{
+    Output *o = x->out;
+    o->event_t[o->events] = x->c->t, o->event_contact[o->events] = contact;
+    o->event_side[o->events] = side, o->event_mark[o->events++] = o->marks;
+}
+
+/* Closed are the contacts that rigid stops hold, and contact i on `stop`. */
+static void close_held(Motion *x, Int i, Int stop)
+{
+    for (Int k = 0; k < x->free->m; k++) x->c->closed[k] = rigid(x->free, k) ? x->c->side[k] : 0;
+    x->c->closed[i] = stop;
 }
 
 /* Rounding of the rate of contact i. The drive must have been expanded at t. */
@@ -960,35 +979,18 @@ static void blow(Motion *x)
     for (Int k = first; k < o->blows; k++) o->blow_after[k] = -(double)x->c->closed[o->blow_contact[k]] * x->v[o->blow_contact[k]];
 }
 
-/* Position of contact i at t, from the state and the drive there. */
-static double place(const Motion *x, Int i)
-{
-    const Free *f = x->free;
-    Int B = 2 * f->F + f->R;
-    double u = dot(f->rows + i * f->n, x->c->eta, f->n);
-    for (Int b = 0; b < B; b++) u += f->offsets[b * f->m + i] * x->s.G[b];
-    return u;
-}
-
 /* Open rigid contacts that reach their stops together with `hit` but for rounding are closed as well; each is an event. */
 static void gather(Motion *x, Int hit)
 {
     const Free *f = x->free;
     State *c = x->c;
-    Output *o = x->out;
-    Int B = 2 * f->F + f->R;
     for (Int i = 0; i < f->m; i++)
         for (Int s = 1; s >= -1 && rigid(f, i) && i != hit && c->closed[i] == 0; s -= 2) {
-            double g = stop_of(f, i, s), into = 0.0;
-            if (isinf(g)) continue;
-            into = dot(f->rows + i * f->n, c->rate, f->n);
-            for (Int b = 0; b < B; b++) into += f->offsets[b * f->m + i] * x->s.G[B + b];
-            into *= (double)s;
-            if (!(into > 0.0) || (c->fresh_side[i] == s && c->fresh[i] > 0)) continue;
-            if ((double)s * (g - place(x, i)) > c->together * EPS * (c->t * into + 0.25 * fabs(g))) continue;
+            double g = stop_of(f, i, s), into = (double)s * position(x, i, 1);
+            if (isinf(g) || !(into > 0.0) || (c->fresh_side[i] == s && c->fresh[i] > 0)) continue;
+            if ((double)s * (g - position(x, i, 0)) > c->together * EPS * (c->t * into + 0.25 * fabs(g))) continue;
             c->closed[i] = s;
-            o->event_t[o->events] = c->t, o->event_contact[o->events] = i, o->event_mark[o->events] = o->marks;
-            o->event_side[o->events++] = 9 * s;
+            note(x, i, 9 * s);
         }
 }
 
@@ -1090,14 +1092,10 @@ static void strike(Motion *x, Int hit)
  * others are those behind the blows. left: the contacts that had left before. */
 static Int driven_back(Motion *x, const Int *left)
 {
-    const Free *f = x->free;
     State *c = x->c;
-    for (Int i = 0; i < f->m; i++) {
+    for (Int i = 0; i < x->free->m; i++) {
         if (!left[i] || c->closed[i] != 0 || c->side[i] != 0) continue;
-        c->closed[i] = left[i];
-        outward(x, x->v);
-        c->closed[i] = 0;
-        double v = x->v[i], old = c->fresh[i] == 1 ? c->speed[i] : 0.0;
+        double v = -(double)left[i] * position(x, i, 1), old = c->fresh[i] == 1 ? c->speed[i] : 0.0;
         if (fabs(v - old) <= rate_rounding(x, i)) continue;
         if (v < 0.0) return i;
         c->fresh[i] = 1, c->fresh_side[i] = left[i], c->speed[i] = v;
@@ -1125,10 +1123,8 @@ static void chatter(Motion *x, Int hit)
     Int blows = x->out->blows, coupled = 0;
     memcpy(x->turned, c->rate, (size_t)f->n * sizeof(double));
     c->side[hit] = c->fresh_side[hit], c->fresh[hit] = 0;
-    for (Int i = 0; i < m; i++) {
-        c->closed[i] = rigid(f, i) ? c->side[i] : 0;
-        coupled |= i != hit && f->meet[hit * m + i] != 0.0;
-    }
+    close_held(x, hit, c->side[hit]);
+    for (Int i = 0; i < m; i++) coupled |= i != hit && f->meet[hit * m + i] != 0.0;
     outward(x, x->v);
     memcpy(x->r, x->v, (size_t)m * sizeof(double));
     push(x, 1);
@@ -1203,8 +1199,7 @@ static int change(Motion *x, Event e, Int *now)
         c->late = 0.0;
         memset(c->lost, 0, (size_t)(2 * f->n) * sizeof(double));
         if (was == 0) {
-            for (Int i = 0; i < f->m; i++) c->closed[i] = rigid(f, i) ? c->side[i] : 0;
-            c->closed[hit] = stop;
+            close_held(x, hit, stop);
             *now = 9 * stop;
             return 1;
         }
@@ -1259,13 +1254,10 @@ static void mark_left(Motion *x)
 static void strike_again(Motion *x)
 {
     State *c = x->c;
-    Output *o = x->out;
     for (Int back; (back = driven_back(x, x->left)) >= 0;) {
         x->left[back] = 0, c->fresh[back] = 0;
-        for (Int i = 0; i < x->free->m; i++) c->closed[i] = rigid(x->free, i) ? c->side[i] : 0;
-        c->closed[back] = c->fresh_side[back];
-        o->event_t[o->events] = c->t, o->event_contact[o->events] = back, o->event_mark[o->events] = o->marks;
-        o->event_side[o->events++] = 9 * c->fresh_side[back];
+        close_held(x, back, c->fresh_side[back]);
+        note(x, back, 9 * c->fresh_side[back]);
         strike(x, back);
     }
 }
@@ -1306,11 +1298,9 @@ static void act(Motion *x)
 static void turn_of(Motion *x, Int i)
 {
     State *c = x->c;
-    Output *o = x->out;
-    for (Int k = 0; k < x->free->m; k++) c->closed[k] = rigid(x->free, k) ? c->side[k] : 0;
-    c->closed[i] = c->fresh_side[i], c->fresh[i] = 0, c->waits = 1, c->still++;
-    o->event_t[o->events] = c->t, o->event_contact[o->events] = i, o->event_mark[o->events] = o->marks;
-    o->event_side[o->events++] = 9 * c->fresh_side[i];
+    close_held(x, i, c->fresh_side[i]);
+    c->fresh[i] = 0, c->waits = 1, c->still++;
+    note(x, i, 9 * c->fresh_side[i]);
 }
 
 /* Rounding of the position of a contact in a stretch of length h. */
@@ -1354,7 +1344,7 @@ static void wake(Motion *x)
         if (!(c->slack[i] > 0.0)) continue;
         double nearest = INFINITY;
         drive_series(f, c->t, c->piece, 1, x->s.G);
-        for (Int s = 0; s < 2; s++) nearest = least(nearest, fabs(place(x, i) - f->stops[2 * i + s]));
+        for (Int s = 0; s < 2; s++) nearest = least(nearest, fabs(position(x, i, 0) - f->stops[2 * i + s]));
         if (nearest > 4.0 * (rounding(x, i, 0, 0.0) + c->slack[i])) c->slack[i] = 0.0;
     }
 }
@@ -1413,8 +1403,9 @@ static Int run(Motion *x)
             continue;
         }
         c->hit = e.contact, c->size[e.contact] = 0.0;
-        c->waits = change(x, e, o->event_side + o->events);
-        o->event_t[o->events] = c->t, o->event_contact[o->events] = c->hit, o->event_mark[o->events++] = o->marks;
+        Int side;
+        c->waits = change(x, e, &side);
+        note(x, c->hit, side);
         if (!c->waits) c->since = BETWEEN; /* a mark behind every event */
         if (c->still > LOOSE && !rigid(f, c->hit)) still_contact(x, c->hit);
     }
