@@ -300,7 +300,6 @@ def test_several_threads_ask_one_reference_for_further_times():
 # No peak may be less than the forces at the solver's own outputs.
 T = np.linspace(0.0, 3.0, 6001)
 PEAKED = [*PHASED, RADAU]
-RECORD = sb.Sampled(np.linspace(0.0, 3.0, 7), [0.0, 1.0, -1.0, 2.0, 0.0, 1.0, 0.0])
 
 
 def mass(load, *contacts, speed=0.0, stiffness=4.0):
@@ -313,15 +312,6 @@ def at_least_the_outputs(run):
         largest = np.max(np.abs(contact.force))
         assert largest * (1.0 - 1e-9) <= contact.peak_force <= largest * 1.01
     return run
-
-
-@pytest.mark.parametrize("law", [{"exponent": 1.5}, {"damping": 2.0}, {"dissipation": 0.3}], ids=str)
-@pytest.mark.parametrize("method", PEAKED)
-@pytest.mark.fast(3)
-def test_moving_stops_of_every_law_under_a_load_in_pieces(method, law):
-    stops = sb.Stops(upper=0.1, stiffness=100.0, **law)
-    system = mass(RECORD, sb.Contact([1.0], stops, sb.Harmonic(0.05, 2.0, 0.4)), speed=1.0)
-    at_least_the_outputs(sb.reference(system, 3.0, method, t_eval=T))
 
 
 @pytest.mark.fast(1)

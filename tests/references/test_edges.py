@@ -24,21 +24,6 @@ def over_a_stop(load: float, v: float = 0.0) -> sb.System:
     return one_mass(100.0, sb.Stops(0.0, None, stiffness=1e4), load=sb.Constant(load), v=v)
 
 
-def test_at_rest_on_a_stop_with_a_load_into_it_the_contact_is_there_from_the_start():
-    """q = -5/(100 + kappa) (1 - cos(sqrt(100 + kappa) t)): one contact, no impact."""
-    system, w = over_a_stop(-5.0), np.sqrt(10100.0)
-    ref = sb.reference(system, 2.0)
-    assert ref.horizon == 2.0
-    assert ref.impacts.count == 0
-    assert ref.contacts[0].fraction == 1.0
-    assert np.max(np.abs(ref.tip + 5.0 / w**2 * (1.0 - np.cos(w * ref.t)))) < 1e-15
-    assert np.isclose(ref.contacts[0].peak_force, 1e4 * 10.0 / w**2, rtol=1e-12)
-    growth = sb.lyapunov(system, 2.0)
-    assert np.all(np.isfinite(growth.log_growth))
-    many = reference_ensemble(system, 2.0, [system, system])
-    assert np.allclose(many.peak_force, 1e4 * 10.0 / w**2, rtol=1e-12)
-
-
 def test_a_gap_that_never_leaves_its_zero_stays_one_piece():
     """Two equal masses move alike: the stop between them, met and not pressed, sees nothing of that."""
     contact, alike = sb.Contact([1.0, -1.0], sb.Stops(0.0, None, stiffness=1e4)), {"initial_velocity": [1.0, 1.0]}

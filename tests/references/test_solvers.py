@@ -17,27 +17,10 @@ from stiffbeam.trajectory.records import Impacts
 
 ADAPTIVE = [method for method in REFERENCES.values() if method.kind == "adaptive"]
 FOLLOWING = [method for method in ADAPTIVE if method.name != "kvaerno3"]  # which takes minutes at 1e-9
-OUTPUTS = np.linspace(0.0, 0.1, 401)
 
 
 def relative(a, b):
     return np.max(np.abs(a.tip - b.tip)) / np.max(np.abs(b.tip))
-
-
-@pytest.fixture(scope="module")
-def exact_table10(table10_system):
-    return solve(table10_system, 0.1, "exact", OUTPUTS, 0.0, None)
-
-
-@pytest.mark.campaign
-def test_dop853_at_its_tightest_shows_the_exact_solution_good_to_1e_12(exact_table10, table10_system):
-    from scipy.integrate import solve_ivp
-
-    ode = table10_system.ode()
-    # Steps short against the fastest period (1.5e-4): the dense output adds nothing at the kinks.
-    result = solve_ivp(ode.rhs, (0.0, 0.1), ode.y0, "DOP853", OUTPUTS, rtol=3e-14, atol=1e-15, max_step=5e-6)
-    tip = ode.displacement(result.y.T)[:, -1]
-    assert np.max(np.abs(tip - exact_table10.tip)) < 3e-12 * np.max(np.abs(tip))
 
 
 WITHOUT_EXACT = ("Hertz", "Hunt-Crossley", "damped stop that moves by a record")  # have no exact solution

@@ -26,15 +26,6 @@ def test_a_start_on_a_stop_is_no_warning_of_the_library(method, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_step_bound_tells_the_number_of_steps(method):
-    """A slow motion, on which no step fails: after a start each step has the longest length."""
-    slow = sb.System.from_matrices([[1.0]], [[1e-4]], initial_velocity=[1.0], observe=[1.0])
-    counters = sb.reference(slow, 1.0, method=method, rtol=1e-4, atol=1e-4, max_step=1e-3).work.counters
-    assert 1000 <= counters["steps"] <= 1100
-    assert (counters["error_test_failures"], counters["convergence_failures"]) == (0, 0)
-
-
 class Called:
     """A function of time as Python has to call it."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,7 @@ from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
 from .tangent import GRAZE, Tangent, path_of_solution
-from .variation import Series, Variation
+from .variation import Variation
 
 LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
 HALVINGS = 45  # of the part in which a peak is
@@ -67,45 +67,35 @@ class Derivative:
         segments = self.tangent.segment_at(self.t)
         return segments, self.tangent.at(self.t, segments)
 
-    def _read(self, f: Callable[[Series], Array]) -> Array:
-        """f (k, ...) of the series at the times t."""
-        (segments, z), values = self._at_outputs, {}
-        for part, series in self.tangent.expanded(segments, self.t, z[:, 0], z[:, 1:], 2):
-            values |= dict(zip(part.tolist(), f(series), strict=True))
-        return self._masked(self.t, np.array([values[k] for k in range(len(self.t))]))
-
     @cached_property
-    def _tip(self) -> tuple[Array, Array]:
-        variation = self.tangent.variation
-        observe, slopes = variation.data.observe, variation.slopes["observe"]
-        seen = self._system.observe is not None
-
-        def tip(series: Series) -> Array:
-            if not seen:
-                return np.moveaxis(series.u[:2, :, 1:, 0], 0, 1)
-            eta = series.eta[:2]
-            return np.moveaxis(eta[:, :, 1:] @ observe + eta[:, :, 0] @ slopes.T, 0, 1)
-
-        derived = self._read(tip)
-        return derived[:, 0], derived[:, 1]
+    def _tip(self) -> Array:
+        """Derivatives of the observed position and velocity, (k, 2, p)."""
+        variation, (segments, z) = self.tangent.variation, self._at_outputs
+        found = np.empty((len(self.t), 2, len(self.wrt)))
+        for part, series in self.tangent.expanded(segments, self.t, z[:, 0], z[:, 1:], 2):
+            seen, eta = series.u[:2, :, 1:, 0], series.eta[:2]
+            if self._system.observe is not None:
+                seen = eta[:, :, 1:] @ variation.data.observe + eta[:, :, 0] @ variation.slopes["observe"].T
+            found[part] = np.moveaxis(seen, 0, 1)
+        return self._masked(self.t, found)
 
     @property
     def tip(self) -> Array:
         """Derivative of the observed position, (k, p)."""
-        return self._tip[0]
+        return self._tip[:, 0]
 
     @property
     def tip_velocity(self) -> Array:
         """Derivative of the observed velocity, (k, p)."""
-        return self._tip[1]
+        return self._tip[:, 1]
 
     @cached_property
     def state(self) -> Array:
         """Derivative of (q, q'), (k, 2n, p)."""
-        X, t, p = self.tangent.variation.X, self.t, len(self.wrt)
-        afford("wrt", p, "ask for fewer parameters or times", floats=8.0 * len(t) * len(X) * p)
-        read = lambda series: np.concatenate([series.eta[0] @ X.T, series.eta[1] @ X.T], axis=2)[:, 1:]  # noqa: E731
-        return np.moveaxis(self._read(read), 1, 2)
+        X, p = self.tangent.variation.X, len(self.wrt)
+        afford("wrt", p, "ask for fewer parameters or times", floats=8.0 * len(self.t) * len(X) * p)
+        parts = np.split(self._at_outputs[1][:, 1:], 2, axis=2)
+        return self._masked(self.t, np.moveaxis(np.concatenate([x @ X.T for x in parts], axis=2), 1, 2))
 
     @property
     def _system(self) -> System:
@@ -131,14 +121,13 @@ class Derivative:
     @property
     def impact_times(self) -> tuple[Array, ...]:
         """Derivatives of ``contacts[i].impacts.times``, (impacts, p) for every contact; NaN at a graze."""
-        found = []
+        found, events = [], self.events
         for i, contact in enumerate(self.reference.contacts):
             times = contact.impacts.times
             slopes = np.full((len(times), len(self.wrt)), np.nan)
-            rows = [row for row, (_, of) in enumerate(self._events) if of == i]
             # Impacts and segments take their times from one number: equality is exact. The first closes the contact.
-            for row in reversed(rows):
-                slopes[times == self.events[row]] = self.event_times[row]
+            for row in reversed([row for row, (_, of) in enumerate(self._events) if of == i]):
+                slopes[times == events[row]] = self.event_times[row]
             found.append(slopes)
         return tuple(found)
 

@@ -366,7 +366,7 @@ class Motion:
         if span * turning > MOST_RADIANS:
             reason = f"its energy is a sum over {span * turning:.2g} radians of the motion, more than {MOST_RADIANS:g}"
             raise SolverFailure("exact", 0.0, reason, "shorten t_end")
-        longest = np.pi / turning
+        longest = min(np.pi / turning, span)
         # Behind events and samples what decays is fast at first: parts that double.
         doublings = max(0, math.ceil(math.log2(max(decay * longest, 1.0))))
         grades = np.append(0.0, 2.0 ** np.arange(doublings) / max(decay, 1e-300))
