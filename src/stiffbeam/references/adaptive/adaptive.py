@@ -40,7 +40,6 @@ def reference_from(
     with the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
     """
     system, t_end, method, t_eval, rtol, atol, _, steps = request
-    positive("t_end", t_end)
     rtol = positive("rtol", rtol)
     if rtol < LEAST_RTOL:
         raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use multiprecision")

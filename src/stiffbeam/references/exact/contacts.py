@@ -239,7 +239,8 @@ def audit(solution: Motion, t_end: float) -> None:
     are the outputs, or the middles of segments where these are more.
     """
     _answered(solution, t_end)
-    system, (q, v) = solution.system, solution.starts
+    system, segments = solution.system, np.arange(len(solution.times))
+    q, v = solution.states_in(solution.times, segments)
     kinetic, elastic = system.free_energies(q, v)
     energy = kinetic + elastic
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)

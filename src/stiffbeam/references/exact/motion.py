@@ -168,21 +168,24 @@ class Solver:
         """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
         on; the states at ``stations`` (k,), increasing, are found on the way."""
         require_short(self.made.free, t_end)
+        return self._followed(self._follower(start), t_end, stations)
+
+    def _follower(
+        self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
+        fresh: IntArray | None = None,
+    ) -> Follower:  # fmt: skip
         eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
-        return self._followed(
-            Follower(self.made.free, self.made.pressed, eta, rate, together=self.together), t_end, stations
-        )
+        return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh, self.together)
 
     def trace(self, t: float, sides: IntArray, fresh: IntArray, start: tuple[Array, Array], t_end: float) -> Motion:
         """The motion on [t, t_end] from q, q' (n,) with the contacts on sides (m,); fresh: see ``fresh_after``."""
-        eta, rate = self.made.start(*start)
-        return self._followed(Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh), t_end, NO_TIMES)
+        return self._followed(self._follower(start, t, sides, fresh), t_end, NO_TIMES)
 
     def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
         """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
         decides that is not."""
-        follower = Follower(self.made.free, self.made.pressed, *self.made.start(*start), t)
-        follower.follow(np.nextafter(t, np.inf), np.zeros(0))
+        follower = self._follower(start, t)
+        follower.follow(np.nextafter(t, np.inf), NO_TIMES)
         return follower.whole["side"]
 
     def first_event(
@@ -193,9 +196,7 @@ class Solver:
         if not self.system.contacts:
             return None
         require_short(self.made.free, t_end - t)
-        eta, rate = self.made.start(*start)
-        known = (None, None) if sides is None else (sides, fresh)
-        return Follower(self.made.free, self.made.pressed, eta, rate, t, *known).first_event(t_end)
+        return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
 
     def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
         begun = float(follower.state.t)
@@ -311,11 +312,6 @@ class Motion:
         """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
         eta, rate, _ = self._read(t, piece)
         return eta @ self.made.X.T, rate @ self.made.X.T
-
-    @property
-    def starts(self) -> tuple[Array, Array]:
-        """q, q' (k, n) where the segments begin."""
-        return self.marks.eta[self.first_mark] @ self.made.X.T, self.marks.rate[self.first_mark] @ self.made.X.T
 
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""

@@ -27,6 +27,7 @@ from .solution import refuse, solve_exact
 from .tangent import GRAZE, Path, Tangent, path_of_solution
 from .variation import Variation
 
+LEAST = 0.01  # of the position that one turn in the period gives at the velocity of the motion: its least size
 NEWTON = 40  # iterations of shooting
 HOPELESS, ASTRAY = 15, 0.1  # iterations after which a larger relative defect is given up
 APART = 1e13  # growth of a distance in a period, of which shooting can make nothing
@@ -139,10 +140,14 @@ class PeriodMap:
         return np.concatenate([q[0], v[0]]), tangent.monodromy, tangent
 
     def sizes(self, tangent: Tangent) -> Array:
-        """The largest |q| and |q'| of a path for each entry of a state, (2n,)."""
-        units = tangent.path.units
-        # Velocities of a motion at rest have the scale of one turn in the period.
-        return np.maximum(units, np.repeat([0.0, units[0] * 2.0 * np.pi / self.period], self.system.size))
+        """The largest |q| and |q'| where segments start, for each entry of a state, (2n,).
+
+        Where all starts are near zeros of one of them it counts as a share of what one turn in the period gives.
+        """
+        turn, parts = self.period / (2.0 * np.pi), np.split(tangent.z, 2, axis=1)
+        q, v = (float(np.max(np.abs(x @ tangent.variation.X.T))) for x in parts)
+        q = max(q, LEAST * turn * v, 1e-300)
+        return np.repeat([q, max(v, q / turn)], self.system.size)
 
 
 def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:

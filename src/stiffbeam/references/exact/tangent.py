@@ -31,13 +31,12 @@ from .variation import RADIANS, TERMS, Regime, Series, Variation
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
 TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
-LEAST = 0.01  # of the position or velocity that one turn in the time of a path gives: its least unit
 CHUNK = 1_000_000  # numbers of a series at once
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Segments of a motion: they start at times (k,) with q, v (k, n) and the contacts on ``sides`` (k, m).
+    """Segments of a motion: they start at times (k,) with the contacts on ``sides`` (k, m).
 
     piece: (k,) the segments of the solution, which records divide. hits: for segments that start with impacts on rigid
     stops the contacts that are hit.
@@ -46,8 +45,6 @@ class Path:
     solution: Motion
     times: Array
     sides: IntArray
-    q: Array
-    v: Array
     t_end: float
     piece: IntArray
     hits: Mapping[int, Sequence[int]] = field(default_factory=dict)
@@ -67,15 +64,6 @@ class Path:
                 changed[segment - 1, contact] |= segment > 0 and self.sides[segment - 1][contact] == 0
         return changed
 
-    @property
-    def units(self) -> Array:
-        """The largest |q| and |q'| where segments start, for each entry of a state, (2n,).
-
-        Where all starts are near zeros of one of them it counts as LEAST of one turn in the time of the path.
-        """
-        turn, (q, v) = self.t_end / (2.0 * np.pi), (float(np.max(np.abs(x))) for x in (self.q, self.v))
-        return np.repeat([max(q, LEAST * turn * v, 1e-300), max(v, LEAST * q / turn, 1e-300)], self.q.shape[1])
-
 
 def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
     """Segments of an exact solution, compliant or rigid, which also begin at the samples of records."""
@@ -85,14 +73,14 @@ def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
     edges = edges[(edges > 0.0) & (edges < t_end)]
     place = np.searchsorted(times, edges, "right")
     times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
-    sides, (q, v) = solution.sides[segments], solution.states_in(times, segments)
+    sides = solution.sides[segments]
     hits: dict[int, list[int]] = {}
     # A contact may take two blows at one time, for example where it is then held: it is hit once.
     first = {int(mark): k for k, mark in reversed(list(enumerate(solution.first_mark[segments].tolist())))}
     for mark, contact in dict.fromkeys(zip(solution.blows.mark.tolist(), solution.blows.contact.tolist(), strict=True)):
         if mark in first:
             hits.setdefault(first[mark], []).append(contact)
-    return Path(solution, times, np.abs(sides) if system.rigid else sides, q, v, t_end, segments, hits)
+    return Path(solution, times, np.abs(sides) if system.rigid else sides, t_end, segments, hits)
 
 
 class Tangent:

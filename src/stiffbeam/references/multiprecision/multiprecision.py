@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock, in_time
-from ...basics.validation import InputError, positive
+from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
 from ...model.time_functions import Drive
@@ -70,7 +70,6 @@ def solve(request: Request) -> Reference:
     times are doubles: nothing magnifies their rounding. Float64 finds the next event, which is then refined.
     """
     system, t_end, t_eval, digits = request.system, request.t_end, request.t_eval, request.digits
-    positive("t_end", t_end)
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     for contact in system.contacts:

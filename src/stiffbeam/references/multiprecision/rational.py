@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from fractions import Fraction
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
@@ -19,7 +17,7 @@ from flint import arb, arb_mat, ctx, fmpq
 from ...basics.validation import exact_value
 from ...model.contact import Stops
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
-from ...model.semidiscretisation import bending_stencil, curvature_stencil, semidiscretise
+from ...model.semidiscretisation import bending_stencil, curvature_stencil
 from ...model.system import System
 from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved, parts
 
@@ -79,39 +77,16 @@ def number(x: float) -> Any:
     return rational * arb.pi() if pi else rational
 
 
-class _Beam(NamedTuple):
-    """A beam whose semi-discretisation a system is; starts: True if it has the initial data of the beam too."""
-
-    problem: BeamProblem
-    stops: tuple[Stops, ...]
-    starts: bool
-
-
-# Systems cannot change: whether one is a beam is decided once. Weak keys: the table keeps no system alive.
-_BEAMS: WeakKeyDictionary[System, _Beam | None] = WeakKeyDictionary()
-
-
-def _beam_of(system: System) -> _Beam | None:
-    """The beam that makes the system to the last digit, but perhaps for the initial data, as of a perturbed member."""
-    problem, beam = system.problem, None
-    # Of elements the matrices are taken as they are: see System.exact_parameters.
-    if problem is not None and system.form != "hermite":
-        made = semidiscretise(problem, system.cells or system.size, system.form)
-        if replace(made, q0=system.q0, v0=system.v0).fingerprint == system.fingerprint:
-            beam = _Beam(problem, problem.all_stops, made.fingerprint == system.fingerprint)
-    return beam
-
-
 def exact_problem(system: System, drive: Drive) -> Exact:
     """The problem at the current precision: call it again after raising ctx.prec."""
     loads = _Loads(drive, system.size)
-    if system not in _BEAMS:
-        _BEAMS[system] = _beam_of(system)
+    # Of elements the matrices are taken as they are: see System.exact_parameters.
+    beam = system.problem if system.form != "hermite" else None
     q0, v0 = ([number(x) for x in values] for values in (system.q0, system.v0))
-    if beam := _BEAMS[system]:
-        mass, damping, stiffness, *start = _matrices(system, beam.problem, loads)
-        places = [_place(beam.problem, stops, system.size, drive) for stops in beam.stops]
-        if beam.starts:
+    if beam is not None:
+        mass, damping, stiffness, *start = _matrices(system, beam, loads)
+        places = [_place(beam, stops, system.size, drive) for stops in beam.all_stops]
+        if system.origin and system.origin.starts(system):
             q0, v0 = start
     else:
         mass, damping, stiffness = (
@@ -289,26 +264,21 @@ def _weights(M: int, lumped: bool) -> list[list[Any]]:
 def taylor(record: Sampled, t: Any) -> list[Any]:
     """The coefficients (P,) of s^k in f(t + s), up to the next sample, exact in the doubles of the record."""
     i = int(np.clip(np.searchsorted(record.t, float(t), side="right") - 1, 0, len(record.t) - 2))
-    if t < arb(_double(record.t[i])) and i > 0:  # the double next to t is the sample after it
+    if t < arb(number(float(record.t[i]))) and i > 0:  # the double next to t is the sample after it
         i -= 1
     c = np.array([arb(c) for c in _piece(record, i)])
-    return [x.mid() for x in moved(c, t - arb(_double(record.t[i])))]
+    return [x.mid() for x in moved(c, t - arb(number(float(record.t[i]))))]
 
 
 def _piece(record: Sampled, i: int) -> list[Any]:
     """The polynomial between samples i and i + 1: as ``Sampled.pieces``, without rounding."""
-    t0, t1, v0, v1 = (_double(x) for x in (*record.t[i : i + 2], *record.values[i : i + 2]))
+    t0, t1, v0, v1 = (number(float(x)) for x in (*record.t[i : i + 2], *record.values[i : i + 2]))
     h = t1 - t0
     rise = (v1 - v0) / h
     c = [v0, rise]
     if record.kind == "cubic":
-        m0, m1 = (_double(x) for x in record.slopes[i : i + 2])
+        m0, m1 = (number(float(x)) for x in record.slopes[i : i + 2])
         c = [v0, m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / (h * h)]
     for _ in range(record.derivative):
         c = [k * c[k] for k in range(1, len(c))]
     return c
-
-
-def _double(x: float) -> Any:
-    ratio = Fraction(float(x))
-    return fmpq(ratio.numerator, ratio.denominator)
