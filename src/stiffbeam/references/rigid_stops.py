@@ -67,12 +67,6 @@ def on_stops(system: System) -> dict[int, int]:
     return closed
 
 
-def beyond_stops(system: System) -> float:
-    """The largest distance by which a contact starts beyond its stop, negative where all start between them."""
-    places = [(each.stops, float(each.row @ system.q0) + shift_at_start(each)) for each in system.contacts]
-    return max(side * (u - g) for stops, u in places for side, g in stops.sides)
-
-
 def off_stop(system: System, contact: int, side: int) -> bool:
     """Tell whether the start, as it is written, is not exactly on the stop of a contact."""
     each = system.contacts[contact]

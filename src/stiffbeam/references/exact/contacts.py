@@ -307,7 +307,7 @@ def withheld(solution: Motion, t_end: float) -> tuple[float, Array]:
     force = system.load(times) - q @ system.stiffness - v @ system.damping
     acceleration = np.linalg.solve(system.mass, force.T).T
     # From rest a force f does the work f a t^2/2 in a stretch t.
-    longest = min(t_end, solution.shortest_period / np.pi)  # of a step of series: two radians
+    longest = min(t_end, 2.0 / solution.fastest)  # a step of series
     energy = 0.5 * float(np.max(np.sum(force * acceleration, axis=1))) * longest**2
     return ROUNDINGS * EPS * energy, ROUNDINGS * EPS * np.max(np.abs(acceleration), axis=0) * longest**2
 

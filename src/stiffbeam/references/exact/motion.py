@@ -268,18 +268,14 @@ class Motion:
         return Drive.of(self.system)
 
     @cached_property
-    def _fastest(self) -> float:
+    def fastest(self) -> float:
+        """A bound of the angular frequencies of all undamped motions and of the drives."""
         free, pressed = self.made.free, self.made.pressed
         squares = [float(np.max(x.w2)) for x in (free, pressed.up, pressed.low) if x is not None]
         if pressed.up is None and pressed.low is None:
             stiff = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
             squares[0] += float(np.sum((free.laws[:, 0] * np.diag(free.meet))[stiff]))
-        return math.sqrt(max(squares))
-
-    @cached_property
-    def shortest_period(self) -> float:
-        """A bound of the shortest period of all motions and drives."""
-        return 2.0 * np.pi / max(self._fastest, *self.drive.frequencies, 1e-300)
+        return max(math.sqrt(max(squares)), *self.drive.frequencies, 1e-300)
 
     def piece_at(self, t: Array) -> NDArray[np.int64]:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
@@ -385,7 +381,7 @@ class Motion:
         turning, decay = max(float(np.max(poles[1], initial=1e-300)), 1e-300), float(np.max(-poles[0], initial=0.0))
         if free.kind == 0 or (pressed.up is pressed.low is None and np.any(self.sides)):  # contacts make series
             dashpots = float(free.laws[:, 1] @ np.diag(free.meet))
-            turning, decay = max(turning, self._fastest), float(np.linalg.norm(free.damping, 2)) + dashpots
+            turning, decay = max(turning, self.fastest), float(np.linalg.norm(free.damping, 2)) + dashpots
         return turning, decay
 
     def _powers(self, t: Array) -> Array:

@@ -19,7 +19,7 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
 from ...model.time_functions import Harmonic, Sampled, parts_of
 from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
-from ..rigid_stops import beyond_stops, require_rigid
+from ..rigid_stops import require_rigid
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
@@ -39,7 +39,6 @@ NEAR_GRAZE = 1e3  # times the closure: a graze of a rigid or damped stop that is
 ALONE = 1e-9  # distance of a multiplier from 1 below which an orbit has neighbours of its period, or is none
 NOT_ALONE = "a multiplier is 1 but for rounding: a fold, a free (rigid-body) motion, or a drive in resonance"
 FREE = "hold what is free, damp or change the system"
-START = "the period starts on a stop, where the flow has no derivative"
 SETTLE = 60  # periods that are run for a guess where none is stated
 
 
@@ -114,8 +113,7 @@ class PeriodMap:
         try:
             solution = Solver(moved).solve(self.period)
         except InputError as error:  # a state of Newton's method beyond a stop, or on it but for rounding
-            on_stop = beyond_stops(moved) < CLOSED * float(np.max(np.abs(z) * np.repeat([1.0, self.period], n)))
-            reason = START if on_stop else f"a state on the way has no motion: {error}"
+            reason = f"a state on the way has no motion: {error}"
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase, or give a closer guess") from error
         if ends := chatter_ends(solution):
             reason = "a chatter ends on the way, where the flow has no derivative"
