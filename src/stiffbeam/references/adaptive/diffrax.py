@@ -97,7 +97,6 @@ class Program:
         # Modal needs y' linear in y.
         self._linear = linear(rhs.system.contacts)
         self._modal: dict[bytes, Modal | None] = {}
-        self._twice = False
         with float64_on_the_processor():
             self._kind, numbers = numbers_of(rhs.equations)
             self._numbers = jax.device_put(numbers)
@@ -110,7 +109,7 @@ class Program:
             arguments = self._arguments()
             ahead = np.full(CAPACITY, np.inf)
             ahead[: len(span.outputs)] = span.outputs
-            march = _compiled(self.name, self._kind, self._twice)
+            march = _compiled(self.name, self._kind)
             found = march(arguments, (self.rtol, self.atol), span._replace(outputs=ahead))
             return tuple(map(np.asarray, found))
 
@@ -118,21 +117,17 @@ class Program:
         """Numbers of the right-hand side, and its Jacobian in its eigenvectors."""
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if regime not in self._modal:
-            modal, loss = None, 0.0
-            if self._linear:
-                modal, loss = _modal(rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states])
-            # The errors of the stages are to stay far below those of the steps.
-            self._twice = self._twice or loss > 1e-3 * self.rtol
-            self._modal[regime] = modal
+            jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states] if self._linear else None
+            self._modal[regime] = None if jacobian is None else _modal(jacobian)
         return self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window)), self._modal[regime]
 
 
 @cache
-def _compiled(name: str, kind: Kind, twice: bool) -> Any:
+def _compiled(name: str, kind: Kind) -> Any:
     """The march, compiled for every shape of its arguments once: systems of one shape share it."""
     import jax
 
-    return jax.jit(partial(_march, name, kind, twice))
+    return jax.jit(partial(_march, name, kind))
 
 
 class Stepper:
@@ -201,22 +196,21 @@ class Stepper:
         return lambda t: np.asarray(spline(t)).T
 
 
-def _modal(jacobian: Array) -> tuple[Modal | None, float]:
-    """The Jacobian in its eigenvectors, None where these are too ill-conditioned; and the relative error they leave."""
+def _modal(jacobian: Array) -> Modal | None:
+    """The Jacobian in its eigenvectors, None where these are too ill-conditioned."""
     # Scaled first, so that the units of the unknowns do not count.
     balanced, (scale, _) = scipy.linalg.matrix_balance(jacobian, permute=False, separate=True)
     rates, vectors = np.linalg.eig(balanced)
-    loss = float(np.linalg.cond(vectors)) * float(np.finfo(float).eps)
-    if not loss < WORST:
-        return None, 0.0
+    if not float(np.linalg.cond(vectors)) * float(np.finfo(float).eps) < WORST:
+        return None
     back: Any = np.linalg.inv(vectors) / scale
     vectors: Any = scale[:, None] * vectors
     stacked = np.hstack([vectors.real, -vectors.imag]), np.vstack([back.real, back.imag])
-    return Modal(*stacked, rates.astype(complex)), loss
+    return Modal(*stacked, rates.astype(complex))
 
 
 def _march(
-    name: str, kind: Kind, twice: bool, arguments: Any, tolerances: tuple[Any, Any], span: Span
+    name: str, kind: Kind, arguments: Any, tolerances: tuple[Any, Any], span: Span
 ) -> tuple[Any, Any, Any, Any, Any]:
     """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
     of the next. arguments: of the right-hand side, and ``Modal`` or None."""
@@ -229,7 +223,7 @@ def _march(
     (rtol, atol), (t, z, dt, end, outputs, max_step, count) = tolerances, span
     term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x[0]))
     # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
-    finder: Any = diffrax.VeryChord if arguments[1] is None else partial(_chord(), twice=twice)
+    finder: Any = diffrax.VeryChord if arguments[1] is None else _chord()
     solver = getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     order = solver.error_order(term)
@@ -291,7 +285,6 @@ def _chord() -> Any:
         rtol: Any
         atol: Any
         norm: Any
-        twice: bool
 
         def init(self, *_: Any, **__: Any) -> tuple[()]:
             return ()
@@ -306,7 +299,7 @@ def _chord() -> Any:
             diagonal, (_, modal), h = args[1], *args[-2:]
             n = len(modal.vectors)
             inverse = 1.0 / (1.0 - h * diagonal * modal.rates)
-            for _ in range(1 + self.twice):
+            for _ in range(2):  # the second takes what rounding of the eigenvectors left
                 residual = fn(y, args)[0]
                 x = modal.back @ residual[:n]
                 x = inverse * (x[:n] + 1j * x[n:])
