@@ -739,27 +739,27 @@ static int leap_is_clear(const Free *f, Flight *g, double tau, double h, Int slo
     return 1;
 }
 
-/* The first gap that closes within `length`. A leap h takes the terms below radians/h as a series. `leap` keeps its
- * length for a flight that goes on where this one ends. */
-static Event flight(const Free *f, Flight *g, double length, const State *c, double *leap, Int *counts)
+/* The first gap that closes within `length`. A leap h takes the terms below radians/h as a series. The state keeps
+ * its length for a flight that goes on where this one ends. */
+static Event flight(const Free *f, Flight *g, double length, State *c)
 {
     Int T = g->T;
     int K = terms_for(RADIANS);
     const double *speed = f->sorted + 2 * T;
-    double fast = most(T ? speed[T - 1] : 0.0, 1.0 / length), tau = 0.0, wish = most(RADIANS / fast, *leap);
+    double fast = most(T ? speed[T - 1] : 0.0, 1.0 / length), tau = 0.0, wish = most(RADIANS / fast, c->leap);
     if (K < g->deg) K = (int)g->deg;
     for (;;) {
         double h = least(wish, length - tau);
         Int slow = T;
         while (slow && speed[slow - 1] * h > RADIANS * (1.0 + 1e-9)) slow--;
         waves_at(f->sorted, f->sorted + T, T, f->damped, T ? speed[T - 1] : 0.0, tau, g->C, g->S);
-        counts[2]++;
+        c->evaluations++;
         Event e = {h, -1, 0};
         if (!leap_is_clear(f, g, tau, h, slow, K, c, &e)) {
             wish = 0.4 * h;
             continue;
         }
-        *leap = e.contact < 0 ? wish : 0.0;
+        c->leap = e.contact < 0 ? wish : 0.0;
         if (e.contact >= 0 || tau + h >= length) {
             e.s += tau;
             return e;
@@ -1375,12 +1375,11 @@ static Int run(Motion *x)
         Event e;
         if (flown) {
             see(flown, c->t, &x->g);
-            e = flight(flown, &x->g, h, c, &c->leap, o->counts);
+            e = flight(flown, &x->g, h, c);
         } else {
-            c->leap = 0.0;
+            c->leap = 0.0, c->evaluations++;
             e = watch(f, K, h, c, &x->s);
         }
-        o->counts[flown ? 1 : 0]++;
         for (; o->station < o->n_stations; o->station++) { /* one at an event has the state behind it */
             double end = c->t + e.s;
             if (e.contact < 0 ? o->stations[o->station] > end : o->stations[o->station] >= end) break;

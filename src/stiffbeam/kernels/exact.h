@@ -49,6 +49,7 @@ typedef struct {
     Int piece, begun, waits, hit;  /* piece of the records; 1 after the start; 1 before an impact, of contact `hit`; 2: one driven back */
     Int still;                     /* events without an advance of time */
     Int since;                     /* flights and steps of series since the last mark */
+    Int evaluations;               /* series, and looks at the gaps of flights, so far */
     double *eta, *rate;            /* (n,) */
     double *lost;                  /* (2, n) roundings of eta, rate */
     double *speed;                 /* (m,) at which a gap opens after an impact */
@@ -63,7 +64,6 @@ typedef struct {
 typedef struct {
     Int room, marks, events, blows;  /* of the arrays; numbers used */
     Int n_stations, station;         /* numbers of stations, and of those passed */
-    Int counts[3];                   /* series steps, flights, evaluations in flight */
     double *mark_t, *mark_eta, *mark_rate;              /* (room,), (room, n), (room, n) */
     Int *mark_side;                                     /* (room, m) */
     double *event_t;                                    /* (room,) */

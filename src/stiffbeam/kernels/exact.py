@@ -36,11 +36,11 @@ _Free = Structure(
     "order int: T; apart int: n",
 )
 _State = _structure(
-    "_State", (Real, "t late leap fastest together"), (Int, "piece begun waits hit still since"),
+    "_State", (Real, "t late leap fastest together"), (Int, "piece begun waits hit still since evaluations"),
     (Address, "eta rate lost speed size slack"), (Address, STATE_INTS),
 )  # fmt: skip
 _Output = _structure(
-    "_Output", (Int, "room marks events blows n_stations station"), (Int * 3, "counts"),
+    "_Output", (Int, "room marks events blows n_stations station"),
     (Address, """mark_t mark_eta mark_rate mark_side event_t event_contact event_side event_mark blow_t blow_impulse
         blow_before blow_after blow_contact blow_side blow_mark stations eta_at rate_at force_at"""),
 )  # fmt: skip
@@ -182,7 +182,7 @@ class Followed(NamedTuple):
     eta_at: Array  # (stations, n)
     rate_at: Array
     force_at: Array  # (stations, m)
-    counts: IntArray  # steps of series, flights, evaluations in flight
+    evaluations: int
 
 
 class Follower:
@@ -201,7 +201,7 @@ class Follower:
         for x in ("eta", "rate"):
             address(self.arrays[x], (n,))
         pointers = [x.ctypes.data for x in (*self.arrays.values(), *self.whole.values())]
-        self.state = _State(t, 0.0, 0.0, 0.0, together, *[0] * 6, *pointers)
+        self.state = _State(t, 0.0, 0.0, 0.0, together, *[0] * 7, *pointers)
         if sides is not None:
             self.whole["side"][:], self.state.begun, self.state.since = sides, 2, 1 << 40
         if fresh is not None:
@@ -215,34 +215,33 @@ class Follower:
         and the numbers of marks and events so far."""
         m = len(self.free.rows)
         room, result, passed, kept, events = FIRST_ROOM + 8 * m * m, FULL, 0, 0, 0
-        counts, parts = np.zeros(3, np.int64), []
+        parts = []
         while result == FULL:
-            result, part, at, used = self._part(t_end, stations[passed:], room)
+            result, part, at = self._part(t_end, stations[passed:], room)
             # Numbers of marks count over all parts.
             part[1][3] += kept
             part[2][6] += kept
             parts.append((*part, at))
             passed, kept, events = passed + len(at[0]), kept + len(part[0][0]), events + len(part[1][0])
-            counts += used
             if between is not None:
                 between(self.state.t, kept, events)
             room = min(4 * room, max(LARGEST_ROOM, FIRST_ROOM + 8 * m * m))
         whole: Any = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
         marks, found, blows, at = whole
-        numbers: Any = (*marks, *found, Blows(*blows), *at, counts)
+        numbers: Any = (*marks, *found, Blows(*blows), *at, self.state.evaluations)
         return Followed(result, self.state.t, *numbers)
 
     def first_event(self, t_end: float) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event before t_end; None for none."""
         while True:
-            result, (_, found, _), _, _ = self._part(t_end, np.zeros(0), 8 * len(self.free.rows) ** 2 + 2)
+            result, (_, found, _), _ = self._part(t_end, np.zeros(0), 8 * len(self.free.rows) ** 2 + 2)
             if len(found[0]):
                 return float(found[0][0]), int(found[1][0]), int(found[2][0])
             if result != FULL:
                 return None
 
-    def _part(self, t_end: float, stations: Array, room: int) -> tuple[int, Any, Any, IntArray]:
-        """One call: its result; marks, events and blows; the states at the stations passed; the counts."""
+    def _part(self, t_end: float, stations: Array, room: int) -> tuple[int, Any, Any]:
+        """One call: its result; marks, events and blows; the states at the stations passed."""
         n, m, k = len(self.free.w2), len(self.free.rows), len(stations)
         at = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
         stations = np.ascontiguousarray(stations, float)
@@ -250,13 +249,13 @@ class Follower:
         found = np.empty(room), *np.empty((3, room), np.int64)
         blows = *np.empty((4, room)), *np.empty((3, room), np.int64)
         pointers = [x.ctypes.data for x in (*marks, *found, *blows, stations, *at)]
-        out, flown = _Output(room, 0, 0, 0, k, 0, (Int * 3)(), *pointers), self.pressed.arguments(self.free)
+        out, flown = _Output(room, 0, 0, 0, k, 0, *pointers), self.pressed.arguments(self.free)
         result = _functions().exact_follow(*flown, ctypes.byref(self.state), t_end, ctypes.byref(out))
         if result == NO_MEMORY:
             _done(result)
         kept = ((marks, out.marks), (found, out.events), (blows, out.blows))
         parts = [[x[:count].copy() for x in some] for some, count in kept]
-        return result, parts, [x[: out.station] for x in at], np.array(out.counts[:])
+        return result, parts, [x[: out.station] for x in at]
 
 
 class Marks(NamedTuple):

@@ -224,7 +224,7 @@ class Solver:
         return Motion(
             self.system, self.made, times, found.mark_side[first], first,
             Marks(found.mark_t, found.mark_eta, found.mark_rate, found.mark_side),
-            int(found.counts[0] + found.counts[2]),
+            found.evaluations,
             (found.event_t, found.event_contact, found.event_side, found.event_mark), found.blows, seen,
         )  # fmt: skip
 
