@@ -137,15 +137,16 @@ class PeriodMap:
         q, v = path.solution.states(np.array([self.period]))
         return np.concatenate([q[0], v[0]]), tangent.monodromy, tangent
 
-    def sizes(self, tangent: Tangent) -> Array:
-        """The largest |q| and |q'| where segments start, for each entry of a state, (2n,).
 
-        Where all starts are near zeros of one of them it counts as a share of what one turn in the period gives.
-        """
-        turn, parts = self.period / (2.0 * np.pi), np.split(tangent.z, 2, axis=1)
-        q, v = (float(np.max(np.abs(x @ tangent.variation.X.T))) for x in parts)
-        q = max(q, LEAST * turn * v, 1e-300)
-        return np.repeat([q, max(v, q / turn)], self.system.size)
+def sizes(path: Path) -> Array:
+    """The largest |q| and |q'| where the segments of a period start, for each entry of a state, (2n,).
+
+    Where all starts are near zeros of one of them it counts as a share of what one turn in the period gives.
+    """
+    turn, states = path.t_end / (2.0 * np.pi), path.solution.states_in(path.times, path.piece)
+    q, v = (float(np.max(np.abs(x))) for x in states)
+    q = max(q, LEAST * turn * v, 1e-300)
+    return np.repeat([q, max(v, q / turn)], states[0].shape[1])
 
 
 def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
@@ -233,7 +234,7 @@ def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float) -> 
 def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
     """A fixed point of the period map near z, the tangent along it, and its relative defect."""
     end, D, tangent = mapping.flow(z)
-    scale = mapping.sizes(tangent)
+    scale = sizes(tangent.path)
     defect = float(np.max(np.abs(end - z) / scale))
     # Newton's method, with steps halved until the defect falls.
     for iteration in range(NEWTON):
@@ -264,7 +265,7 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
             break
         z = best[1]
         end, D, tangent = mapping.flow(z)
-        scale = mapping.sizes(tangent)
+        scale = sizes(tangent.path)
         defect = float(np.max(np.abs(end - z) / scale))
     if not defect < CLOSED:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
