@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,21 +49,10 @@ def judged(family, number) -> tuple[bool, str]:
     """Return whether the advice on one random system holds, and what it was."""
     case = family(np.random.default_rng([14, number]))
     system = system_of(case)
-    records = asked(system, t_end=case.t_end, members=12 if sb.modes(system).coupled else 48)
+    records = asked(system, t_end=case.t_end)
     row, lacking = advised_row(records.table), cannot(records)
     scheme = None if row is None else advised(records)
-    if records.table.members.max():  # past the horizon: means over other members than those it has seen
-        good = "tip" in lacking
-        if row is not None:
-            members = sb.perturbed_members(system, 96, 1e-3, rng=99)
-            exact = sb.reference_ensemble(system, case.t_end, members)
-            made = sb.integrate_ensemble(system, parse_run(row.scheme)[0], row.dt, case.t_end, members, row.contact)
-            for name, column in (("impacts", "impact_count"), ("peak_force", "peak_force")):
-                for a, b in zip(made.contacts, exact.contacts, strict=True) if name not in lacking else ():
-                    x, y = np.asarray(getattr(a, column), float), np.asarray(getattr(b, column), float)
-                    slack = 1.96 * np.sqrt(np.var(x, ddof=1) / len(x) + np.var(y, ddof=1) / len(y))
-                    good &= bool(abs(np.mean(x) - np.mean(y)) <= WANT[name] * np.mean(y) + slack)
-        return good, records.answer.verdict
+    case = replace(case, t_end=records.table.t_end.max())
     if scheme is None:
         return len(lacking) > 0, records.answer.verdict
     errors = errors_by_another_solver(case, scheme)
@@ -110,12 +100,12 @@ def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
 def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
     """Errors that swing: right at 64 and 128 steps, not between, and from 512 on at all."""
 
-    def swinging(self, system, scheme, contact, dt, t_end):
-        steps = round(t_end / dt)
+    def swinging(run, exact):
+        steps = len(run.t) - 1
         good = steps >= 512 or steps in (64, 128)
         return dict.fromkeys(QUANTITIES, 0.01 if good else 0.2), 0.0
 
-    monkeypatch.setattr(module.Motion, "errors", swinging)
+    monkeypatch.setattr(module, "errors_of", swinging)
     found = asked(bouncing_chain(), {"impacts": 0.05}, schemes=ONE).table
     assert advised_row(found).steps >= 512
     assert found.steps.between(65, 127).any()
@@ -132,27 +122,12 @@ def test_errors_that_no_run_reaches_are_stated_with_the_best():
         advised(nothing)
 
 
-def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
-    system, want = sb.semidiscretise(table10, 8), {"tip": 1e-2, "impacts": 0.3}
-    records = asked(system, want, 1.0, schemes=ONE, members=12, most_steps=2**16)
+def test_past_the_horizon_the_advice_is_for_the_time_to_it(table10):
+    records = asked(sb.semidiscretise(table10, 8), {"impacts": 0.3}, 1.0, schemes=ONE, most_steps=2**16)
     facts = records.table.iloc[0]
-    assert "past the horizon" in cannot(records)["tip"]
-    assert (facts.members, facts.t_end) == (12, 1.0)
-    assert facts.trusted_until <= facts.horizon < 1.0
-
-
-def test_means_that_scatter_too_much_are_refused_before_any_run(table10):
-    """12 exact motions do not know the mean to 1e-3, and no scheme is run for it; as many as are said would."""
-    system = sb.semidiscretise(table10, 8)
-    shared = {"t_end": 1.0, "schemes": ONE, "members": 12, "most_steps": 2**11}
-    records = asked(system, {"impulse": 1e-3}, **shared)
-    assert set(records.table.kind) == {"cannot"}
-    needed = int(cannot(records)["impulse"].split("about ")[1].split()[0])
-    # Two means over so many members, Student's factor replaced by the normal law's: within a rounding to one digit.
-    assert 1.96 * records.table.scatter_impulse[0] * (2.0 / needed) ** 0.5 == pytest.approx(1e-3, rel=0.3)
-    both = asked(system, {"impulse": 1e-3, "impacts": 3.0}, **shared)
-    assert set(cannot(both)) == {"impulse"}
-    assert advised_row(both.table) is not None
+    assert facts.trusted_until <= facts.horizon <= facts.t_end < 1.0
+    assert f"to the horizon t = {facts.t_end:.4g}" in records.answer.notes
+    assert advised_row(records.table).error_impacts <= 0.3
 
 
 def test_bad_wants_are_refused(three_masses):
@@ -209,5 +184,5 @@ def test_a_search_ends_with_its_time_and_says_what_it_knows(table10):
     assert time.process_time() - begun < 6.0
     end, row = records.table.t_end.max(), advised_row(records.table)
     assert end < 100.0
-    assert f"to t = {end:.3g} of 100" in records.answer.notes or "to its horizon" in records.answer.notes
+    assert f"to t = {end:.3g} of 100" in records.answer.notes or "to the horizon" in records.answer.notes
     assert row is None or row.error_impacts <= 0.2

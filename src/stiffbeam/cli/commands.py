@@ -151,7 +151,6 @@ def reference(
     out
         netCDF file to write.
     """
-    from ..files.cases import case_text
     from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
     from ..references import reference, substitute
@@ -176,8 +175,7 @@ def reference(
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
     if out is not None:
-        frozen = can_freeze(solution) and chosen.beam is not None
-        record["file"] = freeze(solution, case_text(case), out)["file"] if frozen else str(solution.save(out))
+        record["file"] = str(freeze(solution, out) if can_freeze(solution) else solution.save(out))
     if not write_json("reference", {"references": [record]}, json):
         say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
 

@@ -216,7 +216,7 @@ def _draw(result: CaseComparison, folder: Path) -> list[Path]:
 def _report(result: CaseComparison) -> Report:
     from ..measures.report import report
 
-    return report(result.comparisons, result.references, result.failures, result.truths, result.refused)
+    return report(result.comparisons, result.references, result.failures, result.refused)
 
 
 def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:

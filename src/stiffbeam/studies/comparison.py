@@ -19,7 +19,6 @@ from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-from .references import frozen, shipped
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class CaseComparison:
 
     budget: CPU seconds that a further reference may take, the main one four times as many; one that would take more
     ends earlier. cache: store the references, and use stored ones. failures: (label, message), of which those
-    ``refused`` cannot be asked of the case. truths: stored solutions of tables of the paper, by form.
+    ``refused`` cannot be asked of the case.
     """
 
     case: Case
@@ -40,7 +39,6 @@ class CaseComparison:
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
     failures: list[tuple[str, str]] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
-    truths: dict[str, Reference] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
@@ -141,16 +139,12 @@ class CaseComparison:
                 return
 
     def _against_main(self, main: Reference, form: str) -> None:
-        """Compare the schemes of a form with its main reference; beyond its horizon look for a stored solution."""
-        case, show = self.case, current()
+        """Compare the schemes of a form with its main reference."""
+        show = current()
         for run in self.runs:
             if run.provenance["form"] == form:
                 show(f"measuring {run.label}", 0, 0)
                 self._measure(run, main)
-        if main.horizon < case.t_end and (folder := shipped()) is not None:
-            true = frozen(folder, case, form, case.t_end)
-            if true is not None and true.provenance["t_end"] == case.t_end:
-                self.truths[form] = true
 
     def _measure(self, run: Trajectory, main: Reference) -> None:
         """Compare, or note why it cannot be: one run that cannot be compared does not end the others."""
@@ -181,6 +175,5 @@ class CaseComparison:
                 for r in self.references
             ],
             "comparisons": [c.to_dict() for c in self.comparisons],
-            "truths": {form: truth.impacts.count for form, truth in self.truths.items()},
             "failures": [{"run": label, "message": message} for label, message in self.failures],
         }

@@ -8,7 +8,6 @@ beyond which half of the time in contact is spent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -301,22 +300,6 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
         return off, 0.0
     freedom = 1.0 / sum((v / variance) ** 2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
     return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
-
-
-def too_uncertain(scatter: Mapping[str, float], n: int, want: Mapping[str, float]) -> dict[str, str]:
-    """Quantities whose mean over n exact motions has a wider interval than the wanted error, and why.
-
-    scatter: relative standard deviation of an exact motion. No scheme meets such a want: the interval of ``difference``
-    is at least that of the exact mean, with the 2 (n - 1) degrees of freedom that it has at most.
-    """
-    reasons = {}
-    for name in [x for x in want if x in scatter]:
-        width = float(student.ppf(0.975, 2 * (n - 1))) * scatter[name]
-        if width / n**0.5 > want[name]:
-            needed = 2.0 * (width / want[name]) ** 2  # of the scheme and of the exact motion
-            interval = f"the mean of {n} exact motions has a 95 % interval of ±{width / n**0.5:.2g}"
-            reasons[name] = f"{interval}; about {float(f'{needed:.1g}'):.0f} members are needed"
-    return reasons
 
 
 def _mean(values: Array) -> float:
