@@ -365,9 +365,8 @@ def _key(study: Study, case: Case) -> list[Any]:
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
     options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
     uncertain = {path: repr(one) for path, one in case.uncertain.items()}
-    finer = _described(getattr(case, "finer", None))
     kind = f"{type(study).__module__}:{type(study).__qualname__}"
-    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, finer, source_hash()]
+    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]
 
 
 def _described(value: Any, source: bool = False) -> Any:
