@@ -70,7 +70,7 @@ class Sweep(Study):
     ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
     case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
     after 100. If several frequencies drive the system, the period is that of the drive whose parameter is varied.
-    Limitation: each motion starts as the case does; a coexisting motion is not seen (see orbits).
+    Limitation: each motion starts as the case does; a coexisting motion is not seen.
 
     Example: stiffbeam sweep table10 --parameter frequency --values 8:14:400
     """
