@@ -1,7 +1,7 @@
 """Integrators: whatever makes a Trajectory of a System at a resolution.
 
 A scheme and a user's function have a time step, a reference solver a tolerance, and recorded arrays the steps of their
-recording. ``compare``, the studies and ``score`` accept all of them, each under a unique label.
+recording. ``compare`` and ``score`` accept all of them, the studies those that can run, each under a unique label.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Integrator:
         """Return its run of a system with steps dt to t_end.
 
         A solver chooses its own steps, to its default tolerance, and has outputs at multiples of dt. Of recorded runs
-        the one with the nearest step counts, to t_end. contact, every, show: for a scheme, see ``integrate``.
+        the one with the nearest step counts. contact, every, show: for a scheme, see ``integrate``.
 
         Raises Diverged and SolverFailure if there is no run, InputError if it does not support the system.
         """
@@ -73,19 +73,11 @@ class Integrator:
             return self.solve(system, RTOL, np.arange(round(t_end / dt) + 1) * dt, t_end)
         if self.kind == FUNCTION:
             return _called(self, system, dt, t_end)
-        return part_of(self.recorded_at(system, dt), system, t_end, self.label)
+        return min(self.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
 
     def solve(self, system: System, rtol: float, times: Any, t_end: float) -> Trajectory:
         """Return the run of a solver to a relative tolerance, at ``times`` (k,); the exact solver has none."""
         return solve(system, t_end, self.source, np.asarray(times, float), rtol, None)
-
-    def recorded_at(self, system: System, dt: float) -> Trajectory:
-        """Return the recorded run whose step is nearest to dt. Raises InputError for a run of another system."""
-        run = min(self.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
-        if run.fingerprint not in ("", system.fingerprint):
-            rule = f"be recorded on the system of the case, form {system.form}"
-            raise InputError("schemes", self.label, rule, "pass system=case.system(form) to from_arrays")
-        return run
 
     @property
     def implicit(self) -> bool:
@@ -187,19 +179,6 @@ def integrators(given: Iterable[Any], order: float | None = None) -> list[Integr
     labels = [x.label for x in chosen]
     earlier = [labels[:i].count(label) for i, label in enumerate(labels)]
     return [replace(x, label=f"{x.label} ({k + 1})") if k else x for x, k in zip(chosen, earlier, strict=True)]
-
-
-def part_of(run: Trajectory, system: System, t_end: float, label: str) -> Trajectory:
-    """A recorded run to t_end, with its share of the cost. Raises InputError for one that ends earlier."""
-    if run.t[-1] < t_end * (1.0 - SAME_STEP):
-        raise InputError("the recorded run", run.t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
-    inside, share = run.t <= t_end * (1.0 + SAME_STEP), t_end / float(run.t[-1])
-    if np.all(inside):
-        return run
-    part = Trajectory.from_arrays(run.t[inside], run.tip[inside], run.tip_velocity[inside], system, name=label)
-    seconds = share * run.work.seconds
-    counters = {"evaluations": round(share * evaluations(run))}
-    return replace(part, work=Work(len(part.t) - 1, seconds, seconds, counters))
 
 
 def fastest(run: Callable[[], Trajectory]) -> Trajectory:

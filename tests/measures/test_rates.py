@@ -15,9 +15,10 @@ from scipy.stats import norm
 from systems import one_mass, thrown_case
 
 import stiffbeam as sb
-from stiffbeam.measures.rates import stationary_mean, windows
+from stiffbeam.measures.rates import CLOSE, stationary_mean, windows
 
 CASES = 300
+QUADRATURE = CLOSE / 9.0 + 1e-6  # of works: the rule is of order 2, and CLOSE is from three times the step
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
 
 
@@ -104,7 +105,7 @@ def test_work_of_a_prescribed_motion(damping):
         assert works[0] == pytest.approx(4 * 400.0 * 0.2**2, rel=1e-9)
     system, tangents = pressed(damping), [[0.0, 1.0]]
     solutions = {
-        "exact": (sb.reference(system, t_end), 1e-5),
+        "exact": (sb.reference(system, t_end), QUADRATURE),
         "scheme": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end), 3e-4),
         "thinned": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end, every=100), 3e-4),
     }
@@ -138,7 +139,7 @@ def test_work_of_a_motion_that_answers_to_its_stop():
 
     own = solve_ivp(rhs, (0.0, 30.0), np.zeros(6), "DOP853", rtol=1e-9, atol=1e-11, max_step=0.05).y[4:, -1]
     for run, tolerance in (
-        (sb.reference(system, 30.0), 1e-5), (sb.reference(system, 30.0, "cvode"), 1e-5),
+        (sb.reference(system, 30.0), QUADRATURE), (sb.reference(system, 30.0, "cvode"), QUADRATURE),
         (sb.integrate(system, sb.HHT(-0.05), 1e-3, 30.0), 2e-3),
     ):  # fmt: skip
         rates = sb.contact_rates(run, tangents=[[0.0, 1.0]]).rates[0]
@@ -148,8 +149,7 @@ def test_work_of_a_motion_that_answers_to_its_stop():
 
 @pytest.mark.parametrize("damping", [0.02, 0.5])
 def test_the_stated_quadrature_holds(damping):
-    """Work of a damped mass in each contact against a fine trapezoidal rule: v = 0 lies beside the middle of a contact,
-    where Gauss nodes of all levels may miss it."""
+    """Work of a damped mass in each contact against a fine trapezoidal rule."""
     spring = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=400.0))
     system = sb.System.from_matrices(
         np.eye(2), np.diag([4.0, 900.0]), np.diag([damping, 0.0]), contacts=[spring], initial_velocity=[1.0, 3.0]
@@ -162,8 +162,7 @@ def test_the_stated_quadrature_holds(damping):
         speeds = np.abs([v, 3.0 * np.cos(30.0 * t)])
         works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
-    np.testing.assert_allclose(found, np.abs(works), rtol=1e-8)
-    assert float(result.sources[0].rpartition(" ")[2]) < 1e-7
+    np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
 
 
 def test_rates_of_an_adaptive_solution_take_a_few_solves():
@@ -181,13 +180,13 @@ def test_rates_of_an_adaptive_solution_take_a_few_solves():
 
     def counted(times, channel):
         solves.append(len(times))
-        assert len(solves) < 60
-        assert len(times) < 30_000
+        assert len(solves) < 10
+        assert len(times) < 100_000
         return reference.evaluate(times, channel)
 
     rates = sb.contact_rates(replace(reference, evaluate=counted))
     assert min(contact.impacts.count for contact in reference.contacts) > 5
-    assert all(float(source.rpartition(" ")[2]) < 1e-7 for source in rates.sources)
+    assert all(float(source.rpartition(" ")[2]) < 1.2e-5 for source in rates.sources)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():
@@ -200,7 +199,7 @@ def test_a_contact_that_the_start_of_the_rates_cuts():
     u, v = exact.at(t, contact=0)
     force = np.abs(exact.contacts[0].stops.force(u, v))
     wanted = [np.trapezoid(x, t) / 6.7 for x in (force, force * np.abs(v))]
-    assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=1e-8)
+    assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=QUADRATURE)
     assert rates["contact"].value == pytest.approx(1.0, rel=1e-12)
 
 
@@ -297,22 +296,6 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
         for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_fraction"):
             assert rates.loc[(one.label, 0), name] == pytest.approx(wanted[name], rel=1e-9)
         assert str(known).splitlines()[0] in said.output
-
-
-def test_exceedances_are_counted_with_their_interval():
-    """Against counts by NumPy; the bounds of 3 events are those of tables of Poisson's law."""
-    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=400.0), damping=0.02, load=sb.Harmonic(1.0, 2.6))
-    run = sb.reference(system, 200.0)
-    rates, impacts = sb.contact_rates(run), run.contacts[0].impacts
-    peaks = np.sort(impacts.peaks[np.isfinite(impacts.peaks)])
-    half = rates.exceedance(float(np.median(peaks)))
-    assert half.value * 200.0 == pytest.approx(np.sum(peaks > np.median(peaks)))
-    assert 0.0 < half.low < half.value < half.high
-    few = rates.exceedance(0.5 * (peaks[-3] + peaks[-4]))
-    assert [200.0 * x for x in (few.low, few.value, few.high)] == pytest.approx([0.6187, 3.0, 8.7673], rel=1e-4)
-    assert rates.exceedance(0.0).value == pytest.approx(rates.rates[0]["impact"].value)
-    rigid = one_mass(4.0, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5), v=1.0)
-    assert np.isnan(sb.contact_rates(sb.reference(rigid, 5.0)).exceedance(1.0).value)
 
 
 @pytest.mark.parametrize(("gap", "bounds"), [(0.1, (0.6187, 3.0, 8.7673)), (1.0, (0.0, 0.0, 3.6889))])

@@ -14,8 +14,8 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, exact_float, sequence
 from ..figures.chart import short
 from ..files.cases import Case
-from ..integrators import SCHEME, Integrator, integrators
-from ..march.integrate import integrate_ensemble
+from ..integrators import RECORDED, SCHEME, Integrator, integrators
+from ..march.ensemble import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.members import EnsembleMembers
 from ..model.system import System
@@ -103,6 +103,9 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
         every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
         given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
     each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
+    for x in each:
+        if x.kind == RECORDED:
+            raise InputError("integrators", x.label, "be able to run", "pass recorded runs to compare or score")
     named = [replace(x, label=label_of_run(x.source)) if x.kind == SCHEME else x for x in each]
     return {x.label: x for x in named}
 

@@ -12,7 +12,7 @@ from ..basics.progress import current
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case
 from ..files.reference_cache import cached_reference
-from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
+from ..integrators import SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
@@ -104,8 +104,6 @@ class CaseComparison:
         case, label, show = self.case, f"{one.label}@{system.form}", current()
         steps = round(case.t_end / case.dt)
         show(label, 0, steps)
-        if one.kind == RECORDED and len(one.source) == 1:
-            return one.source[0]
         repeat = fastest if one.kind == SCHEME else lambda march: march()
         done = lambda step: show(label, step, steps)  # noqa: E731
         return repeat(lambda: one.run(system, case.dt, case.t_end, self.contact, show=done))

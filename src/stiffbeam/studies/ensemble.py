@@ -8,30 +8,24 @@ beyond which half of the time in contact is spent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import integer
 from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short, tip_symbol
 from ..figures.runs import OMEGA
 from ..files.cases import Case
-from ..integrators import RECORDED, SCHEME, Integrator, part_of
-from ..march.integrate import integrate_ensemble
+from ..march.ensemble import integrate_ensemble
 from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
-from ..model.members import SPREAD, EnsembleMembers, perturbed_members
-from ..model.system import System
+from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
-from ..trajectory.ensemble import Ensemble as RunsOfScheme
-from ..trajectory.ensemble import Runs
-from ..trajectory.trajectory import Diverged, Trajectory
+from ..trajectory.trajectory import Diverged
 from . import common
 from .base import Answer, Row, Study, Table, option
 
@@ -49,16 +43,13 @@ HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 class Ensemble(Study):
     """Past the horizon, do the schemes at least have the right distribution of impacts, durations, forces and spectra?
 
-    The exact solution and every integrator start from the same ``members`` initial data, which differ by ``size``
-    relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the members:
-    perturb them by ``perturbed_members``.
+    The exact solution and every scheme start from the same ``members`` initial data, which differ by ``size`` relative
+    to the motion.
 
     Example: stiffbeam ensemble table10 --schemes 'BDF2,HHT(alpha=-0.1)' --members 50
     """
 
-    schemes: common.Labels = option(
-        None, "comma-separated schemes, reference solvers and functions module:function; default: all schemes"
-    )
+    schemes: common.Labels = common.schemes()
     form: str | None = common.form()
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
@@ -77,38 +68,26 @@ class Ensemble(Study):
     }  # fmt: skip
 
     def points(self, case: Case) -> list[Row]:
-        """The exact solution and every integrator."""
-        picked = common.chosen(case, self.schemes)
-        for label, one in picked.items():
-            if one.kind == RECORDED:
-                integer(f"members of {label}", len(one.source), 2)
-        return [{"method": method} for method in dict.fromkeys(["exact", *picked])]
-
-    def members_of(self, case: Case, system: System) -> EnsembleMembers:
-        """Systems with perturbed starts."""
-        return perturbed_members(system, self.members, self.size, self.rng, t_end=case.t_end)
+        """The exact solution and every scheme."""
+        return [{"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str) -> list[Row]:
         """Rows of members, the distributions of durations and peak forces, and the spectrum."""
         system, dt, t_end = case.system(self.form), case.dt, case.t_end
-        members = self.members_of(case, system)
+        members = perturbed_members(system, self.members, self.size, self.rng, t_end=t_end)
         every = common.to_the_end(round(t_end / dt), SAMPLES)
         t = np.arange(0, round(t_end / dt) + 1, every) * dt
-        many: RunsOfScheme | Runs
-        one = None if method == "exact" else common.chosen(case, self.schemes)[method]
-        if one is None:
+        if method == "exact":
             many = reference_ensemble(system, t_end, members, t)
-        elif one.kind == SCHEME:
-            many = integrate_ensemble(system, one.source, dt, t_end, members, self.contact, every)
         else:
-            many = Runs.of(_runs(one, system, members, dt, t_end, t))
+            scheme = common.chosen_schemes(case, self.schemes)[method]
+            many = integrate_ensemble(system, scheme, dt, t_end, members, self.contact, every)
         if np.all(np.isfinite(many.diverged)):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
         drive = drive_frequency(system)
         losses = np.full((len(many), 2), np.nan)
-        # The exact flow loses nothing; the runs of a function may hold no states.
-        if isinstance(many, RunsOfScheme) and method != "exact":
+        if method != "exact":  # whose flow loses nothing
             for i in np.flatnonzero(whole)[:LEDGERS]:
                 ledger = many.ledger(i)
                 losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
@@ -226,25 +205,6 @@ class Ensemble(Study):
             axis.set_ylim(1e-4 * top, 2.0 * top)
         up = with_unit(case.units, f"mean amplitude of {tip_symbol(case.beam)}", "length")
         axis.set(title="spectra, mean over the members", xlabel=with_unit(case.units, OMEGA, "frequency"), ylabel=up)
-
-
-def _runs(
-    one: Integrator, system: System, members: EnsembleMembers, dt: float, t_end: float, t: Array
-) -> list[Trajectory]:
-    """A run of each member, or the recorded ones, with the tip at the times t (k,)."""
-    if one.kind == RECORDED:
-        for run in one.source:
-            replace(one, source=(run,)).recorded_at(system, dt)
-        runs = [part_of(run, system, t_end, one.label) for run in one.source]
-    else:
-        runs = [one.run(member, dt, t_end) for member in members]
-    return [_sampled(run, t) for run in runs]
-
-
-def _sampled(run: Trajectory, t: Array) -> Trajectory:
-    """Return the run with its tip at the times t (k,)."""
-    spline = CubicHermiteSpline(run.t, run.tip, run.tip_velocity)
-    return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
 def _distributions(number: int, impacts: Any) -> list[Row]:

@@ -149,8 +149,6 @@ class Trajectory:
         system: System | None = None,
         states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
-        seconds: float = float("nan"),
-        evaluations: int | None = None,
     ) -> Trajectory:
         """A run of another program: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
@@ -161,13 +159,12 @@ class Trajectory:
         states this. system: what was integrated; with it the run can be compared, and the contact at the tip has its
         sampled impacts and force. states: (q, q'), each (k, n); they give the energy balance, every contact, the
         displacement and, if it is missing, the tip. Quantities that the arrays do not determine are NaN, or raise an
-        error when used. name: its name in tables and pictures. seconds, evaluations: cost of the run, for
-        work-precision diagrams; by default its steps count. provenance["dt"] is the median step. Raises InputError for
-        decreasing times, two positions at one time, other shapes, and numbers that are not finite.
+        error when used. name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError
+        for decreasing times, two positions at one time, other shapes, and numbers that are not finite.
         """
         entries = run_fields(t, tip, tip_velocity, system, states, name)
-        counters = {} if evaluations is None else {"evaluations": integer("evaluations", evaluations, 1)}
-        return cls(work=Work(len(entries["t"]) - 1, seconds, seconds, counters), **entries)
+        unknown = float("nan")
+        return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
         """The state that can be sent to another process: functions of the solver cannot.
