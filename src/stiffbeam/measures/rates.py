@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 COARSEST, MOST_NODES = 27, 2_000_000  # cells of a contact, of all contacts
-CLOSE = 1e-4  # change of the works from a third of the cells to all of them: the error of these is a ninth
+CLOSE = 1e-4  # change of the works from a third of the cells to all of them, which is more than the error of these
 RATES = {
     "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
     "force_rms": "force",
@@ -370,4 +370,4 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
         change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
     nodes = t, np.broadcast_to(width[:, None] / cells, t.shape), force, v, slid
-    return f"events, quadrature to {change / 9.0:.0e}", tuple(x.ravel() for x in nodes)
+    return f"events, quadrature to {change:.0e}", tuple(x.ravel() for x in nodes)
