@@ -12,7 +12,7 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, study
-from stiffbeam.studies.common import to_the_end
+from stiffbeam.studies.energy import to_the_end
 
 OSCILLATOR = """
 [[case]]

@@ -9,8 +9,8 @@ With several contacts the largest error counts. Every scheme runs with 2^k n ste
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
 steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
 stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
-coarse run of another is enough. If some requirements cannot be met, the others count only if every finer step meets
-them too.
+coarse run of another is enough. If no run is advised, the one with the smallest worst error over the wanted one is
+named.
 
 Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
 study ``ensemble`` compares distributions past it.
@@ -20,10 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import takewhile
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 from cyclopts import Parameter
 
 from ..basics.progress import current
@@ -34,7 +34,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
-from ..measures.errors import stays_within, tip_error
+from ..measures.errors import tip_error
 from ..model.modes import modes
 from ..model.scales import scales
 from ..model.system import System
@@ -67,7 +67,7 @@ def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Advise(Study):
-    """Which scheme, contact treatment and time step are the cheapest for given errors, and which does none reach?
+    """Which scheme, contact treatment and time step are the cheapest for given errors?
 
     The search ends after ``seconds`` of CPU with what is known by then. In Python ``advise.advised(records)`` is the
     run that is advised.
@@ -112,7 +112,7 @@ class Advise(Study):
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 
     def run(self, case: Case) -> list[Row]:
-        """A row of kind "run" for every trial, of kind "cannot" for every error that none reaches, and "remark"."""
+        """A row of kind "run" for every trial, and remarks."""
         begun, show, t_end = clock(), current(), case.t_end
         system = case.system(self.form)
         wanted = _wanted(system, self.want)
@@ -125,20 +125,13 @@ class Advise(Study):
             t_end = exact.horizon
             remarks.append(f"The advice is for the time to the horizon t = {t_end:.4g} of the exact motion.")
             exact = best_reference(system, t_end, progress=show)
-        open_wants, cannot = wanted, dict[str, str]()
         most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_DIRECT)
         search = Search(system, t_end, exact, begun + self.seconds)
-        chosen = search.cheapest(self._candidates(case, system), open_wants, most)
+        chosen = search.cheapest(self._candidates(case, system), wanted, most)
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
         if search.ended:
             remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
-        # Give up what no run reaches, and advise for the rest.
-        while chosen is None and open_wants:
-            worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))
-            cannot |= worst
-            open_wants = {name: x for name, x in open_wants.items() if name not in worst}
-            chosen = cheapest(search.tried, open_wants) if open_wants else None
         facts = {"t_end": t_end, "horizon": exact.horizon}
         rows = [
             {"kind": "run"} | vars(p) | {"scheme": label_of_run(p.scheme), "advised": p is chosen}
@@ -146,35 +139,28 @@ class Advise(Study):
         ]  # fmt: skip
         for row in rows:
             del row["errors"]
-        if chosen is not None:
-            run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
-            facts["trusted_until"] = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
-        rows += [{"kind": "cannot", "quantity": name, "reason": why} for name, why in cannot.items()]
         rows += [{"kind": "remark", "reason": text} for text in remarks if text]
         return [row | facts for row in rows]
 
     def answer(self, table: Table, case: Case) -> Answer:
-        """The run that is advised with its errors, and the errors that no run reaches, each with the reason."""
-        wanted, first, run = _wanted(case.system(self.form), self.want), table.iloc[0], advised_row(table)
-        met = _attainable(table, wanted)
+        """The run that is advised with its errors, or the run that is nearest to what is wanted."""
+        wanted, run = _wanted(case.system(self.form), self.want), advised_row(table)
         notes = [str(x) for x in table[table.kind == "remark"].reason] if "reason" in table else []
-        verdict = "No run meets the admissible errors."
-        if run is not None:
-            errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in met)
-            verdict = f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {first.t_end:g}, {run.work:g} "
-            verdict += f"linear solves, relative errors {errors}."
-            least = wanted.get("tip", WANT["tip"])
-            notes.append(f"The tip is within {least:g} max|u| of the exact one to t = {first.trusted_until:.4g}.")
-        for row in table[table.kind == "cannot"].itertuples():
-            notes.append(f"Not attainable: {row.quantity} to {wanted[str(row.quantity)]:g}: {row.reason}.")
-        return Answer(verdict, notes=" ".join(notes))
+        verdict = ""
+        if run is None:
+            runs = table[table.kind == "run"]
+            run = next(runs.loc[[_worst(runs, wanted).idxmin()]].itertuples())
+            verdict = f"No run of up to {runs.steps.max():g} steps is sure to meet the admissible errors; nearest: "
+        errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
+        verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
+        return Answer(f"{verdict}linear solves, relative errors {errors}.", notes=" ".join(notes))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
         axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        met, runs, best = _attainable(table, wanted), table[table.kind == "run"].copy(), advised_row(table)
+        runs, best = table[table.kind == "run"].copy(), advised_row(table)
         if len(runs):
-            runs["worst"] = np.max([runs[f"error_{x}"] / wanted[x] for x in met or wanted], axis=0)
+            runs["worst"] = _worst(runs, wanted)
             for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
                 style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
                 style |= {"alpha": 0.5} if contact != "implicit" else {}
@@ -210,9 +196,9 @@ def _label(row: Any) -> str:
     return f"{row.scheme}" + (f", {row.contact} contact" if row.contact != "implicit" else "")
 
 
-def _attainable(table: Table, wanted: Mapping[str, float]) -> list[str]:
-    cannot = set(table[table.kind == "cannot"].quantity) if "quantity" in table else set()
-    return [name for name in wanted if name not in cannot]
+def _worst(runs: Table, wanted: Mapping[str, float]) -> Any:
+    """The largest of the errors over the wanted ones, of every run."""
+    return pd.concat([runs[f"error_{name}"] / x for name, x in wanted.items()], axis=1).max(axis=1)
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
@@ -324,32 +310,6 @@ class Search:
                 if not run.meets(want):
                     return False
         return True
-
-
-def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
-    """The cheapest run that meets the requirements together with at least one finer run and all finer ones. Otherwise a
-    coarse run meets them by chance."""
-    good: list[Probe] = []
-    for kind in dict.fromkeys((str(p.scheme), p.contact) for p in tried):
-        finest_first = sorted((p for p in tried if (str(p.scheme), p.contact) == kind), key=lambda p: -p.steps)
-        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
-    return min(good, key=lambda p: p.work, default=None)
-
-
-def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Requirements that no step meets; if there is none, the one that costs most."""
-    # Every quantity alone: those that no run reaches, else the one whose cheapest run costs most.
-    alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
-    reasons = {}
-    for name in [name for name, probe in alone.items() if probe is None]:
-        best = min(tried, key=lambda p, name=name: p.errors[name])
-        kept = "some, but of no scheme all finer ones," if best.meets({name: want[name]}) else "none"
-        runs = f"{kept} of {len(tried)} runs of up to {most} steps reach it"
-        reasons[name] = f"{runs}; the best has {best.errors[name]:.3g}, {_label(best)} at dt = {best.dt:.3g}"
-    if reasons:
-        return reasons
-    name, probe = max(((n, p) for n, p in alone.items() if p is not None), key=lambda pair: pair[1].work)
-    return {name: f"not together with the rest; alone with {_label(probe)} at dt = {probe.dt:.3g}"}
 
 
 def errors_of(run: Trajectory, exact: Reference) -> tuple[dict[str, float], float]:

@@ -145,15 +145,6 @@ def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     return observed_order(step(kept), kept[error])
 
 
-def to_the_end(steps: int, outputs: int) -> int:
-    """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
-
-    The last step is among them where the number of steps has such a divisor.
-    """
-    most = max(1, steps // outputs)
-    return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
-
-
 def run_members(
     scheme: Scheme, members: EnsembleMembers, dt: float, t_end: float, contact: str, every: int | None = None
 ) -> Ensemble:

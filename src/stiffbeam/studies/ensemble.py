@@ -1,7 +1,7 @@
 """Statistics past the horizon: distributions over many perturbed runs.
 
-Impacts and their rate, time in contact, durations of contacts, largest forces, energy and spectra, with their spread
-over the members. A duration lasts from the entry into a stop to the exit from it. Most contacts are short bounces, most
+Impacts and their rate, time in contact, durations of contacts, largest forces and energy, with their spread over the
+members. A duration lasts from the entry into a stop to the exit from it. Most contacts are short bounces, most
 of the time in contact is spent in a few long ones: so the table has the median over the contacts and the duration
 beyond which half of the time in contact is spent.
 """
@@ -17,11 +17,9 @@ from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short, tip_symbol
-from ..figures.runs import OMEGA
+from ..figures.chart import log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.ensemble import integrate_ensemble
-from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
@@ -34,14 +32,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
-SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
-HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Study):
-    """Past the horizon, do the schemes at least have the right distribution of impacts, durations, forces and spectra?
+    """Past the horizon, do the schemes at least have the right distribution of impacts, durations and forces?
 
     The exact solution and every scheme start from the same ``members`` initial data, which differ by ``size`` relative
     to the motion.
@@ -72,20 +68,17 @@ class Ensemble(Study):
         return [{"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str) -> list[Row]:
-        """Rows of members, the distributions of durations and peak forces, and the spectrum."""
+        """Rows of members, and the distributions of durations and peak forces."""
         system, dt, t_end = case.system(self.form), case.dt, case.t_end
         members = perturbed_members(system, self.members, self.size, self.rng, t_end=t_end)
-        every = common.to_the_end(round(t_end / dt), SAMPLES)
-        t = np.arange(0, round(t_end / dt) + 1, every) * dt
         if method == "exact":
-            many = reference_ensemble(system, t_end, members, t)
+            many = reference_ensemble(system, t_end, members)
         else:
             scheme = common.chosen_schemes(case, self.schemes)[method]
-            many = integrate_ensemble(system, scheme, dt, t_end, members, self.contact, every)
+            many = integrate_ensemble(system, scheme, dt, t_end, members, self.contact)
         if np.all(np.isfinite(many.diverged)):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
-        drive = drive_frequency(system)
         losses = np.full((len(many), 2), np.nan)
         if method != "exact":  # whose flow loses nothing
             for i in np.flatnonzero(whole)[:LEDGERS]:
@@ -105,7 +98,7 @@ class Ensemble(Study):
                 for i in range(len(many))
             ]  # fmt: skip
             rows += _distributions(number, contact.impacts)
-        return rows + _spectrum(t, many.tip[whole], drive)
+        return rows
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
@@ -164,7 +157,7 @@ class Ensemble(Study):
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Every member a dot in the line of its method and contact, the mean as a bar; distributions; spectra."""
+        """Every member a dot in the line of its method and contact, the mean as a bar; distributions."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
         groups = [
             (str(method), f" at contact {n:g}" if several else "", rows)
@@ -185,26 +178,13 @@ class Ensemble(Study):
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
-            axis = figure.add_subplot(grid[1, 2 * i : 2 * i + 2])
+            axis = figure.add_subplot(grid[1, 3 * i : 3 * i + 3])
             for method, _, rows in groups if name in table else ():
                 style: Any = look(method) | {"marker": "", "lw": 1.1}
                 axis.plot(rows[name], rows.level, label=short(method), **style)
             log_scale(axis, y=False)
             axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
-        axis = figure.add_subplot(grid[1, 4:])
-        self._spectra(axis, table[table.kind == "spectrum"], case)
         shared_legend(figure, 5)
-
-    def _spectra(self, axis: Axes, rows: Table, case: Case) -> None:
-        lines(axis, rows, "omega", "amplitude", "method", marker="")
-        exact = rows[rows.method == "exact"]
-        if len(exact):
-            axis.fill_between(exact.omega, exact.low, exact.high, color="0.82", lw=0, zorder=0, label="exact, 90 %")
-        log_scale(axis, x=False)
-        if (top := rows.amplitude.max()) > 0.0:
-            axis.set_ylim(1e-4 * top, 2.0 * top)
-        up = with_unit(case.units, f"mean amplitude of {tip_symbol(case.beam)}", "length")
-        axis.set(title="spectra, mean over the members", xlabel=with_unit(case.units, OMEGA, "frequency"), ylabel=up)
 
 
 def _distributions(number: int, impacts: Any) -> list[Row]:
@@ -224,19 +204,6 @@ def half_time(durations: Array) -> float:
     durations = np.sort(durations)
     spent = np.cumsum(durations)
     return float(durations[np.searchsorted(spent, 0.5 * spent[-1])])
-
-
-def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
-    """Mean over the members and a band that holds 90 % of them."""
-    omega, _ = amplitude_spectrum(t, tips[0], drive)
-    amplitudes = np.array([amplitude_spectrum(t, tip, drive)[1] for tip in tips])
-    last = np.searchsorted(omega, HARMONICS * drive) if drive else min(len(omega), 400)
-    low, high = np.quantile(amplitudes, [0.05, 0.95], axis=0)
-    return [
-        {"kind": "spectrum", "omega": float(omega[k]), "amplitude": float(np.mean(amplitudes[:, k])),
-         "low": float(low[k]), "high": float(high[k])}
-        for k in range(1, last)
-    ]  # fmt: skip
 
 
 def distribution(table: Table, method: str, quantity: str) -> Array:
