@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from .basics.resources import clock
-from .basics.validation import InputError, one_of, positive
+from .basics.validation import InputError, positive
 from .march.integrate import integrate
 from .model.equations import Matrices
 from .model.system import System
 from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
 from .schemes import Scheme
-from .schemes.labels import KNOWN_FORMS, parse_run, scheme_of, user_object
+from .schemes.labels import parse_run, scheme_of, user_object
 from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
 
 SCHEME, SOLVER, FUNCTION, RECORDED = "scheme", "solver", "function", "recorded"
@@ -131,6 +131,8 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         named = user_object(given) if USER.fullmatch(given) else None
         if named is not None and not isinstance(named, type):
             return replace(integrator(named, order), label=given)
+        if "@" in given:
+            raise InputError("integrator", given, "be without a form", "leave @ out, and give the option form")
         return integrator(parse_run(given)[0], order)
     if isinstance(given, Scheme):
         return Integrator(str(given), SCHEME, given, given.order if order is None else positive("order", order))
@@ -147,17 +149,6 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         return Integrator(_function_label(given), FUNCTION, given, float("nan") if order is None else float(order))
     remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
     raise InputError("integrator", given, "be something that can be run", remedy)
-
-
-def parse_integrator(text: str, form: str) -> tuple[Integrator, str]:
-    """Return the integrator and the form of ``integrator[@form]``, the form ``form`` where none is written."""
-    name, at, named = (part.strip() for part in text.partition("@"))
-    if name in REFERENCES or USER.fullmatch(name):
-        if at:
-            one_of("form", named, KNOWN_FORMS, "be one that there is")
-        return integrator(name), named or form
-    scheme, form = parse_run(text, form)
-    return integrator(scheme), form
 
 
 def integrators(given: Iterable[Any], order: float | None = None) -> list[Integrator]:

@@ -97,7 +97,7 @@ def test_a_journal_sees_that_a_function_has_changed(tmp_path, monkeypatch):
 def test_compare_takes_functions_recorded_runs_and_solvers():
     """Radau IIA as a function and as arrays is one motion; the solver is a further reference."""
     system, dt, t_end = pair(), 0.01, 0.6
-    runs = [(x, "matrices") for x in ("trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams")]
+    runs = ["trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams"]
     result = CaseComparison(case_of(system, dt, t_end))
     list(result.run(runs, ["exact"]))
     assert not result.failures
@@ -124,9 +124,8 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
         t = np.linspace(0.0, t_end, 11)
         return t, np.where(t > 0.5 * t_end, np.inf, t)
 
-    runs = [(x, "matrices") for x in (short, raising, overflowing, "trapezoidal")]
     result = CaseComparison(case_of(pair(), 0.01, 0.5))
-    list(result.run(runs, ["exact"]))
+    list(result.run([short, raising, overflowing, "trapezoidal"], ["exact"]))
     messages = dict(result.failures)
     assert "returned no later times" in messages["short@matrices"]
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]

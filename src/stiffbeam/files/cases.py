@@ -299,16 +299,16 @@ def _bounded(file: Path) -> str:
     return text.replace("\r\n", "\n")
 
 
-def compared_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """Runs of a comparison: those of the case, and on a table of the paper each of its three schemes."""
-    runs = list(case.runs)
+def compared(case: Case, form: str) -> list[Scheme]:
+    """Schemes of a comparison: those that the case runs in this form, or all that it runs; on a table of the paper
+    each of its three besides."""
+    schemes = [scheme for scheme, of_run in case.runs if of_run == form] or [scheme for scheme, _ in case.runs]
     table = paper_cases().get(case.name)
     # A file of the user may have the name of a table: other runs are left as they are.
     if table is not None and case.runs == table.runs:
-        names = {scheme.name for scheme, _ in runs}
-        three = (BDF2(), SDIRK(nystrom=True), HHT())
-        runs += [(scheme, "displacement") for scheme in three if scheme.name not in names]
-    return runs
+        names = {scheme.name for scheme in schemes}
+        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if x.name not in names]
+    return schemes
 
 
 # ---------------------------------------------------------------- the file's form

@@ -174,19 +174,13 @@ def report(
     failures: Sequence[tuple[str, str]] = (),
     refused: Container[str] = (),
 ) -> Report:
-    """Return the tables of comparisons: one per form to the horizon, one of the whole runs, and the failures.
+    """Return the tables of comparisons with one reference, to the horizon and of the whole runs, and the failures.
 
     refused: the labels of those failures that the case does not allow.
     """
-    # The runs of one form have one reference and two tables.
-    by_reference = [
-        [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
-    ]
-    tables = [_to_horizon(of_form) for of_form in by_reference]
-    tables += [_to_end(of_form) for of_form in by_reference]
     return Report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
-        tables=tuple(tables),
+        tables=(_to_horizon(comparisons), _to_end(comparisons)) if comparisons else (),
         notes=tuple(dict.fromkeys(_notes(comparisons, references))) if comparisons else (),
         failures=tuple(("refused" if label in refused else "failed", label, message) for label, message in failures),
     )
@@ -252,7 +246,7 @@ def _frame(rows: Sequence[Mapping[str, str]]) -> Any:
 
 
 def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
+    """The measures on [0, horizon]; errors while the impacts of all of them match."""
     first, common = comparisons[0], common_window(comparisons)
     lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
     rows = []
@@ -275,7 +269,7 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
 
 
 def _to_end(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
+    """Cost and totals of the whole runs; the adaptive solvers ended at the horizon."""
     first = comparisons[0]
     end = max(c.t_end for c in comparisons)
     # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
