@@ -69,8 +69,6 @@ def test_a_sweep_draws_a_line_for_every_contact(two):
     assert "impacts per period at contact 1" in str(records)
     count = records.figure().axes[1]
     assert len(count.get_lines()) == 2
-    grid = study("sweep", SMALL, **options, second="alpha", second_values=[-0.1, -0.2])
-    assert sum("at contact 1" in axis.get_title(loc="left") for axis in grid.figure().axes) == 3
 
 
 def test_windows_and_matching_hold_for_all_contacts():

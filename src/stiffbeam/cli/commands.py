@@ -49,7 +49,7 @@ OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
-    "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
+    "sweep": "Bifurcation diagram, impacts and forces over a parameter.",
 }
 
 

@@ -163,10 +163,10 @@ def _of_kind(table: Table, kind: str) -> list[Row]:
 
 def _maker(case: Case, point: Row) -> Maker:
     system = case.system(point["form"])
-    shared = {"parameter": point["parameter"], "second": None, "method": EXACT, "dt": None}
+    shared = {"parameter": point["parameter"], "method": EXACT, "dt": None}
 
     def make(x: float) -> tuple[System, float]:
-        setup = setup_of(system, shared, [x], None)
+        setup = setup_of(system, shared, x, None)
         return setup.system, point["length"] * setup.period
 
     return make
