@@ -8,7 +8,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -89,17 +89,12 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
     def run(
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
-        out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
+        out: Path | None = None, jobs: int | None = None, json: Json = None,
     ) -> int:  # fmt: skip
         from ..studies.base import perform
-        from ..studies.common import smoke_options
 
         check_json(json)
         chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
-        if smoke:
-            plain = kind()
-            small = smoke_options(kind, chosen).items()
-            options = replace(options, **{x: y for x, y in small if getattr(options, x) == getattr(plain, x)})
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
             jobs = 1 if kind.all_cores else cores()
@@ -127,8 +122,6 @@ _SHARED = """
         Folder for table, text, picture and finished points; by default stiffbeam-output/CASE.
     jobs
         Processes; by default one per core.
-    smoke
-        Small configuration: seconds instead of minutes.
     """
 
 

@@ -90,7 +90,6 @@ class Advise(Study):
     )
     seconds: float = option(60.0, "CPU seconds after which the search ends")
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "most_steps": 2**12, "seconds": 5.0}
     all_cores: ClassVar = True
     any_step: ClassVar = True
 

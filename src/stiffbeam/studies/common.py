@@ -24,7 +24,7 @@ from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
-from .base import Study, Table, option
+from .base import Table, option
 
 _SOLVED = Recent[Reference](4)
 
@@ -164,11 +164,3 @@ def solve_once(system: System, t_end: float) -> Reference:
 def first_impacts(case: Case, form: str, impacts: int) -> float:
     """The end of the case's first impacts, ``impacts`` of them, see ``first_impacts_end``."""
     return first_impacts_end(solve_once(case.system(form), case.t_end), impacts)
-
-
-def smoke_options(kind: type[Study], case: Case) -> dict[str, Any]:
-    """Options of a study for a run of seconds, with a scheme of the case where others do not support its stops."""
-    name = next((x for x in ("schemes", "integrators") if x in kind.smoke), None)
-    if name is None or kind.free or all(takes(case, x) for x in chosen_schemes(case, kind.smoke[name]).values()):
-        return dict(kind.smoke)
-    return {**kind.smoke, name: [str(case.runs[0][0])]}

@@ -80,8 +80,6 @@ class Converge(Study):
     form: str | None = common.form()
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"integrators": ["BDF2", "SDIRK(gamma=0.4359)"], "halvings": 4, "impacts": 2,
-                       "views": ["order", "work", "impacts", "loss"]}  # fmt: skip
     height: ClassVar = 8.4
     labels: ClassVar = {
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),

@@ -82,7 +82,6 @@ class Doubt(Study):
     form: str | None = common.form()
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"members": 8}
     all_cores: ClassVar = True
 
     def require(self, case: Case) -> None:

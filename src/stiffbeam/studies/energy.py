@@ -40,7 +40,6 @@ class Energy(Study):
     forms: common.Labels = option(None, "comma-separated; default: all that the case supports")
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)", "BDF2"]}
     needs_motion: ClassVar = True
     height: ClassVar = 8.2
     labels: ClassVar = {"t": ("time $t$", "time"), "lost_in_contact": ("energy lost so far", "energy"),

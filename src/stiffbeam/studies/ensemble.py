@@ -52,7 +52,6 @@ class Ensemble(Study):
     rng: int = option(1, "seed of the perturbations", least=0)
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "members": 8}
     needs_motion: ClassVar = True
     needs_stops: ClassVar = True
     all_cores: ClassVar = True

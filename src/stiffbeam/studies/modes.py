@@ -41,7 +41,6 @@ class Modes(Study):
     form: str | None = common.form()
     steps: int = option(4000, "number of time steps of a run", least=1)
 
-    smoke: ClassVar = {"schemes": ["BDF2", "HHT(alpha=-0.1)"], "steps": 400}
     free: ClassVar = True
     height: ClassVar = 8.6
     labels: ClassVar = {"dt_over_period": (r"$\Delta t/T$ of the mode", "")}

@@ -64,7 +64,6 @@ class Orbits(Study):
     form: str | None = common.form()
     count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
-    smoke: ClassVar = {"count": 4}
     named_by: ClassVar = ("parameter",)
     height: ClassVar = 8.8
 
