@@ -19,7 +19,7 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -108,7 +108,7 @@ class ContactRates:
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times. "impacts" of rigid stops: their impacts only, without impulse and duration.
+        a reference, or the output times; of rigid stops "impacts", whose rate alone is known.
     """
 
     since: float
@@ -161,7 +161,7 @@ def contact_rates(
     Returns
     -------
     ContactRates
-        Works and force rms at rigid stops, whose forces are impulses, are NaN.
+        Of rigid stops, whose forces are impulses, all but the rate of impacts is NaN.
 
     Raises
     ------
@@ -183,27 +183,16 @@ def contact_rates(
     rows = _tangents(run, tangents)
     edges = windows(run.system, since, end)
     width = edges[1] - edges[0]
-    sums = [np.zeros((5, len(edges) - 1)) for _ in run.contacts]
-    sources, marched = [], []
+    rates, sources = [], []
     for i, contact in enumerate(run.contacts):
-        source = "impacts"
+        # Rigid stops have impulses, no forces: all but their impacts is NaN.
+        source, window = "impacts", np.full((5, len(edges) - 1), np.nan)
         if not contact.stops.rigid:
-            source, nodes = _nodes(run, i, rows[i], edges)
-            if nodes is None:
-                marched.append(i)
-            else:
-                _add(sums[i], edges, *nodes)
+            window[:] = 0.0
+            source, pieces = _nodes(run, i, rows[i], edges)
+            for nodes in pieces:
+                _add(window, edges, *nodes)
         sources.append(source)
-    # One more march for all contacts whose steps were not kept.
-    if marched:
-        for i, nodes in _steps(run, marched, rows):
-            _add(sums[i], edges, *nodes)
-    rates, reactions = [], _reactions(run) if run.contacts else None
-    for i, (contact, window) in enumerate(zip(run.contacts, sums, strict=True)):
-        if contact.stops.rigid:
-            # Rigid stops have impulses, no forces: works and force rms are NaN.
-            window[2:] = np.nan
-            sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
             window[3] = np.nan
         integrals = zip(list(RATES)[1:], window, strict=True)
@@ -277,48 +266,22 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _reactions(run: Trajectory) -> Array | None:
-    """Mean reactions of rigid stops over every step of a scheme (steps, m); None of other runs."""
-    if isinstance(run, Reference) or run.pieces is None or run.system is None or not run.stops[0].rigid:
-        return None
-    return np.concatenate([forces[1:] for *_, forces in run.pieces()])
-
-
-def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array) -> tuple[str, Array]:
-    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part. NaN
-    for arrays and for files without their system, where only the impacts are known."""
-    blows: Any = []
-    if isinstance(run, Reference) and run.solution is not None:
-        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), float(edges[-1]))
-    elif reactions is not None:
-        source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])
-        spans = np.stack([pressed * dt, (pressed + 1) * dt, np.abs(reactions[pressed, i]) * dt], axis=1)
-    else:
-        return "impacts", np.full((2, len(edges) - 1), np.nan)
-    begins, ends, impulses = np.reshape(spans, (-1, 3)).T
-    times, at_once = np.reshape(blows, (-1, 2)).T
-    # Both grow evenly within a span and stay between two.
-    corners = np.append(np.stack([begins, ends], axis=1).ravel(), np.inf)
-    grown = [np.append(0.0, np.repeat(np.cumsum(x), 2)) for x in (impulses, ends - begins)]
-    impulse, lasting = (np.diff(np.interp(edges, corners, x)) for x in grown)
-    return source, np.array([impulse + np.histogram(times, edges, weights=at_once)[0], lasting])
-
-
-def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes | None]:
-    """Source of the forces of contact i, and the nodes of an integral over time; None for those of ``_steps``."""
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterable[Nodes]]:
+    """Source of the forces of contact i, and the nodes of an integral over time, in pieces of the run."""
     contact, every = run.contacts[i], int(run.provenance.get("every", 1))
     # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
             try:
-                return _between_events(run, i, tangent, edges)
+                source, nodes = _between_events(run, i, tangent, edges)
+                return source, [nodes]
             except InputError:  # a saved reference that answers at its outputs only
                 pass
     elif every > 1 and run.pieces is not None and run.system is not None:
-        return "every step", None
+        return "every step", _steps(run, i, tangent)
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
     sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run.states[1], tangent)
-    return source, (run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)
+    return source, [(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)]
 
 
 def _trapezoidal(t: Array) -> Array:
@@ -326,16 +289,15 @@ def _trapezoidal(t: Array) -> Array:
     return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
 
 
-def _steps(run: Trajectory, contacts: Sequence[int], tangents: Sequence[Array | None]) -> Iterator[tuple[int, Nodes]]:
-    """Nodes of each of the contacts at every step, in pieces of the run."""
+def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
+    """Nodes of a contact at every step, from a second run."""
     assert run.pieces is not None
     assert run.system is not None
     for t, q, rate, forces in run.pieces():
-        for i in contacts:
-            u, v = channel_motion(*run.system.channels[i], t, q, rate)
-            # A force that jumps is that of the node, others follow from the state.
-            force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-            yield i, (t, _trapezoidal(t), force, v, _sliding(rate, tangents[i]))
+        u, v = channel_motion(*run.system.channels[i], t, q, rate)
+        # A force that jumps is that of the node, others follow from the state.
+        force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
+        yield t, _trapezoidal(t), force, v, _sliding(rate, tangent)
 
 
 def _sliding(v: Array, tangent: Array | None) -> Array:
