@@ -351,7 +351,7 @@ def _missing(run: Trajectory, system: System, contacts: Sequence[ContactComparis
     arrays = run.provenance.get("source") == "arrays"
     for c, record, contact in zip(contacts, run.contacts, system.contacts, strict=True):
         if record.impacts.kind == "unknown":
-            yield f"{c.name}: its position is not the tip's, and the run came without states: pass [t, q, v]"
+            yield f"{c.name}: the run came without states, or velocities at a rigid stop: pass [t, q, v]"
         if arrays and c.reference.impacts < SEEN * c.reference.event_impacts:
             yield (
                 f"{c.name}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
