@@ -72,12 +72,8 @@ class Modes(Study):
                 continue
             theory = amplification(made, x, xi)
             row |= {"dt_over_period": x, "spectral_radius": float(theory.spectral_radius[0])}
-            for name, error in (("period_elongation", "elongation_error"), ("damping_ratio", "damping_error")):
-                row |= {
-                    name: float(getattr(errors, name)[j]),
-                    f"{name}_error": float(getattr(errors, error)[j]),
-                    f"{name}_theory": float(getattr(theory, name)[0]),
-                }
+            for name, *_ in QUANTITIES:
+                row |= {name: float(getattr(errors, name)[j]), f"{name}_theory": float(getattr(theory, name)[0])}
             rows.append(row)
         return rows
 
