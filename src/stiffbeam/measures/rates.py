@@ -309,17 +309,17 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     """Midpoints of equal cells of every contact, of which there are three times as many until the works no longer
     change."""
     listed, _ = run.contacts[i].impacts.listed()
-    if not listed.count:
-        none = np.zeros(0)
-        return "events", (none, none, none, none, none)
     ends = np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     # Contacts are cut at the edges of the parts of the run.
     corners = np.sort(np.concatenate([listed.times, ends, edges]))
     last = np.searchsorted(listed.times, corners, "right") - 1
-    closed = ((last >= 0) & (corners < ends[last]))[:-1]
+    closed = ((last >= 0) & (corners < np.append(ends, -np.inf)[last]))[:-1]
     left, width = corners[:-1][closed], np.diff(corners)[closed]
-    cells, change = COARSEST, np.inf
-    while change > CLOSE and 3 * cells * len(left) <= MOST_NODES:
+    if not len(left):
+        none = np.zeros(0)
+        return "events", (none, none, none, none, none)
+    cells = COARSEST
+    while True:
         cells *= 3
         t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
         u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
@@ -331,5 +331,8 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
         works = np.abs(force * np.array([v] if tangent is None else [v, slid]))
         whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
         change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
-    nodes = t, np.broadcast_to(width[:, None] / cells, t.shape), force, v, slid
-    return f"events, quadrature to {change:.0e}", tuple(x.ravel() for x in nodes)
+        if change <= CLOSE or 3 * t.size > MOST_NODES:
+            break
+    weights = np.broadcast_to(width[:, None] / cells, t.shape)
+    nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), slid.ravel()
+    return f"events, quadrature to {change:.0e}", nodes

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 BETWEEN = 5  # steps that are tried between a step and its half
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
-QUANTITIES = ("tip", "impacts", "peak_force", "impulse")
+QUANTITIES: tuple[str, ...] = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
 MOST_STEPS, MOST_DIRECT = 2**20, 2**14  # of a run; marched with matrices, a thousand times slower
 

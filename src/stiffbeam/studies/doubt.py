@@ -291,7 +291,7 @@ def interval(column: Column) -> tuple[float, float]:
     """Ends of the 95 % BCa interval of the statistic. A sample whose values are all equal has an interval without
     width."""
     if np.ptp(column.sample) == 0.0:
-        return (float(column.statistic(column.sample)),) * 2
+        return float(column.statistic(column.sample)), float(column.statistic(column.sample))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
         found = scipy.stats.bootstrap((column.sample,), column.statistic, n_resamples=RESAMPLES, rng=1)
