@@ -197,7 +197,7 @@ def test_the_command_makes_checks_and_compares(tmp_path):
         return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
 
     made = run("table10", "--method", "multiprecision", "--t-end", "0.5", "--out", "ref.nc")
-    assert (made.returncode, made.stderr) == (0, "")
+    assert made.returncode == 0, made.stderr  # which says what takes more than three seconds
     assert "horizon: 0.5" in made.stdout
     sb.load(tmp_path / "ref.nc", sb.paper_case(10).system())
     (tmp_path / "ref.nc").write_bytes((tmp_path / "ref.nc").read_bytes()[:5000])
