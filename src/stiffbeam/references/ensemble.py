@@ -15,7 +15,7 @@ from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Progress, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference

@@ -15,7 +15,7 @@ from ..basics.validation import InputError, exact_float, sequence
 from ..figures.chart import short
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
-from ..march.ensemble import integrate_ensemble
+from ..march.integrate import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.members import EnsembleMembers
 from ..model.system import System

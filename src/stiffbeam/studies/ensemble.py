@@ -19,7 +19,7 @@ from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..figures.chart import log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
-from ..march.ensemble import integrate_ensemble
+from ..march.integrate import integrate_ensemble
 from ..measures.report import DASH, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
