@@ -9,7 +9,6 @@ from .march.integrate import integrate as integrate
 from .march.integrate import integrate_ensemble as integrate_ensemble
 from .measures.amplification import amplification as amplification
 from .measures.comparison import compare as compare
-from .measures.errors import stays_within as stays_within
 from .measures.rates import contact_rates as contact_rates
 from .model.contact import Contact as Contact
 from .model.contact import Stops as Stops

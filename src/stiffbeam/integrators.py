@@ -1,7 +1,7 @@
 """Integrators: whatever makes a Trajectory of a System at a resolution.
 
 A scheme and a user's function have a time step, a reference solver a tolerance, and recorded arrays the steps of their
-recording. ``compare``, the studies and ``score`` accept all of them, each under a unique label.
+recording. ``compare`` and ``score`` accept all of them, the studies those that can run, each under a unique label.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from .basics.resources import clock
-from .basics.validation import InputError, one_of, positive
+from .basics.validation import InputError, positive
 from .march.integrate import integrate
 from .model.equations import Matrices
 from .model.system import System
 from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
 from .schemes import Scheme
-from .schemes.labels import KNOWN_FORMS, parse_run, scheme_of, user_object
+from .schemes.labels import parse_run, scheme_of, user_object
 from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
 
 SCHEME, SOLVER, FUNCTION, RECORDED = "scheme", "solver", "function", "recorded"
@@ -63,7 +63,7 @@ class Integrator:
         """Return its run of a system with steps dt to t_end.
 
         A solver chooses its own steps, to its default tolerance, and has outputs at multiples of dt. Of recorded runs
-        the one with the nearest step counts, to t_end. contact, every, show: for a scheme, see ``integrate``.
+        the one with the nearest step counts. contact, every, show: for a scheme, see ``integrate``.
 
         Raises Diverged and SolverFailure if there is no run, InputError if it does not support the system.
         """
@@ -73,19 +73,11 @@ class Integrator:
             return self.solve(system, RTOL, np.arange(round(t_end / dt) + 1) * dt, t_end)
         if self.kind == FUNCTION:
             return _called(self, system, dt, t_end)
-        return part_of(self.recorded_at(system, dt), system, t_end, self.label)
+        return min(self.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
 
     def solve(self, system: System, rtol: float, times: Any, t_end: float) -> Trajectory:
         """Return the run of a solver to a relative tolerance, at ``times`` (k,); the exact solver has none."""
         return solve(system, t_end, self.source, np.asarray(times, float), rtol, None)
-
-    def recorded_at(self, system: System, dt: float) -> Trajectory:
-        """Return the recorded run whose step is nearest to dt. Raises InputError for a run of another system."""
-        run = min(self.source, key=lambda run: abs(float(run.provenance["dt"]) - dt))
-        if run.fingerprint not in ("", system.fingerprint):
-            rule = f"be recorded on the system of the case, form {system.form}"
-            raise InputError("schemes", self.label, rule, "pass system=case.system(form) to from_arrays")
-        return run
 
     @property
     def implicit(self) -> bool:
@@ -139,6 +131,8 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         named = user_object(given) if USER.fullmatch(given) else None
         if named is not None and not isinstance(named, type):
             return replace(integrator(named, order), label=given)
+        if "@" in given:
+            raise InputError("integrator", given, "be without a form", "leave @ out, and give the option form")
         return integrator(parse_run(given)[0], order)
     if isinstance(given, Scheme):
         return Integrator(str(given), SCHEME, given, given.order if order is None else positive("order", order))
@@ -155,17 +149,6 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         return Integrator(_function_label(given), FUNCTION, given, float("nan") if order is None else float(order))
     remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
     raise InputError("integrator", given, "be something that can be run", remedy)
-
-
-def parse_integrator(text: str, form: str) -> tuple[Integrator, str]:
-    """Return the integrator and the form of ``integrator[@form]``, the form ``form`` where none is written."""
-    name, at, named = (part.strip() for part in text.partition("@"))
-    if name in REFERENCES or USER.fullmatch(name):
-        if at:
-            one_of("form", named, KNOWN_FORMS, "be one that there is")
-        return integrator(name), named or form
-    scheme, form = parse_run(text, form)
-    return integrator(scheme), form
 
 
 def integrators(given: Iterable[Any], order: float | None = None) -> list[Integrator]:
@@ -187,19 +170,6 @@ def integrators(given: Iterable[Any], order: float | None = None) -> list[Integr
     labels = [x.label for x in chosen]
     earlier = [labels[:i].count(label) for i, label in enumerate(labels)]
     return [replace(x, label=f"{x.label} ({k + 1})") if k else x for x, k in zip(chosen, earlier, strict=True)]
-
-
-def part_of(run: Trajectory, system: System, t_end: float, label: str) -> Trajectory:
-    """A recorded run to t_end, with its share of the cost. Raises InputError for one that ends earlier."""
-    if run.t[-1] < t_end * (1.0 - SAME_STEP):
-        raise InputError("the recorded run", run.t[-1], f"reach t = {t_end:g}", "record it further, or ask for less")
-    inside, share = run.t <= t_end * (1.0 + SAME_STEP), t_end / float(run.t[-1])
-    if np.all(inside):
-        return run
-    part = Trajectory.from_arrays(run.t[inside], run.tip[inside], run.tip_velocity[inside], system, name=label)
-    seconds = share * run.work.seconds
-    counters = {"evaluations": round(share * evaluations(run))}
-    return replace(part, work=Work(len(part.t) - 1, seconds, seconds, counters))
 
 
 def fastest(run: Callable[[], Trajectory]) -> Trajectory:

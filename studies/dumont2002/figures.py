@@ -10,11 +10,10 @@ import numpy as np
 
 from stiffbeam.basics.arrays import Array
 from stiffbeam.figures.chart import COLOURS, DASHES, log_scale, look_of_name, new_figure
-from stiffbeam.figures.runs import draw_stops, drive_axis, first_contact, zoom_on_stop
-from stiffbeam.measures.frequencies import amplitude_spectrum
+from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
 from stiffbeam.trajectory.trajectory import Reference, Trajectory
 
-from .numbers import Sample
+from .numbers import Sample, amplitude_spectrum
 from .table import Made
 
 if TYPE_CHECKING:
@@ -202,13 +201,17 @@ class Panels:
         sampled = next((trace.run.t for trace in self.traces if not trace.exact), self.traces[0].run.t)
         for trace in self.traces:
             run = trace.run
-            u, v = run.at(sampled) if isinstance(run, Reference) else (run.tip, run.tip_velocity)
-            omega, amplitude = amplitude_spectrum(sampled, u, drive, v)
+            u = run.at(sampled)[0] if isinstance(run, Reference) else run.tip
+            omega, amplitude = amplitude_spectrum(sampled, u, drive)
             shown = (omega > 0.0) & (omega <= (MULTIPLES + 0.5) * drive)
             look = REALISATION if trace.past else {}
             axis.plot(omega[shown], amplitude[shown], label=trace.whole, **trace.style | look)
             top = max(top, float(np.max(amplitude[shown])))
-        axis.set_xlabel(drive_axis(axis, (), drive))
+        odd = range(1, 16, 2)
+        axis.set(
+            xlabel=rf"angular frequency $\omega$, in multiples of the drive a = {drive:g}", xlim=(0.0, 15.5 * drive)
+        )
+        axis.set_xticks([k * drive for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
         log_scale(axis, x=False)
         axis.set(ylim=(1e-4 * top, 2.0 * top), ylabel=f"amplitude of {TIP}")
 

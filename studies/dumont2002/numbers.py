@@ -13,7 +13,6 @@ from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.text import plain
 from stiffbeam.march.integrate import integrate_ensemble
 from stiffbeam.measures.comparison import compare
-from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.model.beam import natural_frequencies
 from stiffbeam.model.members import SPREAD, perturbed_members
 from stiffbeam.references.ensemble import reference_ensemble
@@ -140,3 +139,18 @@ class Sample:
         if error and (freedom < 1 or abs(gap) <= stats.t.isf(CHANCE, freedom) * error):
             return None
         return gap > 0.0
+
+
+def amplitude_spectrum(t: Array, u: Array, drive: float) -> tuple[Array, Array]:
+    """Angular frequencies and amplitudes of u at equidistant times t (k,), over as many whole drive periods as fit,
+    counted from the end.
+
+    A sinusoid A sin(w t) on a bin shows the amplitude A.
+    """
+    n, dt, period = len(t) - 1, float(t[1] - t[0]), 2.0 * np.pi / drive
+    # Whole periods up to rounding are whole; all intervals where not one period fits.
+    n = round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
+    amplitude = np.abs(np.fft.rfft(u[-n:])) * 2.0 / n
+    # The mean appears once in the transform, every other frequency also with the opposite sign.
+    amplitude[0] /= 2.0
+    return 2.0 * np.pi * np.fft.rfftfreq(n, dt), amplitude

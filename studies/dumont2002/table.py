@@ -15,8 +15,9 @@ from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
 from stiffbeam.schemes import SDIRK, Scheme
-from stiffbeam.studies.references import MANIFEST, frozen, shipped
 from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+
+from .references import MANIFEST, STORE, frozen
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
 
@@ -45,10 +46,10 @@ class Reading:
     @classmethod
     def of(cls, contact: str, printed: bool, references: Path | None) -> Reading:
         """Reading with the given folder of references, or the one that is there."""
-        if references is not None and not (references / MANIFEST).is_file():
-            raise InputError("--references", str(references), f"hold a {MANIFEST}", "make it with stiffbeam reference")
-        folder = references if references is not None else shipped()
-        return cls(contact, printed, None if folder is None else str(folder.resolve()))
+        folder = STORE if references is None else references
+        if not (folder / MANIFEST).is_file():
+            raise InputError("--references", str(folder), f"hold a {MANIFEST}", "leave it out for that of the checkout")
+        return cls(contact, printed, str(folder.resolve()))
 
     def scheme(self, scheme: Scheme) -> Scheme:
         """``scheme`` as this reading has it."""
@@ -141,7 +142,7 @@ def exact_solution(case: Case, form: str, system: System, reading: Reading) -> t
     its horizon is one realisation of the motion.
     """
     if reading.references is not None:
-        found = frozen(Path(reading.references), case, form, case.t_end)
+        found = frozen(Path(reading.references), case, form)
         if found is not None:
             return found, reference(system, min(case.t_end, LONGEST_HORIZON)).horizon
     exact = reference(system, case.t_end)

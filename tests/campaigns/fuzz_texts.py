@@ -106,7 +106,7 @@ def command(rng: np.random.Generator) -> Any:
     words = [
         *name.split(),
         *([] if name == "cases" else [case]),
-        *(["--smoke"] if name.split() in STUDIES else []),
+        *(["--t-end", "0.02"] if name.split() in STUDIES else []),
     ]
     for option in rng.choice(list(OPTIONS[name]), min(2, len(OPTIONS[name])), replace=False):
         value = OPTIONS[name][option] if rng.random() < 0.3 else str(_of(rng, NUMBERS if rng.random() < 0.6 else TEXTS))

@@ -149,7 +149,7 @@ def test_compare_writes_picture_table_and_trajectories(piped):
 def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
     (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
     code, out, err = command(
-        "compare", "mine.toml", "--schemes", "hht,HHT(alpha=-0.3),theta@displacement", "--dt", "5e-4", "--t-end",
+        "compare", "mine.toml", "--schemes", "hht,HHT(alpha=-0.3),theta", "--dt", "5e-4", "--t-end",
         "0.04", "--references", "exact", "--out", "deep/folder", "--json", "records/all.json",
     )  # fmt: skip
     assert (code, err) == (0, "")
@@ -235,7 +235,8 @@ def test_a_bad_case_name_exits_with_2_and_lists_near_ones(tmp_path):
     [
         (["compare", "table10", "--schemes", "bdf2,hhtt"], "scheme must be a registered scheme, got 'hhtt'"),
         (["compare", "table10", "--schemes", "HHT(alpha=0.1)"], "if your alpha is in [0, 1/3], pass -alpha"),
-        (["compare", "table10", "--schemes", "BDF2@displacment"], "did you mean displacement?"),
+        (["compare", "table10", "--form", "displacment"], "did you mean displacement?"),
+        (["compare", "table10", "--schemes", "BDF2@displacement"], "be without a form"),
         (["compare", "table10", "--references", "exacct"], "got 'exacct': did you mean exact?"),
         (["compare", "table10", "--contact", "implict", "--references", "exact", "--t-end", "0.01"], "got 'implict'"),
         (["compare", "table10", "--dt", "-1e-4"], "--dt must be > 0, got -0.0001"),

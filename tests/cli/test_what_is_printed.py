@@ -12,7 +12,7 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.studies import chaos, study
-from stiffbeam.studies.common import to_the_end
+from stiffbeam.studies.energy import to_the_end
 
 OSCILLATOR = """
 [[case]]
@@ -112,8 +112,8 @@ def test_a_mode_is_not_measured_on_a_part_of_its_period(case):
     assert np.isnan(short.period_elongation[0])
     long = free_mode_errors(sb.integrate(free, sb.HHT(-0.1), 2.5e-4, 2.0))
     theory = sb.amplification(sb.HHT(-0.1), 2.5e-4 * 10.0 / (2.0 * np.pi))
-    for name, error in (("period_elongation", long.elongation_error), ("damping_ratio", long.damping_error)):
-        assert abs(getattr(long, name)[0] - getattr(theory, name)[0]) <= error[0] + 1e-10
+    for name in ("period_elongation", "damping_ratio"):
+        assert abs(getattr(long, name)[0] - getattr(theory, name)[0]) <= 1e-7
 
 
 def test_nothing_is_observed_by_a_row_of_zeros():
@@ -125,7 +125,6 @@ REFUSED = [
     ("score bdf2 --problem bilinear-gap --trajectory a.csv", "INTEGRATORS must be left out with --trajectory"),
     ("reference table10 --method cvode --digits 50", "--digits must be left out"),
     ("reference table10 --rtol 1e-3", "--rtol must be left out"),
-    ("sweep table10 --values 9,10 --second-values 1,2", "second_values must be left out without second"),
 ]
 
 

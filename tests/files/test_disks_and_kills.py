@@ -57,8 +57,8 @@ def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", [
-    ["compare", "table10", "--t-end", "0.01", "--references", "exact"], ["converge", "table10", "--smoke"],
-    ["study", "energy", "table10", "--smoke"], ["study", "modes", "table10", "--smoke"],
+    ["compare", "table10", "--t-end", "0.01", "--references", "exact"], ["converge", "table10"],
+    ["study", "energy", "table10"], ["study", "modes", "table10"],
     ["reference", "table10", "--t-end", "0.01", "--method", "exact", "--out"],
 ], ids=" ".join)  # fmt: skip
 def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import re
-from dataclasses import astuple, replace
+from dataclasses import asdict, astuple, replace
 
 import numpy as np
 import pytest
@@ -56,7 +56,8 @@ def test_the_tip_alone_gives_what_it_allows_and_says_what_it_does_not(measured):
     whole, bare = sb.compare(run, ref), sb.compare((run.t, run.tip), ref)
     assert bare.tip_error_rms == whole.tip_error_rms
     (found,), own = bare.contacts, whole.contacts[0]
-    assert (found.run, found.run_totals, found.reference) == (own.run, own.run_totals, own.reference)
+    for name in ("run", "run_totals", "reference"):  # sums over the same steps in another order
+        assert asdict(getattr(found, name)) == pytest.approx(asdict(getattr(own, name)), rel=1e-11)
     assert found.matching.matched == own.matching.matched
     # Crossing times by the spline's slope: of the order dt^2 u''/u'.
     assert abs(found.matching.first_error - own.matching.first_error) < 1e-5
@@ -143,7 +144,7 @@ def bouncing():
 
 
 @pytest.mark.fast(4)
-@pytest.mark.parametrize("given", ["tip", "velocity", "states"])
+@pytest.mark.parametrize("given", ["velocity", "states"])
 @pytest.mark.parametrize("whose", ["scheme", "exact", "uneven"])
 def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, whose):
     """Of the exact motion's arrays they are its impacts; a scheme's are late by its own half step and less."""
@@ -152,7 +153,6 @@ def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, wh
     t = np.append(t[t < 1.2999], 1.3)
     q, v = (x[: len(t)] for x in run.states) if whose == "scheme" else ref.state_at(t)
     arrays = {
-        "tip": {"tip": q[:, 0]},
         "velocity": {"tip": q[:, 0], "tip_velocity": v[:, 0]},
         "states": {"states": (q, v)},
     }
@@ -162,7 +162,7 @@ def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, wh
     assert len(times) == found.contacts[0].run.impacts == found.contacts[0].reference.impacts == 5
     assert set(own.impacts.stops) == {-1}
     late = np.max(np.abs(times - ref.impacts.times))
-    # 1.5 a steps^2/v in a step of free fall; a tip alone has differences, off by half a step of acceleration.
+    # 1.5 a steps^2/v in a step of free fall.
     assert late < (5e-3 if whose == "scheme" else 5e-5)
     assert found.matched_until == 1.3
     assert found.tip_error_rms < (3e-3 if whose == "scheme" else 1e-12)
@@ -180,8 +180,11 @@ def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
     system = sb.System.from_matrices(np.eye(2), np.zeros((2, 2)), None, fall, contacts, initial_displacement=[1.0, 0.4])
     ref = sb.reference(system, 0.6)
     t = np.linspace(0.0, 0.6, 601)
-    own = sb.compare((t, ref.at(t)[0]), ref)
+    own = sb.compare((t, *ref.at(t)), ref)
     assert [c.run.impacts for c in own.contacts] == [1, -1]
+    bare = sb.compare((t, ref.at(t)[0]), ref)  # whose velocities, a spline's, have no jump
+    assert [c.run.impacts for c in bare.contacts] == [-1, -1]
+    assert any("velocities at a rigid stop" in note for note in bare.missing)
     assert np.isnan(own.matched_until)
     whole = sb.compare(sb.Trajectory.from_arrays(t, system=system, states=ref.state_at(t)), ref)
     assert [c.run.impacts for c in whole.contacts] == [1, 2]

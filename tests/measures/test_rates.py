@@ -15,9 +15,10 @@ from scipy.stats import norm
 from systems import one_mass, thrown_case
 
 import stiffbeam as sb
-from stiffbeam.measures.rates import stationary_mean, windows
+from stiffbeam.measures.rates import CLOSE, stationary_mean, windows
 
 CASES = 300
+QUADRATURE = CLOSE / 2.0  # of works: the rule is of order 2, and CLOSE is the change from three times the step
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
 
 
@@ -104,7 +105,7 @@ def test_work_of_a_prescribed_motion(damping):
         assert works[0] == pytest.approx(4 * 400.0 * 0.2**2, rel=1e-9)
     system, tangents = pressed(damping), [[0.0, 1.0]]
     solutions = {
-        "exact": (sb.reference(system, t_end), 1e-5),
+        "exact": (sb.reference(system, t_end), QUADRATURE),
         "scheme": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end), 3e-4),
         "thinned": (sb.integrate(system, sb.Trapezoidal(), t_end / 20_000, t_end, every=100), 3e-4),
     }
@@ -138,7 +139,7 @@ def test_work_of_a_motion_that_answers_to_its_stop():
 
     own = solve_ivp(rhs, (0.0, 30.0), np.zeros(6), "DOP853", rtol=1e-9, atol=1e-11, max_step=0.05).y[4:, -1]
     for run, tolerance in (
-        (sb.reference(system, 30.0), 1e-5), (sb.reference(system, 30.0, "cvode"), 1e-5),
+        (sb.reference(system, 30.0), QUADRATURE), (sb.reference(system, 30.0, "cvode"), QUADRATURE),
         (sb.integrate(system, sb.HHT(-0.05), 1e-3, 30.0), 2e-3),
     ):  # fmt: skip
         rates = sb.contact_rates(run, tangents=[[0.0, 1.0]]).rates[0]
@@ -148,8 +149,7 @@ def test_work_of_a_motion_that_answers_to_its_stop():
 
 @pytest.mark.parametrize("damping", [0.02, 0.5])
 def test_the_stated_quadrature_holds(damping):
-    """Work of a damped mass in each contact against a fine trapezoidal rule: v = 0 lies beside the middle of a contact,
-    where Gauss nodes of all levels may miss it."""
+    """Work of a damped mass in each contact against a fine trapezoidal rule."""
     spring = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=400.0))
     system = sb.System.from_matrices(
         np.eye(2), np.diag([4.0, 900.0]), np.diag([damping, 0.0]), contacts=[spring], initial_velocity=[1.0, 3.0]
@@ -162,8 +162,7 @@ def test_the_stated_quadrature_holds(damping):
         speeds = np.abs([v, 3.0 * np.cos(30.0 * t)])
         works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
-    np.testing.assert_allclose(found, np.abs(works), rtol=1e-8)
-    assert float(result.sources[0].rpartition(" ")[2]) < 1e-7
+    np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
 
 
 def test_rates_of_an_adaptive_solution_take_a_few_solves():
@@ -181,13 +180,13 @@ def test_rates_of_an_adaptive_solution_take_a_few_solves():
 
     def counted(times, channel):
         solves.append(len(times))
-        assert len(solves) < 60
-        assert len(times) < 30_000
+        assert len(solves) < 10
+        assert len(times) < 100_000
         return reference.evaluate(times, channel)
 
     rates = sb.contact_rates(replace(reference, evaluate=counted))
     assert min(contact.impacts.count for contact in reference.contacts) > 5
-    assert all(float(source.rpartition(" ")[2]) < 1e-7 for source in rates.sources)
+    assert all(float(source.rpartition(" ")[2]) <= CLOSE for source in rates.sources)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():
@@ -200,7 +199,7 @@ def test_a_contact_that_the_start_of_the_rates_cuts():
     u, v = exact.at(t, contact=0)
     force = np.abs(exact.contacts[0].stops.force(u, v))
     wanted = [np.trapezoid(x, t) / 6.7 for x in (force, force * np.abs(v))]
-    assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=1e-8)
+    assert [rates["impulse"].value, rates["normal_work"].value] == pytest.approx(wanted, rel=QUADRATURE)
     assert rates["contact"].value == pytest.approx(1.0, rel=1e-12)
 
 
@@ -222,52 +221,13 @@ def test_what_is_not_known_is_said(tmp_path):
     ball = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.8), load=sb.Constant(-9.81), q=1.0)
     exact = sb.reference(ball, 2.0)
     rates = sb.contact_rates(exact).rates[0]
-    assert np.isnan([rates["normal_work"].value, rates["force_rms"].value]).all()
-    assert rates["impulse"].value * 2.0 == pytest.approx(exact.contacts[0].impulse)
+    assert np.isnan([rates[name].value for name in ("impulse", "contact", "normal_work", "force_rms")]).all()
+    assert rates["impact"].value * 2.0 == pytest.approx(exact.contacts[0].impacts.count)
     for wrong in ([[1.0]], [[1.0, 0.0], None]):
         with pytest.raises(sb.InputError, match="tangents"):
             sb.contact_rates(run, tangents=wrong)
     with pytest.raises(sb.InputError, match="since"):
         sb.contact_rates(run, since=6.0)
-
-
-@pytest.mark.parametrize("since", [0.0, 7.3])
-def test_a_body_held_on_a_rigid_stop_presses_all_the_time(since):
-    """x = 0.1 is held: the reaction is 10 + sin 3t - 0.4, with no impact in which a table could count it."""
-    stop = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5))
-    loads = [([1.0], sb.Constant(10.0)), ([1.0], sb.Harmonic(1.0, 3.0))]
-    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=loads, contacts=[stop], initial_displacement=[0.1])
-    mean = 9.6 + (np.cos(3.0 * since) - np.cos(60.0)) / 3.0 / (20.0 - since)
-    runs = [(sb.integrate(system, sb.MoreauJean(), 1e-3, 20.0, every=n), "every step") for n in (1, 50)]
-    for run, source in [(sb.reference(system, 20.0), "events"), *runs]:
-        result = sb.contact_rates(run, since)
-        impulse, share = (result.rates[0][name] for name in ("impulse", "contact"))
-        assert impulse.value == pytest.approx(mean, rel=1e-7)
-        assert impulse.low - 1e-12 < mean < impulse.high + 1e-12
-        assert (share.value, share.low, share.high) == pytest.approx((1.0, 1.0, 1.0))
-        assert share.high <= 1.0
-        assert result.sources == (source,)
-
-
-def test_reactions_of_rigid_stops_count_when_they_press(tmp_path):
-    """Impacts, held contact, impulses of the other contact: by two solvers. A file alone has impacts only."""
-    loads = [([1.0, 1.0], sb.Harmonic(1.5, 1.3)), ([1.0, 1.0], sb.Constant(0.3))]
-    contacts = [sb.Contact(row, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.0)) for row in np.eye(2)]
-    system = sb.System.from_matrices(
-        np.diag([1.0, 1.5]), [[2.0, -0.5], [-0.5, 1.6]], 0.05 * np.eye(2), loads=loads, contacts=contacts
-    )  # fmt: skip
-    run = sb.integrate(system, sb.MoreauJean(), 2e-4, 40.0, every=1000)
-    reference = sb.reference(system, 40.0)
-    exact, scheme = (sb.contact_rates(x, 11.0) for x in (reference, run))
-    loaded = sb.contact_rates(sb.load(reference.save(tmp_path / "exact.nc"), system), 11.0)
-    assert (loaded.sources, str(loaded)) == (("events", "events"), str(exact))
-    stored = sb.contact_rates(sb.load(run.save(tmp_path / "run.nc")), 11.0)
-    assert stored.sources == ("impacts", "impacts")
-    for one, other, table in zip(exact.rates, scheme.rates, stored.rates, strict=True):
-        for name in ("impulse", "contact"):
-            assert one[name].value > 0.1
-            assert other[name].value == pytest.approx(one[name].value, rel=2e-3)
-            assert np.isnan(table[name].value)
 
 
 @pytest.mark.slow
@@ -297,22 +257,6 @@ def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
         for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_fraction"):
             assert rates.loc[(one.label, 0), name] == pytest.approx(wanted[name], rel=1e-9)
         assert str(known).splitlines()[0] in said.output
-
-
-def test_exceedances_are_counted_with_their_interval():
-    """Against counts by NumPy; the bounds of 3 events are those of tables of Poisson's law."""
-    system = one_mass(4.0, sb.Stops(upper=0.1, stiffness=400.0), damping=0.02, load=sb.Harmonic(1.0, 2.6))
-    run = sb.reference(system, 200.0)
-    rates, impacts = sb.contact_rates(run), run.contacts[0].impacts
-    peaks = np.sort(impacts.peaks[np.isfinite(impacts.peaks)])
-    half = rates.exceedance(float(np.median(peaks)))
-    assert half.value * 200.0 == pytest.approx(np.sum(peaks > np.median(peaks)))
-    assert 0.0 < half.low < half.value < half.high
-    few = rates.exceedance(0.5 * (peaks[-3] + peaks[-4]))
-    assert [200.0 * x for x in (few.low, few.value, few.high)] == pytest.approx([0.6187, 3.0, 8.7673], rel=1e-4)
-    assert rates.exceedance(0.0).value == pytest.approx(rates.rates[0]["impact"].value)
-    rigid = one_mass(4.0, sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5), v=1.0)
-    assert np.isnan(sb.contact_rates(sb.reference(rigid, 5.0)).exceedance(1.0).value)
 
 
 @pytest.mark.parametrize(("gap", "bounds"), [(0.1, (0.6187, 3.0, 8.7673)), (1.0, (0.0, 0.0, 3.6889))])

@@ -103,15 +103,6 @@ def test_the_zoom_on_a_rigid_stop_shows_the_motion_before_it():
     assert low < 0.1 < high
 
 
-def test_a_spectrum_without_drive_ends_with_its_content():
-    """A vibration of frequency 10, sampled to 3142: the axis went on to there."""
-    system = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_velocity=[2.0])
-    run = sb.integrate(system, sb.Trapezoidal(), 1e-3, 20.0)
-    low, high = sb.compare(run, sb.reference(system, 20.0)).figure().axes[-1].get_xlim()
-    assert low == 0.0
-    assert 10.0 < high < 60.0
-
-
 @pytest.mark.parametrize(("ends", "shown"), [((1.2e-6, 2e-5), 2), ((2.0, 9.0), 2), ((1e-6, 1e-2), 4)])
 def test_numbers_of_a_logarithmic_axis_stand_apart(ends, shown):
     """Between one and two decades too, where all nine lines of a decade would be numbered."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.schemes.labels import parse_run
 from stiffbeam.studies import advise as module
-from stiffbeam.studies.advise import QUANTITIES, WANT, Probe, advised, advised_row, cheapest, unreached
+from stiffbeam.studies.advise import QUANTITIES, WANT, advised, advised_row
 
 TWO = ["HHT(alpha=-0.1)", "BDF2"]
 ONE = TWO[:1]
@@ -22,11 +23,6 @@ ONE = TWO[:1]
 
 def asked(system, want=None, t_end=6.0, **options):
     return sb.study("advise", system, t_end=t_end, want=want, **options)
-
-
-def cannot(records) -> dict[str, str]:
-    rows = records.table[records.table.kind == "cannot"]
-    return dict(zip(rows.quantity, rows.reason, strict=True)) if len(rows) else {}
 
 
 def errors_by_another_solver(case, run) -> dict[str, float]:
@@ -48,31 +44,16 @@ def judged(family, number) -> tuple[bool, str]:
     """Return whether the advice on one random system holds, and what it was."""
     case = family(np.random.default_rng([14, number]))
     system = system_of(case)
-    records = asked(system, t_end=case.t_end, members=12 if sb.modes(system).coupled else 48)
-    row, lacking = advised_row(records.table), cannot(records)
-    scheme = None if row is None else advised(records)
-    if records.table.members.max():  # past the horizon: means over other members than those it has seen
-        good = "tip" in lacking
-        if row is not None:
-            members = sb.perturbed_members(system, 96, 1e-3, rng=99)
-            exact = sb.reference_ensemble(system, case.t_end, members)
-            made = sb.integrate_ensemble(system, parse_run(row.scheme)[0], row.dt, case.t_end, members, row.contact)
-            for name, column in (("impacts", "impact_count"), ("peak_force", "peak_force")):
-                for a, b in zip(made.contacts, exact.contacts, strict=True) if name not in lacking else ():
-                    x, y = np.asarray(getattr(a, column), float), np.asarray(getattr(b, column), float)
-                    slack = 1.96 * np.sqrt(np.var(x, ddof=1) / len(x) + np.var(y, ddof=1) / len(y))
-                    good &= bool(abs(np.mean(x) - np.mean(y)) <= WANT[name] * np.mean(y) + slack)
-        return good, records.answer.verdict
-    if scheme is None:
-        return len(lacking) > 0, records.answer.verdict
-    errors = errors_by_another_solver(case, scheme)
-    good = all(errors[name] <= 1.001 * WANT[name] for name in WANT if name not in lacking)
+    records = asked(system, t_end=case.t_end)
+    case = replace(case, t_end=records.table.t_end.max())
+    if advised_row(records.table) is not None:
+        errors = errors_by_another_solver(case, advised(records))
+        return all(errors[name] <= 1.001 * WANT[name] for name in WANT), f"{records.answer.verdict} {errors}"
     # What no run has reached is not reached by another solver's count of the finest one either.
     finest = max(records.table[records.table.kind == "run"].itertuples(), key=lambda p: p.steps)
     run = sb.integrate(system, parse_run(finest.scheme)[0], finest.dt, case.t_end, finest.contact)
     misses = errors_by_another_solver(case, run)
-    good &= all(misses[name] > 0.5 * WANT[name] for name in lacking)
-    return good, f"{records.answer.verdict} {errors}"
+    return any(misses[name] > 0.5 * WANT[name] for name in WANT), records.answer.verdict
 
 
 @pytest.mark.parametrize(
@@ -93,7 +74,6 @@ def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
     records = asked(system, want, schemes=TWO)
     table, row = records.table, advised_row(records.table)
     run, exact = advised(records), sb.reference(system, 6.0)
-    assert not cannot(records)
     error = np.sqrt(np.mean((run.tip - exact.at(run.t)[0]) ** 2)) / np.max(np.abs(exact.at(run.t)[0]))
     assert error == pytest.approx(row.error_tip, rel=1e-9)
     assert error <= 1e-2
@@ -110,49 +90,32 @@ def test_the_advised_run_meets_the_want_and_its_double_step_does_not():
 def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
     """Errors that swing: right at 64 and 128 steps, not between, and from 512 on at all."""
 
-    def swinging(self, system, scheme, contact, dt, t_end):
-        steps = round(t_end / dt)
+    def swinging(run, exact):
+        steps = len(run.t) - 1
         good = steps >= 512 or steps in (64, 128)
         return dict.fromkeys(QUANTITIES, 0.01 if good else 0.2), 0.0
 
-    monkeypatch.setattr(module.Motion, "errors", swinging)
+    monkeypatch.setattr(module, "errors_of", swinging)
     found = asked(bouncing_chain(), {"impacts": 0.05}, schemes=ONE).table
     assert advised_row(found).steps >= 512
     assert found.steps.between(65, 127).any()
 
 
-def test_errors_that_no_run_reaches_are_stated_with_the_best():
-    shared = {"t_end": 4.0, "schemes": ONE}
-    records = asked(bouncing_chain(), {"tip": 1e-15, "peak_force": 0.1}, most_steps=4096, **shared)
-    assert set(cannot(records)) == {"tip"}
-    assert advised_row(records.table).error_peak_force <= 0.1
-    assert "none of" in cannot(records)["tip"]
-    nothing = asked(bouncing_chain(), {"tip": 1e-15}, most_steps=512, **shared)
+def test_where_no_run_reaches_the_errors_the_nearest_is_named():
+    records = asked(bouncing_chain(), {"tip": 1e-15, "peak_force": 0.1}, 4.0, schemes=ONE, most_steps=512)
+    runs = records.table[records.table.kind == "run"]
+    assert f"nearest: {runs.scheme[runs.error_tip.idxmin()]}" in records.answer.verdict
+    assert f"tip {runs.error_tip.min():.2g} (wanted 1e-15)" in records.answer.verdict
     with pytest.raises(InputError, match="advise a run"):
-        advised(nothing)
+        advised(records)
 
 
-def test_past_the_horizon_the_tip_cannot_be_had_and_means_can(table10):
-    system, want = sb.semidiscretise(table10, 8), {"tip": 1e-2, "impacts": 0.3}
-    records = asked(system, want, 1.0, schemes=ONE, members=12, most_steps=2**16)
+def test_past_the_horizon_the_advice_is_for_the_time_to_it(table10):
+    records = asked(sb.semidiscretise(table10, 8), {"impacts": 0.3}, 1.0, schemes=ONE, most_steps=2**16)
     facts = records.table.iloc[0]
-    assert "past the horizon" in cannot(records)["tip"]
-    assert (facts.members, facts.t_end) == (12, 1.0)
-    assert facts.trusted_until <= facts.horizon < 1.0
-
-
-def test_means_that_scatter_too_much_are_refused_before_any_run(table10):
-    """12 exact motions do not know the mean to 1e-3, and no scheme is run for it; as many as are said would."""
-    system = sb.semidiscretise(table10, 8)
-    shared = {"t_end": 1.0, "schemes": ONE, "members": 12, "most_steps": 2**11}
-    records = asked(system, {"impulse": 1e-3}, **shared)
-    assert set(records.table.kind) == {"cannot"}
-    needed = int(cannot(records)["impulse"].split("about ")[1].split()[0])
-    # Two means over so many members, Student's factor replaced by the normal law's: within a rounding to one digit.
-    assert 1.96 * records.table.scatter_impulse[0] * (2.0 / needed) ** 0.5 == pytest.approx(1e-3, rel=0.3)
-    both = asked(system, {"impulse": 1e-3, "impacts": 3.0}, **shared)
-    assert set(cannot(both)) == {"impulse"}
-    assert advised_row(both.table) is not None
+    assert facts.horizon <= facts.t_end < 1.0
+    assert f"to the horizon t = {facts.t_end:.4g}" in records.answer.notes
+    assert advised_row(records.table).error_impacts <= 0.3
 
 
 def test_bad_wants_are_refused(three_masses):
@@ -172,36 +135,6 @@ def test_bad_wants_are_refused(three_masses):
         asked(three_masses, {"impacts": 0.1})
 
 
-def test_a_coarse_run_that_is_right_by_chance_is_no_advice():
-    """Two coarse steps meet the want and a finer one does not: the advice begins where all finer ones do."""
-    errors = {64: 0.01, 128: 0.02, 256: 0.3, 512: 0.04, 1024: 0.02, 2048: 0.01}
-    tried = [Probe(sb.BDF2(), "implicit", 1.0 / n, n, n, 0.0, {"peak_force": e}) for n, e in errors.items()]
-    assert cheapest(tried, {"peak_force": 0.05}).steps == 512
-    assert cheapest(tried[:4], {"peak_force": 0.05}) is None  # the finest alone has none that confirms it
-    said = unreached(tried[:3], {"peak_force": 0.05}, 256)["peak_force"]
-    assert said.startswith(
-        "some, but of no scheme all finer ones, of 3 runs of up to 256 steps reach it; the best has 0.01"
-    )
-
-
-def test_the_time_a_run_stays_within_an_error():
-    """By its definition, from the arrays alone."""
-    system = bouncing_chain()
-    run, exact = sb.integrate(system, sb.BDF2(), 1e-3, 8.0), sb.reference(system, 8.0)
-    u = exact.at(run.t)[0]
-    off = np.abs(run.tip - u) / np.max(np.abs(u))
-    for error in (1e-3, 1e-2, 0.1):
-        until = sb.stays_within(run, exact, error)
-        assert np.all(off[run.t <= until] <= error)
-        assert until == 8.0 or off[np.searchsorted(run.t, until + 5e-4)] > error
-    assert sb.stays_within(run, exact, 10.0) == 8.0
-    assert sb.stays_within((run.t, run.tip), exact, 1e-2) == sb.stays_within(run, exact, 1e-2)
-    with pytest.raises(InputError, match="be given a run, or its arrays"):
-        sb.stays_within(run.tip, exact, 1e-2)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="same system"):
-        sb.stays_within(sb.integrate(bouncing_chain(offset=None), sb.BDF2(), 1e-3, 8.0), exact, 0.1)
-
-
 def test_a_search_ends_with_its_time_and_says_what_it_knows(table10):
     """1 s of CPU for a chaotic motion of 100 time units: the exact motion ends earlier, and so does the search."""
     begun = time.process_time()
@@ -209,5 +142,5 @@ def test_a_search_ends_with_its_time_and_says_what_it_knows(table10):
     assert time.process_time() - begun < 6.0
     end, row = records.table.t_end.max(), advised_row(records.table)
     assert end < 100.0
-    assert f"to t = {end:.3g} of 100" in records.answer.notes or "to its horizon" in records.answer.notes
+    assert f"to t = {end:.3g} of 100" in records.answer.notes or "to the horizon" in records.answer.notes
     assert row is None or row.error_impacts <= 0.2

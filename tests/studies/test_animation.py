@@ -1,4 +1,4 @@
-"""Films: frames, flashes at impacts, and what is refused."""
+"""Films: frames, and what is refused."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.animation import animate, flashes_of, motion_of
+from stiffbeam.figures.animation import animate
 
 
 @pytest.mark.slow
@@ -26,23 +26,6 @@ def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     changed = [np.mean(np.abs(a - b) > 20.0) for a, b in pairwise(frames)]
     assert all(0.0 < share < 0.2 for share in changed)  # curves move, axes stand still
     assert [path.name for path in tmp_path.iterdir()] == ["beam.gif"]
-
-
-def test_a_flash_is_where_the_impact_is():
-    """In every frame whose time meets the contact, at the side that was hit; and none before the first."""
-    system = two_contacts()
-    run = sb.integrate(system, sb.BDF2(), 1e-3, 6.0)
-    t = np.linspace(0.0, 6.0, 61)
-    flashes = flashes_of(run, t)
-    for i, contact in enumerate(run.contacts):
-        assert contact.impacts.count > 0
-        for when, side in zip(contact.impacts.times, contact.impacts.stops, strict=True):
-            frame = int(np.searchsorted(t, when))
-            if frame < len(t):
-                assert flashes[frame, i, int(side > 0)] > 0.0
-        first = int(np.searchsorted(t, contact.impacts.times[0]))
-        assert not np.any(flashes[:first, i])
-    np.testing.assert_allclose(motion_of(run, system, t)[1][:, 2], run.tip[::100])
 
 
 def test_an_interrupted_film_leaves_no_file(tmp_path, table10):

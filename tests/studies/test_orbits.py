@@ -19,13 +19,14 @@ VALUES = np.linspace(2.5, 2.65, 5).tolist()
 
 @pytest.fixture(scope="module")
 def records():
-    return study("orbits", OSCILLATOR, values=VALUES, periods=4, transient=60, **OPTIONS)
+    return study("orbits", OSCILLATOR, values=VALUES, **OPTIONS)
 
 
 def test_the_section_lies_on_the_stable_branch(records):
     """Another way to the same motion: where the tip repeats itself once a period, it is the orbit's."""
     orbits = [row for row in records.table.to_dict("records") if row["kind"] == "orbit" and row["length"] == 1]
-    settled = {value: tips for value, tips in sections(records.found, "frequency").items() if np.ptp(tips) < 1e-4}
+    swept = study("sweep", OSCILLATOR, values=VALUES, method="exact", periods=4, transient=60, **OPTIONS)
+    settled = {value: tips for value, tips in sections(swept.found, "frequency").items() if np.ptp(tips) < 1e-4}
     assert settled
     orbits.sort(key=lambda row: row["frequency"])
     w = [row["frequency"] for row in orbits]
@@ -35,7 +36,7 @@ def test_the_section_lies_on_the_stable_branch(records):
 
 
 def test_orbits_of_two_periods_are_followed_from_the_motion():
-    found = study("orbits", OSCILLATOR, values=[2.6, 2.68], length=2, periods=2, transient=1, **OPTIONS)
+    found = study("orbits", OSCILLATOR, values=[2.6, 2.68], length=2, **OPTIONS)
     orbits = [row for row in found.table.to_dict("records") if row["kind"] == "orbit"]
     assert {row["phase"] for row in orbits} == {0, 1}
     assert found.answer.verdict == (
@@ -51,7 +52,7 @@ def softly_stopped(frequency):
 @pytest.mark.slow
 def test_a_branch_ends_at_a_fold_and_says_so():
     """Its distance from the orbit that it meets there falls as a square root: the last multiplier is near 1."""
-    found = study("orbits", softly_stopped(1.2), values=[1.2, 1.35], periods=2, transient=1, **OPTIONS)
+    found = study("orbits", softly_stopped(1.2), values=[1.2, 1.35], **OPTIONS)
     (end,) = [row["reason"] for row in found.table.to_dict("records") if row["kind"] == "end"]
     assert end == "at 1.3179: a fold, where two orbits meet and the branch turns back"
     orbits = found.table[found.table.kind == "orbit"]
@@ -65,7 +66,7 @@ def test_a_branching_is_one_of_the_beams_changes():
     """49.5998487551 by branches in pseudo-arclength. Newton's method fails close to it: the digits are fewer."""
     stops, base = sb.Stops(-0.1, 0.1, stiffness=5e6), sb.Harmonic(0.2, 49.6)
     beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
-    found = study("orbits", beam, values=[49.58, 49.63], periods=1, transient=1, dt=1e-3, t_end=1.0)
+    found = study("orbits", beam, values=[49.58, 49.63], dt=1e-3, t_end=1.0)
     (change,) = [row for row in found.table.to_dict("records") if row["kind"] == "change"]
     assert change["what"] == "branching"
     assert abs(change["frequency"] - 49.5998487551) < 1e-3

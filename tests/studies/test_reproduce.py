@@ -12,9 +12,9 @@ import pytest
 import stiffbeam as sb
 from dumont2002.misprints import MISPRINTS, measured
 from dumont2002.no_contact import GRIDS, error_curves, mode, problem, tip_exact
+from dumont2002.numbers import amplitude_spectrum
 from dumont2002.reproduce import TABLES
 from dumont2002.table import Reading, drive_of, make_table
-from stiffbeam.measures.frequencies import amplitude_spectrum
 from stiffbeam.model.beam import roots
 from stiffbeam.model.problem import PointLoad
 

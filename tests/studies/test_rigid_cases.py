@@ -51,7 +51,7 @@ def test_a_comparison_asks_the_exact_solution_only():
     list(asked.run(references=("exact", "cvode")))
     assert asked.refused == {"cvode@displacement"}
     said = io.StringIO()
-    tables = report(asked.comparisons, asked.references, asked.failures, asked.truths, asked.refused).rich()
+    tables = report(asked.comparisons, asked.references, asked.failures, asked.refused).rich()
     Console(file=said, width=200).print(tables)
     assert said.getvalue().count("refused  cvode@displacement") == 1
     assert "failed" not in said.getvalue()

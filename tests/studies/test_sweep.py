@@ -107,30 +107,6 @@ def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
         assert seen["peak_force"] == np.max(np.abs(late))
 
 
-@pytest.mark.parametrize(("first", "second"), [("clearance", "frequency"), ("frequency", "stops.stiffness")])
-def test_a_grid_of_two_parameters_is_its_single_sweeps(first, second):
-    values = {"clearance": [0.08, 0.1, 0.12], "frequency": [9.0, 10.0], "stops.stiffness": [1e6, 5e6]}
-    options = {"dt": 2e-4, **SHORT}
-    grid = study(
-        "sweep", TABLE10, parameter=first, values=values[first], second=second, second_values=values[second], **options
-    )
-    assert {r["kind"] for r in grid.table.to_dict("records")} == {"contact"}
-    assert len(grid.table) == len(values[first]) * len(values[second])
-    for y in values[second]:
-        problem = TABLE10.problem
-        if second == "frequency":
-            problem = replace(problem, base=replace(problem.base, frequency=y))
-        else:
-            problem = replace(problem, stops=replace(problem.stops, stiffness=y))
-        case = replace(TABLE10, problem=problem)
-        line = study("sweep", case, parameter=first, values=values[first], **options)
-        for row in (r for r in line.table.to_dict("records") if r["kind"] == "contact"):
-            own = next(r for r in grid.table.to_dict("records") if r[first] == row[first] and r[second] == y)
-            assert all(own[name] == row[name] for name in ("count", "fraction", "peak_force"))
-    assert "impacts per period" in str(grid)
-    assert len(grid.figure().axes) == 6  # three maps, three colour bars
-
-
 def test_what_repeats_itself():
     chaos = np.random.default_rng(1).uniform(-1.0, 1.0, 40)
     assert repeats_after(np.full(40, 0.3), 1.0) == 1
@@ -164,8 +140,6 @@ BAD = {
     "not a number": ({"values": [float("nan"), 9.0]}, "finite"),
     "clearance": ({"parameter": "clearance", "values": [0.0, 0.1]}, "clearance must be > 0"),
     "coarse": ({"parameter": "dt", "values": [1.0]}, "half a period"),
-    "twice": ({"values": [9.0], "second": "frequency", "second_values": [9.0]}, "another parameter"),
-    "second": ({"values": [9.0], "second": "clearance"}, "be given for clearance"),
     "periods": ({"values": [9.0], "periods": 0}, "periods must be an integer >= 1"),
     "jobs": ({"values": [9.0], "jobs": 0}, "jobs must be an integer >= 1"),
     "scheme": ({"values": [9.0], "method": "htt"}, "did you mean HHT"),
@@ -214,26 +188,6 @@ def test_values_that_cannot_be_read_are_refused(values):
     result = run_cli("table10", "--values", values)
     assert isinstance(result.exception, sb.InputError)
     assert "numbers with commas between them" in str(result.exception)
-
-
-def bistable() -> sb.System:
-    """x'' + 0.1 x' + x = 0.08 sin(w t) - 8 (x - 0.3)_+: a stop bends the resonance to higher frequencies."""
-    return one_mass(1.0, sb.Stops(upper=0.3, stiffness=8.0), damping=0.1, load=sb.Harmonic(0.08, 1.2))
-
-
-def test_a_sweep_over_cells_is_one_over_h():
-    """Each grid as if built by itself; matrices have none."""
-    rows = study("sweep", TABLE10, parameter="cells", values=[5, 9], dt=1e-3, **SHORT).table.to_dict("records")
-    for cells in (5, 9):
-        system = sb.semidiscretise(TABLE10.problem, cells)
-        period = 2 * np.pi / 10.0
-        dt = period / round(period / 1e-3)
-        run = sb.integrate(system, sb.HHT(-0.1), dt, 5 * period, every=round(period / dt))
-        assert [x["tip"] for x in rows if x["kind"] == "section" and x["cells"] == cells] == run.tip[3:].tolist()
-    with pytest.raises(sb.InputError, match="cells"):
-        study("sweep", TABLE10, parameter="cells", dt=1e-3, **SHORT, values=[4.5])
-    with pytest.raises(sb.InputError, match="beam"):
-        study("sweep", bistable(), parameter="cells", values=[4], dt=1e-3, t_end=1.0, **SHORT)
 
 
 def driven(stop: sb.Stops, damping: float) -> sb.System:

@@ -59,9 +59,9 @@ def pair() -> sb.System:
     )  # fmt: skip
 
 
-def recorded(system, dt, t_end, name="radau", **cost):
+def recorded(system, dt, t_end, name="radau"):
     t, q, v = radau(system, dt, t_end)
-    return sb.Trajectory.from_arrays(t, states=(q, v), system=system, name=name, **cost)
+    return sb.Trajectory.from_arrays(t, states=(q, v), system=system, name=name)
 
 
 def test_each_kind_has_a_label_of_its_own(tmp_path, monkeypatch):
@@ -97,7 +97,7 @@ def test_a_journal_sees_that_a_function_has_changed(tmp_path, monkeypatch):
 def test_compare_takes_functions_recorded_runs_and_solvers():
     """Radau IIA as a function and as arrays is one motion; the solver is a further reference."""
     system, dt, t_end = pair(), 0.01, 0.6
-    runs = [(x, "matrices") for x in ("trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams")]
+    runs = ["trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams"]
     result = CaseComparison(case_of(system, dt, t_end))
     list(result.run(runs, ["exact"]))
     assert not result.failures
@@ -124,9 +124,8 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
         t = np.linspace(0.0, t_end, 11)
         return t, np.where(t > 0.5 * t_end, np.inf, t)
 
-    runs = [(x, "matrices") for x in (short, raising, overflowing, "trapezoidal")]
     result = CaseComparison(case_of(pair(), 0.01, 0.5))
-    list(result.run(runs, ["exact"]))
+    list(result.run([short, raising, overflowing, "trapezoidal"], ["exact"]))
     messages = dict(result.failures)
     assert "returned no later times" in messages["short@matrices"]
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]
@@ -135,7 +134,7 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
 
 
 def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):
-    """A trapezoidal rule by hand: the errors and orders of ours, to rounding; also in ensembles."""
+    """A trapezoidal rule by hand: the errors and orders of ours, to rounding."""
     system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
     case, both = {"dt": 0.05, "t_end": 2.0}, ["trapezoidal", midpoint]
     records = sb.study("converge", system, integrators=both, halvings=4, kinds=["smooth"], folder=tmp_path, **case)
@@ -143,25 +142,6 @@ def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):
     assert len(table) == len(records.table)
     ours, theirs = (rows.tip_error.to_numpy() for _, rows in table.groupby("integrator", sort=False))
     assert theirs == pytest.approx(ours, rel=1e-6)
-
-
-def test_an_ensemble_takes_functions_solvers_and_recorded_members():
-    """One motion: the exact counts of every member; recorded runs of the same members give the function's numbers."""
-    system, dt, t_end = pair(), 0.01, 0.5
-    members = sb.perturbed_members(system, 3, 1e-3, 1, t_end=t_end)
-    runs = []
-    for member in members:
-        t, q, v = radau(member, dt, t_end)
-        runs.append(sb.Trajectory.from_arrays(t, states=(q, v), system=system, name="mine"))
-    records = sb.study("ensemble", system, dt=dt, t_end=t_end, members=3, schemes=[radau, "cvode-adams", *runs])
-    rows = {}
-    for row in records.found.to_dict("records"):
-        if row["kind"] == "member":
-            rows.setdefault(row["method"], []).append([row["count"], row["fraction"], row["peak_force"]])
-    exact, function, solver, mine = (np.array(x) for x in rows.values())
-    assert np.array_equal(function[:, 0], exact[:, 0])
-    assert np.array_equal(function, mine)
-    assert solver == pytest.approx(exact, rel=1e-6)
 
 
 def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
@@ -177,16 +157,17 @@ def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
 
 @pytest.mark.slow
 def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
-    """As a function and as arrays the same errors at the same steps; order 5 = 2s - 1 without contact."""
+    """Order 5 = 2s - 1 without contact. Recorded runs cannot run at other steps."""
     system, t_end = pair(), 1.0
-    runs = [recorded(system, dt, t_end, evaluations=3 * round(t_end / dt), seconds=1.0) for dt in (0.02, 0.01)]
+    with pytest.raises(sb.InputError, match="pass recorded runs to compare or score"):
+        sb.study("converge", system, dt=0.02, t_end=t_end, integrators=[recorded(system, 0.02, t_end)])
     records = sb.study(
         "converge", system, dt=0.02, t_end=t_end, halvings=2, tolerances=[1e-6], impacts=2, kinds=["contact"],
-        views=["work"], integrators=["trapezoidal", radau, "ida", "cvode", "kvaerno5", *runs],
+        views=["work"], integrators=["trapezoidal", radau, "ida", "cvode", "kvaerno5"],
     )  # fmt: skip
     rows = dict(list(records.found.groupby("integrator")))
     label = integrator(radau).label
-    assert set(rows) == {"Trapezoidal", label, "ida", "cvode", "kvaerno5", "radau (recorded)"}
+    assert set(rows) == {"Trapezoidal", label, "ida", "cvode", "kvaerno5"}
     assert max(rows[name]["tip_error"].max() for name in ("ida", "cvode", "kvaerno5")) < 1e-4
     assert rows["kvaerno5"]["solves"].iloc[0] < 6000  # of its steps, not of steps of six stages to a thousand outputs
     assert (records.found["solves"] > 0).all()

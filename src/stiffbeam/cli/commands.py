@@ -8,7 +8,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -49,7 +49,7 @@ OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
-    "sweep": "Bifurcation diagram, impacts and forces over one or two parameters.",
+    "sweep": "Bifurcation diagram, impacts and forces over a parameter.",
 }
 
 
@@ -89,17 +89,12 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
     def run(
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
-        out: Path | None = None, jobs: int | None = None, smoke: bool = False, json: Json = None,
+        out: Path | None = None, jobs: int | None = None, json: Json = None,
     ) -> int:  # fmt: skip
         from ..studies.base import perform
-        from ..studies.common import smoke_options
 
         check_json(json)
         chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
-        if smoke:
-            plain = kind()
-            small = smoke_options(kind, chosen).items()
-            options = replace(options, **{x: y for x, y in small if getattr(options, x) == getattr(plain, x)})
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
             jobs = 1 if kind.all_cores else cores()
@@ -127,8 +122,6 @@ _SHARED = """
         Folder for table, text, picture and finished points; by default stiffbeam-output/CASE.
     jobs
         Processes; by default one per core.
-    smoke
-        Small configuration: seconds instead of minutes.
     """
 
 
@@ -151,7 +144,6 @@ def reference(
     out
         netCDF file to write.
     """
-    from ..files.cases import case_text
     from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
     from ..references import reference, substitute
@@ -176,8 +168,7 @@ def reference(
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
     if out is not None:
-        frozen = can_freeze(solution) and chosen.beam is not None
-        record["file"] = freeze(solution, case_text(case), out)["file"] if frozen else str(solution.save(out))
+        record["file"] = str(freeze(solution, out) if can_freeze(solution) else solution.save(out))
     if not write_json("reference", {"references": [record]}, json):
         say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
 

@@ -19,6 +19,7 @@ from ..references.registry import BUDGET, REFERENCES
 from .output import (
     CaseName,
     EndTime,
+    Form,
     Json,
     Step,
     asked_case,
@@ -53,6 +54,7 @@ class Options:
         str | None,
         Parameter(help="Comma-separated; the first that supports the case is the main one. Default: all that do."),
     ] = None
+    form: Form = None
     contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
     cache: Annotated[bool, Parameter(help="Store references and use stored ones.")] = True
     budget: Annotated[float, Parameter(help="Seconds for each reference; one that needs more ends earlier.")] = BUDGET
@@ -77,18 +79,18 @@ def compare(
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
-    runs = _runs(chosen, options.schemes)
+    schemes = _schemes(chosen, options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
     check_json(json)
-    for flag, listed in (("--schemes", runs), ("--references", names)):
+    for flag, listed in (("--schemes", schemes), ("--references", names)):
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
-    result = CaseComparison(chosen, options.contact, options.budget, options.cache)
+    result = CaseComparison(chosen, options.form, options.contact, options.budget, options.cache)
     terminal, written = console(WIDTH, quiet=str(json) == "-"), list[Path]()
     with progress() as show:
         try:
-            told = _follow(result, result.run(runs, names), terminal, case, folder, written)
+            told = _follow(result, result.run(schemes, names), terminal, case, folder, written)
         except KeyboardInterrupt:
             if result.comparisons:  # what is printed is written too
                 _write(result, folder, written)
@@ -111,22 +113,18 @@ def compare(
     return int(bool(failed_runs) or not result.references)
 
 
-def _runs(case: CaseFile, schemes: str | None) -> list[tuple[Any, str]]:
-    """The runs that are asked for, (integrator, form). A bare ``hht`` has the parameters that it has in the case."""
-    from ..files.cases import compared_runs
-    from ..integrators import parse_integrator
+def _schemes(case: CaseFile, schemes: str | None) -> list[Any] | None:
+    """The integrators that are asked for, None for those of the case. A bare ``hht`` has the parameters that it has in
+    the case."""
+    from ..integrators import integrator
     from ..schemes.labels import split_runs
 
     if schemes is None:
-        return compared_runs(case)
-    runs = list[tuple[Any, str]]()
-    for text in split_runs(schemes):
-        run, form = parse_integrator(text, case.forms[0])
-        if run.kind == "scheme" and "(" not in text and ".printed" not in text:
-            of_case = [x for x in case.runs if x[0].name == run.source.name and ("@" not in text or x[1] == form)]
-            run, form = next(iter(of_case), (run, form))
-        runs.append((run, form))
-    return runs
+        return None
+    own = {scheme.name: scheme for scheme, _ in reversed(case.runs)}
+    asked = [(text, integrator(text)) for text in split_runs(schemes)]
+    bare = [x.kind == "scheme" and "(" not in text and ".printed" not in text for text, x in asked]
+    return [own.get(x.source.name, x) if plain else x for (_, x), plain in zip(asked, bare, strict=True)]
 
 
 def _follow(
@@ -191,32 +189,28 @@ def _rate_table(rated: list[tuple[str, ContactRates]], folder: Path) -> list[Pat
 
 
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:
-    """The picture of each form."""
+    """The picture."""
     from ..figures.chart import save_figure
     from ..figures.runs import comparison_panels
     from ..measures.report import verdict
 
-    written = []
-    forms = list(dict.fromkeys(r.provenance["form"] for r in result.references))
-    for form in forms:
-        runs = [run for run in result.runs if run.provenance["form"] == form]
-        references = [one for one in result.references if one.provenance["form"] == form]
-        details = ", ".join(filter(None, [form, f"dt = {result.case.dt:g}", result.case.grid]))
-        name = "comparison.png" if form == forms[0] else f"comparison-{form}.png"
-        comparisons = [c for c in result.comparisons if c.reference == references[0].label]
-        own = [c for c in comparisons if c.label in {run.label for run in runs}]
-        named = list(dict.fromkeys([result.case.name, result.case.title]))
-        heads = [named[0], *([verdict(own)] if own else [])]
-        title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
-        title = title.replace("$", r"\$")  # no formula of matplotlib's
-        written.append(save_figure(comparison_panels(title, runs, references, comparisons), folder / name))
-    return written
+    if not result.references:
+        return []
+    labels = {run.label for run in result.runs}
+    own = [c for c in result.comparisons if c.label in labels]
+    form, case = result.references[0].provenance["form"], result.case
+    details = ", ".join(filter(None, [form, f"dt = {case.dt:g}", case.grid]))
+    named = list(dict.fromkeys([case.name, case.title]))
+    heads = [named[0], *([verdict(own)] if own else [])]
+    title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
+    figure = comparison_panels(title.replace("$", r"\$"), result.runs, result.references, result.comparisons)
+    return [save_figure(figure, folder / "comparison.png")]
 
 
 def _report(result: CaseComparison) -> Report:
     from ..measures.report import report
 
-    return report(result.comparisons, result.references, result.failures, result.truths, result.refused)
+    return report(result.comparisons, result.references, result.failures, result.refused)
 
 
 def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:

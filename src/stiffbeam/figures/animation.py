@@ -1,4 +1,4 @@
-"""Film of runs side by side: the beam between its stops, schemes beside the exact motion, a flash at each impact."""
+"""Film of runs side by side: the beam between its stops, schemes beside the exact motion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from .chart import new_figure, short, tip_name, tip_symbol
 from .runs import line_of
 
 POINTS = 80  # along a beam
-FADE = 0.6  # of a flash that is left in the next frame
 
 
 def animate(
@@ -35,9 +34,8 @@ def animate(
 ) -> Path:
     """Write the motion of ``runs``, all of one system, as .gif or .mp4, ``seconds`` long, to the end of the shortest.
 
-    Above: the beam, or for matrices every contact point, between its stops. A flash marks a run that is on a stop
-    during the frame and fades after it. Below: the tip over time. Raises InputError for runs of several systems or
-    without theirs, and if no writer is installed.
+    Above: the beam, or for matrices every contact point, between its stops. Below: the tip over time. Raises
+    InputError for runs of several systems or without theirs, and if no writer is installed.
     """
     path, system = file_path("file", file), _system(runs)
     end = min(float(run.t[-1]) for run in runs)
@@ -97,39 +95,22 @@ def motion_of(run: Trajectory, system: System, t: Array) -> tuple[Array, Array, 
     return x, system.displacement(times, q, x), tip
 
 
-def flashes_of(run: Trajectory, t: Array) -> Array:
-    """Size from 0 to 1 of the flash in every frame, at every contact, on its lower and its upper stop."""
-    flashes = np.zeros((len(t), len(run.contacts), 2))
-    before = np.append(-np.inf, t[:-1])
-    for i, contact in enumerate(run.contacts):
-        for begin, over, side in zip(contact.impacts.times, contact.impacts.ends, contact.impacts.stops, strict=True):
-            # Every frame that overlaps the contact, so that one shorter than a frame shows too.
-            here = (t >= begin) & (before < (over if np.isfinite(over) else t[-1]))
-            flashes[here, i, int(side > 0)] = 1.0
-    for k in range(1, len(t)):
-        flashes[k] = np.maximum(flashes[k], FADE * flashes[k - 1])
-    return flashes
-
-
 def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, Any]:
     """The figure and a function that puts it to frame k."""
     units, beam = system.units, system.problem
     figure = new_figure(5.6, width=8.0)
     above, below = figure.subplots(2, 1, height_ratios=(1.6, 1.0))
     moves = [motion_of(run, system, t) for run in runs]
-    flashes = [flashes_of(run, t) for run in runs]
     stops = [_stop_marks(system, i, t) for i in range(len(system.contacts))]
     edges = [np.max(np.abs(edge[np.isfinite(edge)]), initial=0.0) for _, both in stops for edge in both]
     reach = 1.15 * max([*(float(np.max(np.abs(shape))) for _, shape, _ in moves), *edges])
     length = float(moves[0][0][-1]) or 1.0
-    width = 0.022 * length * max(1.0, 0.5 * len(runs))
-    curves, lights = [], []
+    width, curves = 0.022 * length, []
     for run in runs:
         style = {"lw": 3.0, "alpha": 0.45, "zorder": 1} if isinstance(run, Reference) else {"lw": 1.4}
         style |= {"color": line_of(run)["color"], "label": short(run.provenance["method"])}
         dots = {} if beam else {"marker": "o", "ls": "", "ms": 13 if isinstance(run, Reference) else 6}
         curves.append((above.plot([], [], **style | dots)[0], below.plot([], [], **style)[0]))
-        lights.append(above.scatter([], [], color=style["color"], alpha=0.55, lw=0, zorder=3))
     marks = [[above.plot([], [], color="0.25", lw=5.0, solid_capstyle="butt")[0] for _ in range(2)] for _ in stops]
     above.set(xlim=(-0.04 * length, 1.06 * length), ylim=(-reach, reach))
     if beam is None:
@@ -147,14 +128,9 @@ def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, A
     cursor = below.axvline(0.0, color="0.5", lw=0.8)
 
     def draw(k: int) -> None:
-        for n, ((x, shape, tip), (line, trace), light) in enumerate(zip(moves, curves, lights, strict=True)):
+        for (x, shape, tip), (line, trace) in zip(moves, curves, strict=True):
             line.set_data(x, shape[k])
             trace.set_data(t[: k + 1], tip[: k + 1])
-            beside = 0.8 * width * (n - 0.5 * (len(runs) - 1))  # flashes of several runs stand side by side
-            sizes = flashes[n][k]
-            points = [(place + beside, both[side][k]) for place, both in stops for side in (0, 1)]
-            light.set_offsets(np.nan_to_num(np.reshape(points, (-1, 2))))
-            light.set_sizes(900.0 * sizes.ravel())
         for (place, both), pair in zip(stops, marks, strict=True):
             for mark, edge in zip(pair, both, strict=True):
                 mark.set_data([place - width, place + width], [edge[k], edge[k]])

@@ -13,7 +13,6 @@ from ..basics.text import several
 from ..basics.units import Units, with_unit
 from ..basics.validation import InputError
 from ..measures.comparison import Comparison, contact_name
-from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import largest, verdict
 from ..model.contact import Stops
 from ..model.scales import scales
@@ -25,9 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-OMEGA = r"angular frequency $\omega$"
 TICKS = 6  # of an axis of times: more would run into each other
-CONTENT = 0.01  # of the largest amplitude: where smaller ones follow, an axis of frequencies without a drive ends
 
 
 def comparison_figure(results: Sequence[Comparison]) -> Figure:
@@ -49,29 +46,29 @@ def comparison_figure(results: Sequence[Comparison]) -> Figure:
 def comparison_panels(
     title: str, runs: Sequence[Trajectory], references: Sequence[Reference], comparisons: Sequence[Comparison]
 ) -> Figure:
-    """Displacement, error, close-up of the first impacts, contact force and amplitude spectrum of runs of one system.
+    """Displacement, error, close-up of the first impacts and contact force of runs of one system.
 
     Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
-    largest one. All but the spectrum show the time inside the horizon of the first reference; the spectrum shows the
-    schemes over their whole span. The other references are thin and lie beneath the schemes. The error is the largest
-    |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a vertical line at a solver's own
-    horizon; ``comparisons`` of the runs and the other references with the first.
+    largest one. All show the time inside the horizon of the first reference. The other references are thin and lie
+    beneath the schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to
+    match and a vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the
+    first.
     """
     main, runs = references[0], [*runs, *references[1:]]
     system = main.system
     assert system is not None
     window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([*references, *runs])
-    lines = (5 + len(contacts)) // 2 if contacts else 2
+    count = 3 + len(contacts)
+    lines = (count + 1) // 2
     figure = new_figure(4.1 * lines, title)
     grid = figure.add_gridspec(lines, 2)
 
-    def panel(name: str, last: bool = False) -> Axes:
+    def panel(name: str) -> Axes:
         k = len(figure.axes)
-        axis = figure.add_subplot(grid[k // 2, :] if last and k % 2 == 0 else grid[k // 2, k % 2])
+        axis = figure.add_subplot(grid[k // 2, :] if k == count - 1 and k % 2 == 0 else grid[k // 2, k % 2])
         axis.set_title(f"({ascii_lowercase[k]}) {name}", loc="left")
-        if not last:
-            axis.set_xlabel(with_unit(system.units, "time $t$", "time"))
-            axis.locator_params(axis="x", nbins=TICKS)
+        axis.set_xlabel(with_unit(system.units, "time $t$", "time"))
+        axis.locator_params(axis="x", nbins=TICKS)
         return axis
 
     _draw_motion(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, window)
@@ -84,10 +81,6 @@ def comparison_panels(
         _draw_forces(panel(f"force of {contact_name(system, hardest)} to the horizon"), main, runs, window, hardest)
     else:
         _draw_first_impacts(panel("first oscillations"), main, runs, window, None)
-    schemes = [run for run in runs if not isinstance(run, Reference)]
-    whole = min((float(run.t[-1]) for run in schemes), default=np.inf)
-    span = f" to t = {whole:g}, one realisation each" if np.isfinite(whole) else ""
-    _draw_spectra(panel(f"spectrum{span}", last=True), main, schemes)
     shared_legend(figure)
     return figure
 
@@ -259,42 +252,6 @@ def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
         if np.isfinite(stop):
             line = axis.axhline if horizontal else axis.axvline
             line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
-
-
-def _draw_spectra(axis: Axes, main: Reference, runs: Sequence[Trajectory]) -> None:
-    """The amplitudes of the schemes, and of the exact motion where it has their span."""
-    system = main.system
-    assert system is not None
-    drive = drive_frequency(system)
-    for run in runs:
-        omega, amplitude = amplitude_spectrum(run.t, run.tip, drive, run.tip_velocity)
-        axis.plot(omega, amplitude, **_style(run, main, lw=0.9))
-    if runs and main.solution is not None and float(main.provenance["t_end"]) >= runs[0].t[-1] * (1 - 1e-9):
-        u, v = main.at(runs[0].t)
-        axis.plot(*amplitude_spectrum(runs[0].t, u, drive, v), **_style(main, main))
-    axis.set_xlabel(drive_axis(axis, system.units, drive))
-    # The logarithmic axis shows four decades below the largest visible amplitude.
-    curves = [np.asarray(line.get_xydata()) for line in axis.get_lines()]
-    top = max((float(np.max(xy[xy[:, 0] <= axis.get_xlim()[1], 1])) for xy in curves), default=0.0)
-    if top > 0.0:  # a beam that stays at rest has no logarithm
-        axis.set_yscale("log")
-        axis.set_ylim(top * 1e-4, top * 2.0)
-    axis.set_ylabel(with_unit(system.units, f"amplitude of {tip_symbol(system.problem)}", "length"))
-
-
-def drive_axis(axis: Axes, units: Units, drive: float) -> str:
-    """Label of an axis of frequencies: with ticks at the odd multiples of a drive, else as long as its curves have
-    content."""
-    if not drive:
-        curves = [np.asarray(line.get_xydata())[1:] for line in axis.get_lines()]  # without the means
-        known = [xy[xy[:, 1] > CONTENT * np.max(xy[:, 1], initial=0.0), 0] for xy in curves]
-        if end := max((float(x[-1]) for x in known if len(x)), default=0.0):
-            axis.set_xlim(0.0, 1.5 * end)
-        return with_unit(units, OMEGA, "frequency")
-    odd = range(1, 16, 2)
-    axis.set_xlim(0.0, 15.5 * drive)
-    axis.set_xticks([k * drive for k in odd], [f"{k}a" if k > 1 else "a" for k in odd])
-    return f"{OMEGA}, in multiples of the drive a = {drive:g}"
 
 
 def run_figure(run: Trajectory) -> Figure:

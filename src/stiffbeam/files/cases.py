@@ -102,35 +102,18 @@ class Case:
         """The semi-discrete system in this form, by default the first of ``forms``."""
         return semidiscretise(self.problem, self.cells, form or self.forms[0])
 
-    def refined(self, form: str) -> System | None:
-        """The system on twice the cells; None for matrices without a finer model."""
-        return semidiscretise(self.problem, 2 * self.cells, form)
-
 
 @dataclass(frozen=True)
 class SystemCase(Case):
-    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam.
-
-    finer: the same structure on a finer mesh, from which ``doubt`` estimates the error of the mesh.
-    """
+    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam."""
 
     problem: BeamProblem = field(init=False, repr=False, compare=False)
     cells: int = field(init=False, repr=False, compare=False)
     matrices: System = field(kw_only=True)  # type: ignore[misc]
-    finer: System | None = field(kw_only=True, default=None, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        finer, remedy = self.finer, "describe the same structure on a finer mesh"
-        if finer is not None and _excited(finer) != _excited(self.matrices):
-            rule = "have as many loads as the system, and its contacts with the same stops"
-            raise InputError("finer", repr(finer), rule, remedy)
-        if finer is not None and finer.size <= self.matrices.size:
-            rule = f"have more than the {self.matrices.size} unknowns of the system"
-            raise InputError("finer", f"{finer.size} unknowns", rule, remedy)
 
     def __getattr__(self, name: str) -> Any:
         if name in ("problem", "cells"):
-            remedy = "describe it as a beam, or compare matrices with a finer model by `stiffbeam doubt`"
+            remedy = "describe it as a beam"
             raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
         raise AttributeError(name)
 
@@ -145,14 +128,6 @@ class SystemCase(Case):
             raise InputError("form", form, "be that of the system", near(form or "", self.forms))
         return self.matrices
 
-    def refined(self, form: str) -> System | None:
-        """The finer model, if there is one."""
-        return self.finer
-
-
-def _excited(system: System) -> tuple[int, list[Stops]]:
-    return len(system.loads), [contact.stops for contact in system.contacts]
-
 
 def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
     """The paper's three, or three with an impact law where rigid stops have restitution."""
@@ -161,16 +136,10 @@ def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
     return list(islice(taken, 3)) or paper
 
 
-def case_of(
-    system: System,
-    dt: float | None,
-    t_end: float | None,
-    name: str = "system",
-    finer: System | None = None,
-) -> Case:
+def case_of(system: System, dt: float | None, t_end: float | None, name: str = "system") -> Case:
     """A case of a System, with its ``default_schemes``; one that is a beam on a grid as it stands keeps both.
 
-    finer: see ``SystemCase``. Raises InputError without a step and a time span, which a System does not have.
+    Raises InputError without a step and a time span, which a System does not have.
     """
     instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
     if dt is None or t_end is None:
@@ -181,10 +150,9 @@ def case_of(
     if beam is not None and system.cells is not None:
         case = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
-        same = case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form
-        if same and finer is None:
+        if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system, finer=finer)
+    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
 
 
 MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file; letters of a line, dots of a key in it
@@ -331,16 +299,16 @@ def _bounded(file: Path) -> str:
     return text.replace("\r\n", "\n")
 
 
-def compared_runs(case: Case) -> list[tuple[Scheme, str]]:
-    """Runs of a comparison: those of the case, and on a table of the paper each of its three schemes."""
-    runs = list(case.runs)
+def compared(case: Case, form: str) -> list[Scheme]:
+    """Schemes of a comparison: those that the case runs in this form, or all that it runs; on a table of the paper
+    each of its three besides."""
+    schemes = [scheme for scheme, of_run in case.runs if of_run == form] or [scheme for scheme, _ in case.runs]
     table = paper_cases().get(case.name)
     # A file of the user may have the name of a table: other runs are left as they are.
     if table is not None and case.runs == table.runs:
-        names = {scheme.name for scheme, _ in runs}
-        three = (BDF2(), SDIRK(nystrom=True), HHT())
-        runs += [(scheme, "displacement") for scheme in three if scheme.name not in names]
-    return runs
+        names = {scheme.name for scheme in schemes}
+        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if x.name not in names]
+    return schemes
 
 
 # ---------------------------------------------------------------- the file's form
@@ -364,7 +332,6 @@ class Entry:
     inferred: list[str] = field(default_factory=list)
     problem: BeamProblem | None = None
     system: System | None = None
-    finer: System | None = None
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     uncertain: dict[str, list[float]] = field(default_factory=dict)
 
@@ -385,11 +352,9 @@ class Entry:
         if self.system is not None:
             if self.cells is not None:
                 raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
-            case = SystemCase(matrices=self.system, finer=self.finer, **common)
+            case = SystemCase(matrices=self.system, **common)
         else:
             assert self.problem is not None
-            if self.finer is not None:
-                raise InputError("finer", "matrices", "stand beside [case.system]", "a beam is refined by its cells")
             case = Case(problem=self.problem, cells=integer("cells", self.cells, 4), **common)
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:

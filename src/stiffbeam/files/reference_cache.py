@@ -89,7 +89,7 @@ def cached_reference(
     try:
         # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
         if store.can_freeze(result):
-            store.freeze(result, "", file)
+            store.freeze(result, file)
         else:
             result.save(file)
         TALK.kept = True

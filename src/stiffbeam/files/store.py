@@ -32,7 +32,6 @@ from ..schemes.labels import scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS
 from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
-from .cases import parse_case
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,11 +46,8 @@ def can_freeze(reference: Reference) -> bool:
     return reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
 
 
-def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
-    """Write a multiprecision ``reference`` of the TOML text ``case`` to a file. Returns its entry for a manifest:
-    impacts of all its contacts, the largest share of contact and force among them.
-
-    With an empty ``case`` the file can be read together with its system only; another must make that system.
+def freeze(reference: Reference, file: str | Path) -> Path:
+    """Write a multiprecision ``reference`` to a file, which is read together with its system.
 
     So many states are stored that the file, read back, gives the reference within a tenth of ``BOUND``; that is tried
     before anything is written. Raises InputError where the reference is not confirmed to its end.
@@ -60,14 +56,10 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     if not can_freeze(reference):
         raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
     assert reference.system is not None
-    # The case has to make the system of the reference: a file is read back by its case alone.
-    if case and parse_case(case, "case").system(reference.system.form).fingerprint != reference.fingerprint:
-        remedy = "numbers in a case are decimals: solve the system of the case itself"
-        raise InputError("case", case.partition("[case.problem]")[2].strip(), "make the reference's system", remedy)
     solution: Motion = reference.solution
     # Fewer segments from one state to the next, until what float64 loses between them is small.
     for every in (32, 16, 8, 4, 2, 1):
-        data = _arrays(reference, solution, case, t_end, np.arange(0, len(solution.times), every))
+        data = _arrays(reference, solution, t_end, np.arange(0, len(solution.times), every))
         deviation = _deviation(data, solution, reference)
         if deviation <= 0.1 * BOUND:
             break
@@ -77,53 +69,25 @@ def freeze(reference: Reference, case: str, file: str | Path) -> dict[str, Any]:
     data.attrs["bound"] = BOUND
     data.attrs["deviation"] = deviation
     data.attrs["hash"] = content_hash(data)
-    path = write_netcdf(data, file, compression=9)
-    return {
-        "file": path.name,
-        "form": reference.provenance["form"],
-        "t_end": t_end,
-        "digits": reference.provenance["digits"],
-        "confirmed_with": reference.provenance["digits_confirmed_with"],
-        **contact_facts(reference),
-        "bound": BOUND,
-        "seconds": round(reference.work.seconds, 1),
-        "hash": data.attrs["hash"],
-    }
+    return write_netcdf(data, file, compression=9)
 
 
-def contact_facts(run: Trajectory) -> dict[str, float]:
-    """Impacts of all contacts, the largest share of contact and force among them, for a manifest."""
-    contacts = run.contacts
-    return {
-        "impacts": sum(contact.impacts.count for contact in contacts),
-        "contact_fraction": max((contact.fraction for contact in contacts), default=0.0),
-        "peak_force": max((contact.peak_force for contact in contacts), default=0.0),
-    }
-
-
-def load_frozen(data: xr.Dataset, path: Path, system: System | None = None, t_eval: Array | None = None) -> Reference:
-    """The Reference in an opened file; its events are computed again.
-
-    system: what the file is of, by default what its case makes. t_eval: output times, by default 2001.
-    """
+def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Array | None) -> Reference:
+    """The Reference in an opened file; its events are computed again. t_eval: output times, by default 2001."""
     begun = time.perf_counter()
     if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
         remedy = f"it has {data.attrs['stiffbeam_frozen']}: remake it"
         raise InputError("file", str(path), f"be of format {FROZEN_FORMAT}", remedy)
     if system is None:
-        if not data.attrs["case"]:
-            raise InputError("file", str(path), "hold its case", "read it together with its system")
-        system = parse_case(data.attrs["case"], str(path)).system(data.attrs["form"])
-    if system.fingerprint != data.attrs["fingerprint"]:
-        rule = "describe the system that its case makes"
-        raise InputError("file", str(path), rule, "this version differs: remake it")
+        rule = "be read together with its system"
+        raise InputError("file", str(path), rule, "it holds events and states: stiffbeam.load(file, system)")
     t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
     # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
 
 
-def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, stored: Array) -> xr.Dataset:
+def _arrays(reference: Reference, solution: Motion, t_end: float, stored: Array) -> xr.Dataset:
     """Event times, and states at the start of the segments ``stored``."""
     assert reference.system is not None
     sides = solution.sides.astype(np.int8)
@@ -136,7 +100,6 @@ def _arrays(reference: Reference, solution: Motion, case: str, t_end: float, sto
         "title": f"stiffbeam frozen reference, {reference.provenance['form']} form",
         "stiffbeam_frozen": FROZEN_FORMAT,
         "source": f"stiffbeam {version('stiffbeam')}",
-        "case": case,
         "form": reference.provenance["form"],
         "t_end": t_end,
         "fingerprint": reference.fingerprint,
@@ -208,7 +171,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     system : System, optional
         The system that the run is of. With it a scheme's run and an exact solution have states and the field over x
         again: they are computed anew. So an exact solution answers ``at`` any time. Without it a trajectory has what
-        the file holds, and a frozen reference uses its own case.
+        the file holds; a frozen reference needs it.
     t_eval : array (k,), optional
         Output times of a frozen reference, which answers at any time.
 
@@ -249,8 +212,11 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         )
         if known and data.attrs.get("hash") != content_hash(data):
             raise InputError("file", str(path), "hold what its hash says", "it is damaged: make it again")
+        if known and system is not None and system.fingerprint != data.attrs["fingerprint"]:
+            remedy = "it is of another one: read it with that"
+            raise InputError("file", str(path), "be of the system it is read with", remedy)
         if "stiffbeam_frozen" in data.attrs:
-            return load_frozen(data, path, system, t_eval)
+            return _load_frozen(data, path, system, t_eval)
         return _from_arrays(data, path, system)
     except InputError:
         raise
@@ -267,9 +233,6 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         raise InputError("file", str(path), rule, remedy)
     if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
-    if system is not None and system.fingerprint != data.attrs["fingerprint"]:
-        remedy = "it is of another one: read it with that, or alone"
-        raise InputError("file", str(path), "be of the system it is read with", remedy)
     contacts, kinds = [], data.attrs["impact_kind"].split(",")
     for i, stops_data in enumerate(json.loads(data.attrs["stops"])):
         mine = data["impact_contact"].values == i

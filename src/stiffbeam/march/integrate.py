@@ -22,7 +22,7 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Runs, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, record_from, slim
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import March, Stepper, block_length
@@ -332,8 +332,8 @@ def _collected(
     plan: Plan, members: EnsembleMembers, runs: list[Trajectory], every: int | None, apart: bool, seconds: float
 ) -> Ensemble:
     """The ensemble of these runs."""
-    return Ensemble(
-        **vars(Runs.of(runs)),
+    return Ensemble.of(
+        runs,
         members=members,
         t=np.arange(0, plan.steps + 1, every) * plan.dt if every is not None else np.zeros(0),
         work=Work(len(members) * plan.steps, seconds, seconds),

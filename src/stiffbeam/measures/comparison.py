@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -113,9 +112,9 @@ UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 class ContactComparison:
     """Comparison of one contact of the run with the same contact of the reference.
 
-    name: see ``contact_name``. run, reference: on [0, window]; the reference's impacts are sampled at
-    the run's steps, and its share, peak and impulse are by events if it has them, else sampled too. run_totals,
-    reference_totals: the same to t_end, single runs that are comparable only statistically.
+    name: see ``contact_name``. run, reference: on [0, window]; the reference's impacts are sampled at the run's steps,
+    and so are its share, peak and impulse if it ends later. run_totals, reference_totals: the same to t_end, single
+    runs that are comparable only statistically.
     """
 
     name: str
@@ -352,7 +351,7 @@ def _missing(run: Trajectory, system: System, contacts: Sequence[ContactComparis
     arrays = run.provenance.get("source") == "arrays"
     for c, record, contact in zip(contacts, run.contacts, system.contacts, strict=True):
         if record.impacts.kind == "unknown":
-            yield f"{c.name}: its position is not the tip's, and the run came without states: pass [t, q, v]"
+            yield f"{c.name}: the run came without states, or velocities at a rigid stop: pass [t, q, v]"
         if arrays and c.reference.impacts < SEEN * c.reference.event_impacts:
             yield (
                 f"{c.name}: at the run's times the exact motion itself shows {c.reference.impacts} of its "
@@ -376,68 +375,49 @@ def _contact(
     run: Trajectory, reference: Reference, system: System, i: int, t: Array, window: float
 ) -> ContactComparison:
     """Contact i at the steps t, of which the first are those to the window."""
-    record, stops, known_to = run.contacts[i], system.contacts[i].stops, float(reference.provenance["t_end"])
-    if stops.rigid:
-        impacts, true = record.impacts, reference.contacts[i].impacts
-        if run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
-            true = sampled_impacts(t, *reference.at(t, contact=i), stops)
-        of_run, of_reference = partial(_rigid, run, i, impacts), partial(_rigid, reference, i, true)
-    else:
+    record, known, stops = run.contacts[i], reference.contacts[i], system.contacts[i].stops
+    impacts, true, forces = record.impacts, known.impacts, (None, None)
+    if not stops.rigid:
         u, v = reference.at(t, contact=i)
         # Impacts of a solver are sampled at the run's times, as those of the reference are.
-        sampled = "dt" in run.provenance
-        impacts = record.impacts if sampled else sampled_impacts(run.t, record.position, record.velocity, record.stops)
-        true = sampled_impacts(t, u, v, stops)
+        if "dt" not in run.provenance:
+            impacts = sampled_impacts(run.t, record.position, record.velocity, stops)
+        true, forces = sampled_impacts(t, u, v, stops), (record.force, stops.force(u, v))
         if record.impacts.kind != "unknown":
             impacts, true = after_rest((impacts, true), (run.t, record.position), (t, u))
-        of_run = partial(_sampled, run, i, impacts, record.force, t)
-        of_reference = partial(_sampled, reference, i, true, stops.force(u, v), t)
-    t_end = min(float(run.t[-1]), known_to)
+    elif run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
+        true = sampled_impacts(t, *reference.at(t, contact=i), stops)
+    known_to = float(reference.provenance["t_end"])
+    of_run, of_reference = (
+        {end: _measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))}
+        for one, rows, force in ((run, impacts, forces[0]), (reference, true, forces[1]))
+    )
     # Where no impact of the run is known, nothing parts and nothing is paired.
-    unpaired = record.impacts.kind == "unknown"
-    measures = {end: (of_run(end), of_reference(end)) for end in {window, t_end}}
+    matching = Matching(0, window, np.nan, np.nan)
+    if record.impacts.kind != "unknown":
+        matching = match(impacts, true, window, longest_delay(system, known_to))
     return ContactComparison(
-        name=contact_name(system, i),
-        run=measures[window][0],
-        reference=measures[window][1],
-        matching=Matching(0, window, np.nan, np.nan)
-        if unpaired
-        else match(impacts, true, window, longest_delay(system, known_to)),
-        run_totals=measures[t_end][0],
-        reference_totals=measures[t_end][1],
-    )
+        name=contact_name(system, i), run=of_run[window], reference=of_reference[window], matching=matching,
+        run_totals=list(of_run.values())[-1], reference_totals=list(of_reference.values())[-1],
+    )  # fmt: skip
 
 
-def _sampled(run: Trajectory, i: int, impacts: Impacts, force: Array, t: Array, end: float) -> ContactMeasures:
-    """Contact i on [0, end] from its impacts and its force at the steps t, and by events where the run knows them."""
+def _measures(run: Trajectory, i: int, impacts: Impacts, force: Array | None, t: Array, end: float) -> ContactMeasures:
+    """Contact i on [0, end] from its impacts, and from its record to the end of the run. Before that share, peak and
+    impulse follow from the ``force`` at the steps t; of rigid stops, which have no peak, they are not known there."""
+    record = run.contacts[i]
     if impacts.kind == "unknown":
         return UNKNOWN
-    inside = t[: steps_to(t, end)]
-    force = np.abs(force[: len(inside)])
-    sampled = ContactMeasures(
-        impacts=impacts.until(end).count,
-        event_impacts=run.contacts[i].impacts.until(end).count,
-        # Every step counts by its end, so that the start has no share.
-        fraction=float(np.average(force[1:] != 0.0, weights=step_lengths(inside)[1:])),
-        peak_force=float(np.max(force, initial=0.0)),
-        impulse=float(np.trapezoid(force, inside)),
-    )
-    # Between the steps too, where the run has events.
-    record = run.contact_between(0.0, end, i)
-    if record is None:
-        return sampled
-    return replace(sampled, fraction=record.fraction, peak_force=record.peak_force, impulse=record.impulse)
-
-
-def _rigid(run: Trajectory, i: int, impacts: Impacts, end: float) -> ContactMeasures:
-    """Contact i with a rigid stop, where positions do not determine the force: its impacts, and no peak. Share and
-    impulse are known of whole runs only."""
-    if impacts.kind == "unknown":
-        return UNKNOWN
-    record, whole = run.contacts[i], end >= float(run.provenance["t_end"]) * (1 - 1e-12)
-    count, events = impacts.until(end).count, record.impacts.until(end).count
-    share, impulse = (record.fraction, record.impulse) if whole else (np.nan, np.nan)
-    return ContactMeasures(count, events, share, np.nan, impulse)
+    share, peak, impulse = record.fraction, np.nan if force is None else record.peak_force, record.impulse
+    if end < float(run.provenance["t_end"]) * (1 - 1e-12):
+        share = impulse = np.nan
+        if force is not None:
+            inside = t[: steps_to(t, end)]
+            size = np.abs(force[: len(inside)])
+            # Every step counts by its end, so that the start has no share.
+            share = float(np.average(size[1:] != 0.0, weights=step_lengths(inside)[1:]))
+            peak, impulse = float(np.max(size, initial=0.0)), float(np.trapezoid(size, inside))
+    return ContactMeasures(impacts.until(end).count, record.impacts.until(end).count, share, peak, impulse)
 
 
 def contact_name(system: System, i: int) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,45 +73,6 @@ def tip_error(u: Array, u_ref: Array) -> TipError:
     """rms and largest |error| of u (k,) against u_ref (k,) at the same times, k >= 1."""
     error = relative_error(u, u_ref)
     return TipError(rms(error), float(np.max(np.abs(error))))
-
-
-def stays_within(run: Trajectory | Sequence[ArrayLike], reference: Reference, error: float) -> float:
-    """Return the time to which |u_run - u_ref| <= error max |u_ref|, with the maximum over the whole window.
-
-    Parameters
-    ----------
-    run : Trajectory or arrays
-        A run, or its arrays (t, tip) or (t, tip, tip_velocity), as in ``compare``.
-    reference : Reference
-    error : float
-        Relative to the largest displacement of the reference.
-
-    Returns
-    -------
-    float
-        The last output before the first one that is further off. At most the end of the window, which is the smaller of
-        t_end and the horizon.
-
-    Raises
-    ------
-    InputError
-        If the systems differ, the reference has no horizon, or it has no values at the run's times.
-
-    Examples
-    --------
-    >>> import stiffbeam as sb
-    >>> system = sb.paper_case(10).system()
-    >>> run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-5, t_end=0.2)
-    >>> 0.0 < sb.stays_within(run, sb.reference(system, 0.2), error=0.01) < 0.2
-    True
-    """
-    positive("error", error)
-    run = run_of(run, reference, "stays_within")
-    end = min(float(run.t[-1]), float(reference.provenance["t_end"]), reference.horizon)
-    # An output at the end counts although rounding puts it beyond.
-    t = run.t[run.t <= end * (1 + 1e-12)]
-    off = np.abs(relative_error(run.tip[: len(t)], reference.at(t)[0])) > error
-    return end if not np.any(off) else float(t[max(0, int(np.argmax(off)) - 1)])
 
 
 WIDEST = 1.5  # an interval wider than this cannot tell one order from the next

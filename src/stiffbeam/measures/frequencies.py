@@ -1,4 +1,4 @@
-"""Frequencies of a motion: of the drives, of the smooth motion without contact, and amplitude spectra."""
+"""Frequencies of a motion: of the drives, and of the smooth motion without contact."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
@@ -102,33 +101,3 @@ def _response(omega: Array, damping: Array, frequency: float, force: Any) -> Any
     impedance = scale[:, None] * impedance * scale
     impedance[np.diag_indices_from(impedance)] += none
     return np.where(none, 0.0, scale * np.linalg.solve(impedance, scale * force))
-
-
-EVEN = 1e-6  # of the mean step: steps that differ by less are of one length
-
-
-def amplitude_spectrum(t: Array, u: Array, drive: float, v: Array | None = None) -> tuple[Array, Array]:
-    """Angular frequencies and amplitudes of u over as many whole drive periods as fit, counted from the end.
-
-    A sinusoid A sin(w t) on a bin shows the amplitude A. Where times are not equidistant u is resampled, as often, from
-    the cubic through it and its velocity v (k,), by default a spline's.
-    """
-    t, u = _equidistant(t, u, v)
-    n, dt = len(t) - 1, float(t[1] - t[0])
-    if drive:
-        period = 2.0 * np.pi / drive
-        # Whole periods up to rounding are whole; all intervals where not one period fits.
-        n = round(np.floor((t[-1] - t[0]) / period * (1 + 1e-12)) * period / dt) or n
-    signal = u[-n:]
-    amplitude = np.abs(np.fft.rfft(signal)) * 2.0 / n
-    # The mean appears once in the transform, every other frequency also with the opposite sign.
-    amplitude[0] /= 2.0
-    return 2.0 * np.pi * np.fft.rfftfreq(n, dt), amplitude
-
-
-def _equidistant(t: Array, u: Array, v: Array | None) -> tuple[Array, Array]:
-    """t and u (k,), resampled where the steps are not of one length."""
-    if np.ptp(np.diff(t)) <= EVEN * (t[-1] - t[0]) / (len(t) - 1):
-        return t, u
-    even = np.linspace(t[0], t[-1], len(t))
-    return even, (CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v))(even)

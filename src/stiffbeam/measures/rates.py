@@ -19,7 +19,7 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.text import table
 from ..basics.units import with_unit
-from ..basics.validation import InputError, instance, number, numbers, sequence
+from ..basics.validation import InputError, instance, numbers, sequence
 from ..model.contact import channel_motion
 from ..model.scales import scales
 from ..trajectory.ensemble import record_from
@@ -40,13 +40,10 @@ if TYPE_CHECKING:
 
     from ..model.system import System
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
-CLOSE, MOST_NODES = 1e-8, 2_000_000  # change of the works and number of nodes at which the refinement ends
-GRADED = 8.0 ** -np.arange(1, 5)  # panels end there in a contact, for forces with a fast or steep beginning or end
-GRADED = np.append(GRADED, 1.0 - GRADED)
-SAMPLES, PARTS, ROUNDS = np.linspace(0.0, 1.0, 65), 8, 5  # of the search for v = 0 in a contact
+COARSEST, MOST_NODES = 27, 2_000_000  # cells of a contact, of all contacts
+CLOSE = 1e-4  # change of the works from a third of the cells to all of them, which is more than the error of these
 RATES = {
     "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
     "force_rms": "force",
@@ -111,7 +108,7 @@ class ContactRates:
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times. "impacts" of rigid stops: their impacts only, without impulse and duration.
+        a reference, or the output times; of rigid stops "impacts", whose rate alone is known.
     """
 
     since: float
@@ -130,27 +127,6 @@ class ContactRates:
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
                 columns[f"{column}{suffix}"] = [getattr(each[name], end) for each in self.rates]
         return table(columns | {"source": list(self.sources)}).set_index("contact")
-
-    def exceedance(self, force: float, contact: int = 0) -> Mean:
-        """Rate of the impacts whose peak force is larger than ``force``, per time, with its 95 % interval.
-
-        With fewer than 8 such impacts the interval is that of a Poisson count: none in a time T gives 0 to 3.7/T. An
-        impact still open at the end of the run does not count. NaN for rigid stops, whose impacts have no peak force.
-
-        Examples
-        --------
-        >>> import stiffbeam as sb
-        >>> spring = sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=400.0))
-        >>> system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[spring], initial_velocity=[1.0])
-        >>> rates = sb.contact_rates(sb.reference(system, 20.0))
-        >>> round(rates.exceedance(10.0).value, 2), rates.exceedance(30.0).value  # every impact has the peak 19.1
-        (0.55, 0.0)
-        """
-        force, one = number("force", force), self.run.contacts[contact]
-        if one.stops.rigid:
-            return Mean(*5 * (float("nan"),))
-        edges = windows(self.run.system, self.since, self.t_end)
-        return _rate_of(one.impacts.times[one.impacts.peaks > force], edges)
 
     def __str__(self) -> str:
         lines = []
@@ -185,7 +161,7 @@ def contact_rates(
     Returns
     -------
     ContactRates
-        Works and force rms at rigid stops, whose forces are impulses, are NaN.
+        Of rigid stops, whose forces are impulses, all but the rate of impacts is NaN.
 
     Raises
     ------
@@ -207,27 +183,16 @@ def contact_rates(
     rows = _tangents(run, tangents)
     edges = windows(run.system, since, end)
     width = edges[1] - edges[0]
-    sums = [np.zeros((5, len(edges) - 1)) for _ in run.contacts]
-    sources, marched = [], []
+    rates, sources = [], []
     for i, contact in enumerate(run.contacts):
-        source = "impacts"
+        # Rigid stops have impulses, no forces: all but their impacts is NaN.
+        source, window = "impacts", np.full((5, len(edges) - 1), np.nan)
         if not contact.stops.rigid:
-            source, nodes = _nodes(run, i, rows[i], edges)
-            if nodes is None:
-                marched.append(i)
-            else:
-                _add(sums[i], edges, *nodes)
+            window[:] = 0.0
+            source, pieces = _nodes(run, i, rows[i], edges)
+            for nodes in pieces:
+                _add(window, edges, *nodes)
         sources.append(source)
-    # One more march for all contacts whose steps were not kept.
-    if marched:
-        for i, nodes in _steps(run, marched, rows):
-            _add(sums[i], edges, *nodes)
-    rates, reactions = [], _reactions(run) if run.contacts else None
-    for i, (contact, window) in enumerate(zip(run.contacts, sums, strict=True)):
-        if contact.stops.rigid:
-            # Rigid stops have impulses, no forces: works and force rms are NaN.
-            window[2:] = np.nan
-            sources[i], window[:2] = _of_reactions(run, reactions, i, edges)
         if rows[i] is None:
             window[3] = np.nan
         integrals = zip(list(RATES)[1:], window, strict=True)
@@ -301,48 +266,22 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _reactions(run: Trajectory) -> Array | None:
-    """Mean reactions of rigid stops over every step of a scheme (steps, m); None of other runs."""
-    if isinstance(run, Reference) or run.pieces is None or run.system is None or not run.stops[0].rigid:
-        return None
-    return np.concatenate([forces[1:] for *_, forces in run.pieces()])
-
-
-def _of_reactions(run: Trajectory, reactions: Array | None, i: int, edges: Array) -> tuple[str, Array]:
-    """Source, and impulse and time in contact (2, n) of a rigid contact: what presses and how long in every part. NaN
-    for arrays and for files without their system, where only the impacts are known."""
-    blows: Any = []
-    if isinstance(run, Reference) and run.solution is not None:
-        source, (spans, blows) = "events", run.solution.presses(i, float(edges[0]), float(edges[-1]))
-    elif reactions is not None:
-        source, dt, pressed = "every step", float(run.provenance["dt"]), np.flatnonzero(reactions[:, i])
-        spans = np.stack([pressed * dt, (pressed + 1) * dt, np.abs(reactions[pressed, i]) * dt], axis=1)
-    else:
-        return "impacts", np.full((2, len(edges) - 1), np.nan)
-    begins, ends, impulses = np.reshape(spans, (-1, 3)).T
-    times, at_once = np.reshape(blows, (-1, 2)).T
-    # Both grow evenly within a span and stay between two.
-    corners = np.append(np.stack([begins, ends], axis=1).ravel(), np.inf)
-    grown = [np.append(0.0, np.repeat(np.cumsum(x), 2)) for x in (impulses, ends - begins)]
-    impulse, lasting = (np.diff(np.interp(edges, corners, x)) for x in grown)
-    return source, np.array([impulse + np.histogram(times, edges, weights=at_once)[0], lasting])
-
-
-def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes | None]:
-    """Source of the forces of contact i, and the nodes of an integral over time; None for those of ``_steps``."""
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterable[Nodes]]:
+    """Source of the forces of contact i, and the nodes of an integral over time, in pieces of the run."""
     contact, every = run.contacts[i], int(run.provenance.get("every", 1))
     # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
             try:
-                return _between_events(run, i, tangent, edges)
+                source, nodes = _between_events(run, i, tangent, edges)
+                return source, [nodes]
             except InputError:  # a saved reference that answers at its outputs only
                 pass
     elif every > 1 and run.pieces is not None and run.system is not None:
-        return "every step", None
+        return "every step", _steps(run, i, tangent)
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
     sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run.states[1], tangent)
-    return source, (run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)
+    return source, [(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)]
 
 
 def _trapezoidal(t: Array) -> Array:
@@ -350,16 +289,15 @@ def _trapezoidal(t: Array) -> Array:
     return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
 
 
-def _steps(run: Trajectory, contacts: Sequence[int], tangents: Sequence[Array | None]) -> Iterator[tuple[int, Nodes]]:
-    """Nodes of each of the contacts at every step, in pieces of the run."""
+def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
+    """Nodes of a contact at every step, from a second run."""
     assert run.pieces is not None
     assert run.system is not None
     for t, q, rate, forces in run.pieces():
-        for i in contacts:
-            u, v = channel_motion(*run.system.channels[i], t, q, rate)
-            # A force that jumps is that of the node, others follow from the state.
-            force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-            yield i, (t, _trapezoidal(t), force, v, _sliding(rate, tangents[i]))
+        u, v = channel_motion(*run.system.channels[i], t, q, rate)
+        # A force that jumps is that of the node, others follow from the state.
+        force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
+        yield t, _trapezoidal(t), force, v, _sliding(rate, tangent)
 
 
 def _sliding(v: Array, tangent: Array | None) -> Array:
@@ -368,63 +306,33 @@ def _sliding(v: Array, tangent: Array | None) -> Array:
 
 
 def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
-    """Gauss nodes in every contact, on panels that are halved until the works no longer change."""
+    """Midpoints of equal cells of every contact, of which there are three times as many until the works no longer
+    change."""
     listed, _ = run.contacts[i].impacts.listed()
-    starts, ends = listed.times, np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
-    starts, ends = starts[ends > starts], ends[ends > starts]
-    if not len(starts):
+    ends = np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
+    # Contacts are cut at the edges of the parts of the run.
+    corners = np.sort(np.concatenate([listed.times, ends, edges]))
+    last = np.searchsorted(listed.times, corners, "right") - 1
+    closed = ((last >= 0) & (corners < np.append(ends, -np.inf)[last]))[:-1]
+    left, width = corners[:-1][closed], np.diff(corners)[closed]
+    if not len(left):
         none = np.zeros(0)
         return "events", (none, none, none, none, none)
-    law = run.contacts[i].stops
-
-    def read(t: Array) -> Array:
-        """Force, velocity and, with a tangent, sliding velocity (2 or 3, ...) at times of any shape."""
-        u, v = run.at(t.ravel(), contact=i)
-        rows = [law.force(u, v), v]
+    cells = COARSEST
+    while True:
+        cells *= 3
+        t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
+        u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
+        force, slid = run.contacts[i].stops.force(u, v), np.full(t.shape, np.nan)
         if tangent is not None:
             assert run.state_at is not None
-            rows.append(_sliding(run.state_at(t.ravel())[1], tangent))
-        return np.reshape(rows, (-1, *t.shape))
-
-    left, width = _panels(read, starts, ends, edges)
-    while True:
-        # Panels and halves from one set of times: those of two solves differ by more than the halves do.
-        halves, begins = 0.5 * np.repeat(width, 2), np.repeat(left, 2)
-        begins[1::2] += halves[1::2]
-        lengths = np.append(width, halves)[:, None]
-        t, weights = np.append(left, begins)[:, None] + lengths * (NODES + 1.0) / 2.0, lengths * WEIGHTS / 2.0
-        force, *speeds = read(t)
-        works = np.array([np.sum(weights * np.abs(force * speed), axis=1) for speed in speeds])
-        whole, total = np.sum(works[:, : len(left)], axis=1), np.sum(works[:, len(left) :], axis=1)
-        error = np.max(np.abs(total - whole) / np.where(total > 0.0, total, 1.0), initial=1e-15)
-        if error <= CLOSE or t.size > MOST_NODES:
+            slid = _sliding(run.state_at(t.ravel())[1], tangent).reshape(t.shape)
+        # The midpoints of a third of the cells are among those of all: another solve would differ by more than they do.
+        works = np.abs(force * np.array([v] if tangent is None else [v, slid]))
+        whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
+        change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
+        if change <= CLOSE or 3 * t.size > MOST_NODES:
             break
-        left, width = begins, halves
-    t, weights, force, v, *sliding = (x[len(left) :].ravel() for x in (t, weights, force, *speeds))
-    slid = sliding[0] if sliding else np.full(len(t), np.nan)
-    return f"events, quadrature to {error:.0e}", (t, weights, force, v, slid)
-
-
-def _panels(read: Callable[[Array], Array], starts: Array, ends: Array, edges: Array) -> tuple[Array, Array]:
-    """Begins and lengths of panels in every contact, at whose ends all corners of the integrands lie."""
-    lengths = (ends - starts)[:, None]
-    # |v| has a corner where v = 0, which Gauss nodes may miss: panels end there. A few rounds of many parts each: an
-    # adaptive solver solves again for every set of times. An error e of the corner changes the work by e^2.
-    samples, turns = starts[:, None] + lengths * SAMPLES, []
-    for row, speed in enumerate(read(samples)[1:], 1):
-        one, at = np.nonzero(speed[:, :-1] * speed[:, 1:] < 0.0)
-        low, width, sign = samples[one, at], samples[one, at + 1] - samples[one, at], np.sign(speed[one, at])
-        for _ in range(ROUNDS if len(low) else 0):
-            width = width / PARTS
-            before = sign * read(low + np.arange(1, PARTS)[:, None] * width)[row] > 0.0
-            low = low + np.sum(np.logical_and.accumulate(before), axis=0) * width
-        turns.append(low)
-    # Panels also end at the edges of the parts of the run.
-    holds = np.searchsorted(starts, edges, "right") - 1
-    inside = edges[(holds >= 0) & (edges < ends[holds])]
-    left = np.sort(np.concatenate([starts, *turns, inside, (starts[:, None] + lengths * GRADED).ravel()]))
-    width = np.diff(left, append=0.0)
-    # The last panel of a contact ends with it.
-    last = np.searchsorted(left, ends, "left") - 1
-    width[last] = ends - left[last]
-    return left, width
+    weights = np.broadcast_to(width[:, None] / cells, t.shape)
+    nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), slid.ravel()
+    return f"events, quadrature to {change:.0e}", nodes

@@ -172,23 +172,15 @@ def report(
     comparisons: Sequence[Comparison],
     references: Sequence[Reference] = (),
     failures: Sequence[tuple[str, str]] = (),
-    truths: Mapping[str, Reference] | None = None,
     refused: Container[str] = (),
 ) -> Report:
-    """Return the tables of comparisons: one per form to the horizon, one of the whole runs, and the failures.
+    """Return the tables of comparisons with one reference, to the horizon and of the whole runs, and the failures.
 
-    truths: by form, a solution that holds over the whole span where there is one. refused: the labels of those
-    failures that the case does not allow.
+    refused: the labels of those failures that the case does not allow.
     """
-    # The runs of one form have one reference and two tables.
-    by_reference = [
-        [c for c in comparisons if c.reference == r] for r in dict.fromkeys(c.reference for c in comparisons)
-    ]
-    tables = [_to_horizon(of_form) for of_form in by_reference]
-    tables += [_to_end(of_form, (truths or {}).get(of_form[0].reference.partition("@")[2])) for of_form in by_reference]
     return Report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
-        tables=tuple(tables),
+        tables=(_to_horizon(comparisons), _to_end(comparisons)) if comparisons else (),
         notes=tuple(dict.fromkeys(_notes(comparisons, references))) if comparisons else (),
         failures=tuple(("refused" if label in refused else "failed", label, message) for label, message in failures),
     )
@@ -254,7 +246,7 @@ def _frame(rows: Sequence[Mapping[str, str]]) -> Any:
 
 
 def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """The measures on [0, horizon] of one form's runs; errors while the impacts of all of them match."""
+    """The measures on [0, horizon]; errors while the impacts of all of them match."""
     first, common = comparisons[0], common_window(comparisons)
     lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
     rows = []
@@ -276,8 +268,8 @@ def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
     return f"To the horizon t = {number(first.window)}, {first.reference.partition('@')[2]} form", _frame(rows)
 
 
-def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple[str, Any]:
-    """Cost and totals of the whole runs of one form; the adaptive solvers ended at the horizon."""
+def _to_end(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
+    """Cost and totals of the whole runs; the adaptive solvers ended at the horizon."""
     first = comparisons[0]
     end = max(c.t_end for c in comparisons)
     # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
@@ -287,18 +279,13 @@ def _to_end(comparisons: Sequence[Comparison], truth: Reference | None) -> tuple
     if not beyond and parted < first.window:
         said = f"; impacts differ from t = {number(parted)} on"
 
-    rows, role = list[dict[str, str]](), "double precision" if truth else "reference"
-    for line in _lines(comparisons, f"{method_of(first.reference)} ({role})"):
+    rows = list[dict[str, str]]()
+    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
         c, one = line.of, line.contact
         speed, lost = (c.ns_per_step, c.totals_energy_lost) if line.run and line.whole else (np.nan, np.nan)
         if c.steps or not line.run:
             counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
             rows.append({"run": line.name, "ns per step": number(speed), **counts, "energy lost": percent(lost)})
-        if truth is not None and len(rows) == len(truth.contacts) == 1 and one is not None:
-            record, sampled = truth.contacts[0], truth.impacts_sampled(first.dt).count
-            counts = line.counts(ContactMeasures(sampled, 0, record.fraction, record.peak_force, record.impulse))
-            name = f"exact ({truth.provenance['digits']} digits)"
-            rows.insert(0, {"run": name, "ns per step": DASH, **counts, "energy lost": DASH})
     return f"To t = {end:g}, {first.reference.partition('@')[2]} form{said}", _frame(rows)
 
 

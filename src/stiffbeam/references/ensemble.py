@@ -15,7 +15,7 @@ from ..basics.resources import cores, over_slices
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, Runs, record_from, slim
+from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference
@@ -88,8 +88,8 @@ def reference_ensemble(
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, one, members, t_end, at)
-    return Ensemble(
-        **vars(Runs.of([run for part in parts for run in part])), members=members, t=times,
+    return Ensemble.of(
+        [run for part in parts for run in part], members=members, t=times,
         work=Work(0, seconds, seconds), provenance=first.provenance | notes, ledger=ledger,
     )  # fmt: skip
 

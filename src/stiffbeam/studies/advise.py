@@ -9,26 +9,23 @@ With several contacts the largest error counts. Every scheme runs with 2^k n ste
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
 steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
 stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
-coarse run of another is enough. If some requirements cannot be met, the others count only if every finer step meets
-them too.
+coarse run of another is enough. If no run is advised, the one with the smallest worst error over the wanted one is
+named.
 
-Past the horizon a single motion has no meaning, so the means over perturbed members are compared. A mean is right if it
-and the 95 % interval of the difference lie within the admissible error; the tip has no such mean. The members differ by
-a thousandth of the motion, so they diverge as soon as a scheme diverges from the exact motion. Closer members would all
-follow one motion of that scheme first, and their mean would contain no information on the distribution.
+Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
+study ``ensemble`` compares distributions past it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import takewhile
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+import pandas as pd
 from cyclopts import Parameter
 
-from ..basics.arrays import Array
 from ..basics.progress import current
 from ..basics.resources import clock
 from ..basics.validation import InputError, instance, one_of, positive, sequence
@@ -37,33 +34,26 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
-from ..measures.errors import stays_within, tip_error
-from ..model.members import SPREAD, perturbed_members
+from ..measures.errors import tip_error
 from ..model.modes import modes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..references import best_reference
-from ..references.ensemble import reference_ensemble
 from ..schemes import Scheme
 from ..schemes.labels import label_of_run
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from . import common
 from .base import Answer, Records, Row, Study, Table, option
-from .ensemble import difference, too_uncertain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BETWEEN = 5  # steps of one motion that are tried between a step and its half; means state their own interval
-FEWEST = 8  # members of a mean
+BETWEEN = 5  # steps that are tried between a step and its half
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
-COLUMNS = {"impacts": "impact_count", "peak_force": "peak_force", "impulse": "impulse"}  # of an ensemble
-QUANTITIES = ("tip", *COLUMNS)
+QUANTITIES: tuple[str, ...] = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
-MOST_STEPS, MOST_DIRECT, MOST_MEMBER = 2**20, 2**14, 2**11  # of a run; marched with matrices, a thousand times slower
-PAST = "past the horizon t = {} no step gives one motion: motions 1e-16 apart have diverged there"
-FEW = "{} exact motions take some {:.0f} s: "
+MOST_STEPS, MOST_DIRECT = 2**20, 2**14  # of a run; marched with matrices, a thousand times slower
 
 
 def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
@@ -77,7 +67,7 @@ def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Advise(Study):
-    """Which scheme, contact treatment and time step are the cheapest for given errors, and which does none reach?
+    """Which scheme, contact treatment and time step are the cheapest for given errors?
 
     The search ends after ``seconds`` of CPU with what is known by then. In Python ``advise.advised(records)`` is the
     run that is advised.
@@ -96,12 +86,10 @@ class Advise(Study):
     contacts: common.Labels = option(("implicit", "conserving"), "treatments of contact to try, comma-separated")
     form: str | None = common.form()
     most_steps: int | None = option(
-        None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices, 2^11 for means", least=1
+        None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices", least=1
     )
-    members: int = option(48, "perturbed runs per mean, past the horizon", least=2)
     seconds: float = option(60.0, "CPU seconds after which the search ends")
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "most_steps": 2**12, "seconds": 5.0}
     all_cores: ClassVar = True
     any_step: ClassVar = True
 
@@ -123,86 +111,55 @@ class Advise(Study):
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 
     def run(self, case: Case) -> list[Row]:
-        """A row of kind "run" for every trial, of kind "cannot" for every error that none reaches, and "remark"."""
+        """A row of kind "run" for every trial, and remarks."""
         begun, show, t_end = clock(), current(), case.t_end
         system = case.system(self.form)
         wanted = _wanted(system, self.want)
-        share = 0.4 * self.seconds  # for the exact motion, and for its ensemble
-        exact = best_reference(system, t_end, progress=show, seconds=share)
+        exact = best_reference(system, t_end, progress=show, seconds=0.4 * self.seconds)
         remarks = [remark(system, exact)]
         if "budget" in exact.provenance:
             t_end = float(exact.t[-1])
             remarks.append(f"The advice is for the time that the exact motion reached, {exact.provenance['budget']}.")
-        # One motion up to the horizon; past it means over perturbed members, as many as there is time for.
-        past, members = exact.horizon < t_end, self.members
-        affordable = int(share / max(exact.work.march_seconds, 1e-9))
-        if past and affordable < members:
-            few = FEW.format(members, members * exact.work.march_seconds)
-            past, members = affordable >= FEWEST, affordable
-            if past:
-                remarks.append(f"{few}there is time for {members}.")
-            else:
-                t_end = exact.horizon
-                remarks.append(f"{few}the advice is for one motion to its horizon t = {t_end:.4g}.")
-                exact = best_reference(system, t_end, progress=show)
-        criterion = Statistics(system, t_end, members) if past else Motion(exact)
-        cannot = {"tip": PAST.format(f"{exact.horizon:.4g}")} if past and "tip" in wanted else {}
-        cannot |= too_uncertain(criterion.scatter, members, wanted)
-        open_wants = {name: x for name, x in wanted.items() if name not in cannot}
-        most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_MEMBER if past else MOST_DIRECT)
-        search, chosen = Search(system, t_end, criterion, begun + self.seconds), None
-        if open_wants:
-            chosen = search.cheapest(self._candidates(case, system), open_wants, most)
-            if not search.tried:
-                raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
+        if exact.horizon < t_end:
+            t_end = exact.horizon
+            remarks.append(f"The advice is for the time to the horizon t = {t_end:.4g} of the exact motion.")
+            exact = best_reference(system, t_end, progress=show)
+        most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_DIRECT)
+        search = Search(system, t_end, exact, begun + self.seconds)
+        chosen = search.cheapest(self._candidates(case, system), wanted, most)
+        if not search.tried:
+            raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
         if search.ended:
             remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
-        # Give up what no run reaches, and advise for the rest.
-        while chosen is None and open_wants:
-            worst = unreached(search.tried, open_wants, max(p.steps for p in search.tried))
-            # Means carry the scatter of their members, which no step makes smaller.
-            more = f"; a mean over more than {members} members is nearer" if past else ""
-            cannot |= {name: why + more for name, why in worst.items()}
-            open_wants = {name: x for name, x in open_wants.items() if name not in worst}
-            chosen = cheapest(search.tried, open_wants) if open_wants else None
-        facts = {"t_end": t_end, "horizon": exact.horizon, "members": criterion.members}
+        facts = {"t_end": t_end, "horizon": exact.horizon}
         rows = [
             {"kind": "run"} | vars(p) | {"scheme": label_of_run(p.scheme), "advised": p is chosen}
             | {f"error_{x}": p.errors[x] for x in p.errors} for p in search.tried
         ]  # fmt: skip
         for row in rows:
             del row["errors"]
-        if chosen is not None:
-            run = integrate(system, chosen.scheme, chosen.dt, t_end, chosen.contact)
-            facts["trusted_until"] = stays_within(run, exact, wanted.get("tip", WANT["tip"]))
-        facts |= {f"scatter_{name}": x for name, x in criterion.scatter.items()}
-        rows += [{"kind": "cannot", "quantity": name, "reason": why} for name, why in cannot.items()]
         rows += [{"kind": "remark", "reason": text} for text in remarks if text]
         return [row | facts for row in rows]
 
     def answer(self, table: Table, case: Case) -> Answer:
-        """The run that is advised with its errors, and the errors that no run reaches, each with the reason."""
-        wanted, first, run = _wanted(case.system(self.form), self.want), table.iloc[0], advised_row(table)
-        met = _attainable(table, wanted)
+        """The run that is advised with its errors, or the run that is nearest to what is wanted."""
+        wanted, run = _wanted(case.system(self.form), self.want), advised_row(table)
         notes = [str(x) for x in table[table.kind == "remark"].reason] if "reason" in table else []
-        verdict = "No run meets the admissible errors."
-        if run is not None:
-            errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in met)
-            over = f", in the mean over {first.members:g} members" if first.members else ""
-            verdict = f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {first.t_end:g}, {run.work:g} "
-            verdict += f"linear solves, relative errors {errors}{over}."
-            least = wanted.get("tip", WANT["tip"])
-            notes.append(f"The tip is within {least:g} max|u| of the exact one to t = {first.trusted_until:.4g}.")
-        for row in table[table.kind == "cannot"].itertuples():
-            notes.append(f"Not attainable: {row.quantity} to {wanted[str(row.quantity)]:g}: {row.reason}.")
-        return Answer(verdict, notes=" ".join(notes))
+        verdict = ""
+        if run is None:
+            runs = table[table.kind == "run"]
+            run = next(runs.loc[[_worst(runs, wanted).idxmin()]].itertuples())
+            verdict = f"No run of up to {runs.steps.max():g} steps is sure to meet the admissible errors; nearest: "
+        errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
+        verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
+        return Answer(f"{verdict}linear solves, relative errors {errors}.", notes=" ".join(notes))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
         axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        met, runs, best = _attainable(table, wanted), table[table.kind == "run"].copy(), advised_row(table)
+        runs, best = table[table.kind == "run"].copy(), advised_row(table)
         if len(runs):
-            runs["worst"] = np.max([runs[f"error_{x}"] / wanted[x] for x in met or wanted], axis=0)
+            runs["worst"] = _worst(runs, wanted)
             for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
                 style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
                 style |= {"alpha": 0.5} if contact != "implicit" else {}
@@ -238,9 +195,9 @@ def _label(row: Any) -> str:
     return f"{row.scheme}" + (f", {row.contact} contact" if row.contact != "implicit" else "")
 
 
-def _attainable(table: Table, wanted: Mapping[str, float]) -> list[str]:
-    cannot = set(table[table.kind == "cannot"].quantity) if "quantity" in table else set()
-    return [name for name in wanted if name not in cannot]
+def _worst(runs: Table, wanted: Mapping[str, float]) -> Any:
+    """The largest of the errors over the wanted ones, of every run."""
+    return pd.concat([runs[f"error_{name}"] / x for name, x in wanted.items()], axis=1).max(axis=1)
 
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
@@ -286,7 +243,7 @@ class Search:
 
     system: System
     t_end: float
-    criterion: Motion | Statistics
+    exact: Reference
     until: float
     tried: list[Probe] = field(default_factory=list)
     ended: str = ""  # number of steps at which the time was over
@@ -295,7 +252,7 @@ class Search:
         """The run with this number of steps; None if the scheme refuses the system."""
         dt = self.t_end / steps
         try:
-            errors, seconds = self.criterion.errors(self.system, scheme, contact, dt, self.t_end)
+            errors, seconds = errors_of(integrate(self.system, scheme, dt, self.t_end, contact), self.exact)
         except (Diverged, InputError) as error:
             if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
                 return None
@@ -315,8 +272,8 @@ class Search:
             refined, level = [], []
             for done, (scheme, contact, before) in enumerate(alive):
                 show(f"advise: runs of {steps} steps", done, len(alive))
-                # A run takes twice as long as the one of half the steps, which has as many members.
-                last = 0.0 if before is None else 2.0 * before.seconds * max(1, self.criterion.members)
+                # A run takes twice as long as the one of half the steps.
+                last = 0.0 if before is None else 2.0 * before.seconds
                 if clock() + last > self.until and (level or self.tried):
                     self.ended = f"{steps} steps"
                     continue
@@ -345,9 +302,8 @@ class Search:
 
     def _confirmed(self, coarse: Probe, want: Mapping[str, float]) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
-        count = 0 if self.criterion.members else BETWEEN
-        for k in range(1, count + 1):
-            run = self.probe(coarse.scheme, coarse.contact, round(coarse.steps * 2.0 ** (k / (count + 1))))
+        for k in range(1, BETWEEN + 1):
+            run = self.probe(coarse.scheme, coarse.contact, round(coarse.steps * 2.0 ** (k / (BETWEEN + 1))))
             if run is not None:
                 self.tried.append(run)
                 if not run.meets(want):
@@ -355,75 +311,14 @@ class Search:
         return True
 
 
-def cheapest(tried: list[Probe], want: dict[str, float]) -> Probe | None:
-    """The cheapest run that meets the requirements together with at least one finer run and all finer ones. Otherwise a
-    coarse run meets them by chance."""
-    good: list[Probe] = []
-    for kind in dict.fromkeys((str(p.scheme), p.contact) for p in tried):
-        finest_first = sorted((p for p in tried if (str(p.scheme), p.contact) == kind), key=lambda p: -p.steps)
-        good += list(takewhile(lambda p: p.meets(want), finest_first))[1:]
-    return min(good, key=lambda p: p.work, default=None)
-
-
-def unreached(tried: list[Probe], want: dict[str, float], most: int) -> dict[str, str]:
-    """Requirements that no step meets; if there is none, the one that costs most."""
-    # Every quantity alone: those that no run reaches, else the one whose cheapest run costs most.
-    alone = {name: cheapest(tried, {name: x}) for name, x in want.items()}
-    reasons = {}
-    for name in [name for name, probe in alone.items() if probe is None]:
-        best = min(tried, key=lambda p, name=name: p.errors[name])
-        kept = "some, but of no scheme all finer ones," if best.meets({name: want[name]}) else "none"
-        runs = f"{kept} of {len(tried)} runs of up to {most} steps reach it"
-        reasons[name] = f"{runs}; the best has {best.errors[name]:.3g}, {_label(best)} at dt = {best.dt:.3g}"
-    if reasons:
-        return reasons
-    name, probe = max(((n, p) for n, p in alone.items() if p is not None), key=lambda pair: pair[1].work)
-    return {name: f"not together with the rest; alone with {_label(probe)} at dt = {probe.dt:.3g}"}
-
-
-class Motion:
-    """Errors of one motion against the exact one."""
-
-    members = 0
-    scatter: Mapping[str, float] = {}
-
-    def __init__(self, exact: Reference) -> None:
-        self.exact = exact
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
-        run = integrate(system, scheme, dt, t_end, contact)
-        pairs = list(zip(run.contacts, self.exact.contacts, strict=True))
-        counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
-        errors = {"tip": tip_error(run.tip, self.exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
-        for name in ("peak_force", "impulse"):
-            errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-        return errors, run.work.march_seconds
-
-
-class Statistics:
-    """Errors of means over perturbed members against those of the exact ensemble."""
-
-    def __init__(self, system: System, t_end: float, members: int) -> None:
-        self.members = members
-        self.systems = perturbed_members(system, members, SPREAD, t_end=t_end)
-        self.exact = reference_ensemble(system, t_end, self.systems)
-        self.scatter = {
-            name: max((_deviation(getattr(contact, column)) for contact in self.exact.contacts), default=0.0)
-            for name, column in COLUMNS.items()
-        }
-
-    def errors(
-        self, system: System, scheme: Scheme, contact: str, dt: float, t_end: float
-    ) -> tuple[dict[str, Any], float]:
-        """Errors of the means with the 95 % intervals of the differences, the worst over the contacts, and seconds of
-        a member; Diverged where one overflows."""
-        many = common.run_members(scheme, self.systems, dt, t_end, contact)
-        pairs = list(zip(many.contacts, self.exact.contacts, strict=True))
-        errors = {name: max(_mean_error(getattr(a, x), getattr(b, x)) for a, b in pairs) for name, x in COLUMNS.items()}
-        return errors, many.work.march_seconds / len(self.systems)
+def errors_of(run: Trajectory, exact: Reference) -> tuple[dict[str, float], float]:
+    """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
+    pairs = list(zip(run.contacts, exact.contacts, strict=True))
+    counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
+    errors = {"tip": tip_error(run.tip, exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
+    for name in ("peak_force", "impulse"):
+        errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
+    return errors, run.work.march_seconds
 
 
 def _relative(value: float, exact: float) -> float:
@@ -431,15 +326,3 @@ def _relative(value: float, exact: float) -> float:
     if exact == 0.0:
         return 0.0 if value == 0.0 else np.inf
     return abs(value / exact - 1.0)
-
-
-def _deviation(values: Array) -> float:
-    mean = float(np.mean(values))
-    return float(np.std(values, ddof=1)) / mean if mean else 0.0
-
-
-def _mean_error(values: Array, exact: Array) -> float:
-    """|difference of the means| with its 95 % interval, over the exact mean."""
-    off, interval = difference(np.asarray(values, float), np.asarray(exact, float))
-    mean = float(np.mean(exact))
-    return _relative(off, mean) if mean == 0.0 else (abs(off) + interval) / mean

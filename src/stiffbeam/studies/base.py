@@ -60,14 +60,13 @@ def option(default: Any, help: str, least: int | None = None) -> Any:
 class Study:
     """Base of all studies: fields are options, the first line of the docstring is the question.
 
-    Class variables: ``smoke``, options of a run of seconds; ``all_cores``, True where a point uses every core;
+    Class variables: ``all_cores``, True where a point uses every core;
     ``needs_stops`` and ``needs_motion``;
     ``any_step``, True where the study chooses the time steps itself;
     ``free``, True where the motion touches no stop; ``named_by``, options in the names of files;
     ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
     """
 
-    smoke: ClassVar[Mapping[str, Any]] = {}
     all_cores: ClassVar[bool] = False
     needs_stops: ClassVar[bool] = False
     needs_motion: ClassVar[bool] = False
@@ -365,9 +364,8 @@ def _key(study: Study, case: Case) -> list[Any]:
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
     options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
     uncertain = {path: repr(one) for path, one in case.uncertain.items()}
-    finer = _described(getattr(case, "finer", None))
     kind = f"{type(study).__module__}:{type(study).__qualname__}"
-    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, finer, source_hash()]
+    return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]
 
 
 def _described(value: Any, source: bool = False) -> Any:

@@ -61,7 +61,6 @@ class Chaos(Study):
     )
     span: float | None = option(None, "time span of a pair; default: half the horizon")
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "starts": 6}
     needs_motion: ClassVar = True
     all_cores: ClassVar = True
     height: ClassVar = 4.6

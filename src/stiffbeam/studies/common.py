@@ -14,7 +14,7 @@ from ..basics.resources import afford
 from ..basics.validation import InputError, exact_float, sequence
 from ..figures.chart import short
 from ..files.cases import Case
-from ..integrators import SCHEME, Integrator, integrators
+from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..march.integrate import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
 from ..model.members import EnsembleMembers
@@ -24,7 +24,7 @@ from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, Reference
-from .base import Study, Table, option
+from .base import Table, option
 
 _SOLVED = Recent[Reference](4)
 
@@ -103,6 +103,9 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
         every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
         given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
     each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
+    for x in each:
+        if x.kind == RECORDED:
+            raise InputError("integrators", x.label, "be able to run", "pass recorded runs to compare or score")
     named = [replace(x, label=label_of_run(x.source)) if x.kind == SCHEME else x for x in each]
     return {x.label: x for x in named}
 
@@ -142,15 +145,6 @@ def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     return observed_order(step(kept), kept[error])
 
 
-def to_the_end(steps: int, outputs: int) -> int:
-    """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
-
-    The last step is among them where the number of steps has such a divisor.
-    """
-    most = max(1, steps // outputs)
-    return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
-
-
 def run_members(
     scheme: Scheme, members: EnsembleMembers, dt: float, t_end: float, contact: str, every: int | None = None
 ) -> Ensemble:
@@ -170,11 +164,3 @@ def solve_once(system: System, t_end: float) -> Reference:
 def first_impacts(case: Case, form: str, impacts: int) -> float:
     """The end of the case's first impacts, ``impacts`` of them, see ``first_impacts_end``."""
     return first_impacts_end(solve_once(case.system(form), case.t_end), impacts)
-
-
-def smoke_options(kind: type[Study], case: Case) -> dict[str, Any]:
-    """Options of a study for a run of seconds, with a scheme of the case where others do not support its stops."""
-    name = next((x for x in ("schemes", "integrators") if x in kind.smoke), None)
-    if name is None or kind.free or all(takes(case, x) for x in chosen_schemes(case, kind.smoke[name]).values()):
-        return dict(kind.smoke)
-    return {**kind.smoke, name: [str(case.runs[0][0])]}

@@ -10,73 +10,68 @@ import numpy as np
 
 from ..basics.progress import current
 from ..basics.validation import InputError, one_of, positive, step_count
-from ..files.cases import Case
+from ..files.cases import Case, compared
 from ..files.reference_cache import cached_reference
-from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest, integrators
+from ..integrators import SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
-from .references import frozen, shipped
 
 
 @dataclass(frozen=True)
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
-    budget: CPU seconds that a further reference may take, the main one four times as many; one that would take more
-    ends earlier. cache: store the references, and use stored ones. failures: (label, message), of which those
-    ``refused`` cannot be asked of the case. truths: stored solutions of tables of the paper, by form.
+    form: None for that of the case's first run. budget: CPU seconds that a further reference may take, the main one
+    four times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
+    failures: (label, message), of which those ``refused`` cannot be asked of the case.
     """
 
     case: Case
+    form: str | None = None
     contact: str = "implicit"
     budget: float = BUDGET
     cache: bool = False
     runs: list[Trajectory] = field(default_factory=list)
-    references: list[Reference] = field(default_factory=list)  # the main one of each form first
+    references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
     failures: list[tuple[str, str]] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
-    truths: dict[str, Reference] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def run(
-        self, runs: Sequence[tuple[Any, str]] | None = None, references: Sequence[str] | None = None
+        self, schemes: Sequence[Any] | None = None, references: Sequence[str] | None = None
     ) -> Iterator[Trajectory]:
-        """Run every scheme over the case's time span and compare it with a reference of the same form.
+        """Run every scheme over the case's time span and compare it with a reference.
 
         The schemes run first, then the main reference, the first of ``references`` that supports the system, over the
         whole span, then the others to its horizon; they are compared like the schemes. A run that fails is reported and
-        the others go on. Yields each scheme when it is finished, the main references when all schemes are compared, and
+        the others go on. Yields each scheme when it is finished, the main reference when all schemes are compared, and
         each other reference when it is compared.
 
-        runs: (integrator, form); None for the case's own. The integrator is a Scheme, a function, a recorded run or the
-        label of one (``integrators``); the name of a solver makes it a further reference. references: methods; None for
-        those of ``COMPARED`` that support the system.
+        schemes: each a Scheme, a function, a recorded run or the label of one (``integrators``), the name of a solver
+        makes it a further reference; None for those of ``compared``. references: methods; None for those of
+        ``COMPARED`` that support the system.
         """
-        case = self.case
+        case, show = self.case, current()
         step_count(case.dt, case.t_end)
         one_of("contact", self.contact, TREATMENTS)
         positive("budget", self.budget)
-        first = case.system()
+        form = self.form or (case.runs[0][1] if case.runs else case.forms[0])
+        system = case.system(form)
         if references is None:
-            alone = COMPARED[1:] if substitute(first, case.t_end) else COMPARED
-            references = COMPARED_RIGID if first.rigid else alone
+            alone = COMPARED[1:] if substitute(system, case.t_end) else COMPARED
+            references = COMPARED_RIGID if system.rigid else alone
         for name in references:
             method_of(name, "references")
-        pairs = list(case.runs if runs is None else runs)
-        chosen = [
-            (case.system(form), one)
-            for form in dict.fromkeys(form for _, form in pairs)
-            for one in integrators(x for x, of_run in pairs if of_run == form)
-        ]
+        chosen = integrators(compared(case, form) if schemes is None else schemes)
         refused = list[Exception]()
-        for system, one in chosen:
+        for one in chosen:
             if one.kind == SOLVER:
                 continue
             try:
@@ -87,27 +82,19 @@ class CaseComparison:
                 refused.append(error)
         if not self.runs and refused and all(isinstance(x, InputError) and x.field != "dt" for x in refused):
             raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
-        methods = dict.fromkeys([*references, *(one.source for _, one in chosen if one.kind == SOLVER)])
-        further = list[tuple[Reference, Iterator[Reference]]]()
-        for system in {system.form: system for system, _ in chosen}.values():
-            solutions = self._references(system, list(methods))
-            main = next(solutions, None)
-            if main is not None:
-                self._against_main(main, system.form)
-                further.append((main, solutions))
-        for main, solutions in further:
-            yield main  # its energy, which is saved with it, may take longer than the table
-            for one in solutions:
-                self._measure(one, main)
-                yield one
+        methods, main = dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]), None
+        for solution in self._references(system, list(methods)):
+            for run in self.runs if main is None else [solution]:
+                show(f"measuring {run.label}", 0, 0)
+                self._measure(run, main or solution)
+            main = main or solution
+            yield solution
 
     def _scheme(self, one: Integrator, system: System) -> Trajectory:
         """The run of an integrator that chooses no steps itself."""
         case, label, show = self.case, f"{one.label}@{system.form}", current()
         steps = round(case.t_end / case.dt)
         show(label, 0, steps)
-        if one.kind == RECORDED and len(one.source) == 1:
-            return one.source[0]
         repeat = fastest if one.kind == SCHEME else lambda march: march()
         done = lambda step: show(label, step, steps)  # noqa: E731
         return repeat(lambda: one.run(system, case.dt, case.t_end, self.contact, show=done))
@@ -140,18 +127,6 @@ class CaseComparison:
             if steps < 2:
                 return
 
-    def _against_main(self, main: Reference, form: str) -> None:
-        """Compare the schemes of a form with its main reference; beyond its horizon look for a stored solution."""
-        case, show = self.case, current()
-        for run in self.runs:
-            if run.provenance["form"] == form:
-                show(f"measuring {run.label}", 0, 0)
-                self._measure(run, main)
-        if main.horizon < case.t_end and (folder := shipped()) is not None:
-            true = frozen(folder, case, form, case.t_end)
-            if true is not None and true.provenance["t_end"] == case.t_end:
-                self.truths[form] = true
-
     def _measure(self, run: Trajectory, main: Reference) -> None:
         """Compare, or note why it cannot be: one run that cannot be compared does not end the others."""
         try:
@@ -181,6 +156,5 @@ class CaseComparison:
                 for r in self.references
             ],
             "comparisons": [c.to_dict() for c in self.comparisons],
-            "truths": {form: truth.impacts.count for form, truth in self.truths.items()},
             "failures": [{"run": label, "message": message} for label, message in self.failures],
         }

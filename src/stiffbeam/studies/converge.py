@@ -16,7 +16,7 @@ import pandas as pd
 from ..basics.validation import InputError, one_of
 from ..figures.chart import log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
-from ..integrators import RECORDED, SCHEME, SOLVER, Integrator, fastest
+from ..integrators import SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import slowest_period, smooth_motion, without_contact
 from ..measures.report import DASH, percent
@@ -56,7 +56,7 @@ VIEWS = {  # x, y, title
 class Converge(Study):
     """How fast do the errors fall with the time step, at what cost, and from which step on are the impacts right?
 
-    Schemes and functions run at dt, dt/2, ..., solvers at their tolerances, recorded runs at their own steps. Without
+    Schemes and functions run at dt, dt/2, ..., solvers at their tolerances. Without
     contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
@@ -80,8 +80,6 @@ class Converge(Study):
     form: str | None = common.form()
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"integrators": ["BDF2", "SDIRK(gamma=0.4359)"], "halvings": 4, "impacts": 2,
-                       "views": ["order", "work", "impacts", "loss"]}  # fmt: skip
     height: ClassVar = 8.4
     labels: ClassVar = {
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
@@ -131,19 +129,10 @@ class Converge(Study):
                     plan += [shared | {"rtol": float(rtol)} for rtol in levels]
                     continue
                 plan += [shared | each for each in self._steps(case, one, kind, end)]
-        if not plan:
-            rule = "run without contact or have stops: recorded runs are of the case itself"
-            raise InputError("integrators", ", ".join(self.chosen(case)), rule, "give a function or a scheme")
         return plan
 
     def _steps(self, case: Case, one: Integrator, kind: str, end: float) -> list[Row]:
         """Numbers of steps, each with its octave."""
-        if one.kind == RECORDED:  # of the case itself, which is no smooth motion
-            system = case.system(self.form)
-            steps = sorted({float(run.provenance["dt"]) for run in one.source}, reverse=True) if kind == CONTACT else []
-            for dt in steps[:1]:
-                one.recorded_at(system, dt)
-            return [{"steps": round(end / dt), "octave": round(float(np.log2(steps[0] / dt)))} for dt in steps]
         per = PER_OCTAVE if kind == CONTACT and one.kind == SCHEME else 1
         counts = [max(4, round(end / case.dt * 2.0 ** (k / per))) for k in range(self.halvings * per)]
         # Steps that round to one number are one point.
@@ -157,7 +146,7 @@ class Converge(Study):
         if kind == SMOOTH:
             system = smooth_motion(system)
         exact = common.solve_once(system, case.t_end if kind == CONTACT else t_end)
-        timed = fastest if self.measured and one.kind != RECORDED else lambda run: run()
+        timed = fastest if self.measured else lambda run: run()
         if rtol:
             times = np.linspace(0.0, t_end, SAMPLES + 1)
             run = timed(lambda: one.solve(system, rtol, times, t_end))
@@ -180,13 +169,9 @@ class Converge(Study):
 
     def _followed(self, case: Case, one: Integrator, exact: Reference, dt: float) -> Row:
         """Impacts of a run and of the exact motion to its horizon, and the time to which they match."""
-        end = min(exact.horizon, case.t_end)
-        if one.kind == RECORDED:
-            end = min(end, max(float(run.t[-1]) for run in one.source))
-        steps = max(2, round(end / dt))
-        end, system = steps * dt if one.kind != RECORDED else end, case.system(self.form)
-        run = one.run(system, dt, end, self.contact, every=steps)
-        until = min(end, exact.horizon)
+        steps = max(2, round(min(exact.horizon, case.t_end) / dt))
+        run = one.run(case.system(self.form), dt, steps * dt, self.contact, every=steps)
+        until = min(steps * dt, exact.horizon)
         pairs = list(zip(run.contacts, exact.contacts, strict=True))
         return {
             "impacts": sum(ours.impacts.until(until).count for ours, _ in pairs),

@@ -2,7 +2,7 @@
 
     rounding    deviation(Q)/|mean(Q)| over exact motions whose starts differ by 1e-15; 0 up to the horizon
     scheme      |mean(Q_scheme - Q)|/|mean(Q)| over the drawn members, Q exact on the same mesh
-    mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on cubic elements or by a finer model;
+    mesh        |mean(Q_fine - Q)|/|mean(Q)|, exact on cubic elements; matrices have no mesh;
                 2^p/(2^p - 1) of that on twice as many cells, p the order of the form
     data        deviation(Q)/|mean(Q)| over the drawn members
 
@@ -14,11 +14,9 @@ Intervals hold with 95 %: bootstrap over the members (BCa). The mesh has a brack
 
     cubic elements on the cells of the case    0.9 to 1.1    compliant stops, forms of order 2; measured on random beams
     twice the cells                            2/3 to 3/2    rigid stops, hermite form; p is the order of smooth motions
-    a finer model of matrices                  2/3 to 2      1 to 4/3 of the distance, with a margin of 3/2
 
-A source is the largest if it is in 97.5 % of the resamples, in each of which all columns have the same members and are
-at the unfavourable ends of their brackets. If none is, those that may be the largest are named together. Rounding need
-not exceed data, which contain it.
+The largest sources are those whose intervals reach the largest low end of all. Data contain rounding: they count only
+if they exceed it.
 """
 
 from __future__ import annotations
@@ -60,13 +58,9 @@ QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse
 UNITS = {"tip": "length", "largest force": "force", "impulse": "impulse", "energy": "energy"}
 SOURCES = ("rounding", "scheme", "mesh", "data")
 RESAMPLES = 2000
-SURE = 0.975  # of the resamples in which the source that is named is the largest
 ORDERS = {"displacement": 2, "velocity-curvature": 2, "hermite": 4}  # in h, of smooth motions
 TWICE_THE_CELLS = (2 / 3, 3 / 2)  # bracket of the extrapolated error of the mesh
 CUBIC_ELEMENTS = (0.9, 1.1)  # of the distance to them
-# Of the distance to a finer model, which is 1 of the error of one without error and 3/4 of one of half the width at
-# order 2: from 1 to 4/3 of it, with a margin of 3/2 to either side.
-FINER_MODEL = (2 / 3, 2.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +68,7 @@ class Doubt(Study):
     """How uncertain is each result of a run, and is it by rounding, scheme, mesh or data?
 
     Exact motions of ``members`` systems with random parameters on two meshes are compared with runs of the scheme. The
-    ranges of the parameters are those of the case file, in its table case.uncertain. For matrices the table case.finer
-    holds a finer model.
+    ranges of the parameters are those of the case file, in its table case.uncertain.
 
     Example: stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'
     """
@@ -88,20 +81,13 @@ class Doubt(Study):
     rng: int = option(1, "seed of the random systems", least=0)
     form: str | None = common.form()
     contact: str = common.treatment()
-    finer: Annotated[System | None, Parameter(parse=False)] = option(
-        None, "for matrices: the same structure on a finer mesh"
-    )
 
-    smoke: ClassVar = {"members": 8}
     all_cores: ClassVar = True
 
     def require(self, case: Case) -> None:
-        """Raise InputError for a case without uncertain parameters, and for a finer model of a beam."""
+        """Raise InputError for a case without uncertain parameters."""
         form = self.form or case.forms[0]
         drawn_members(case.system(form), self.uncertain or case.uncertain, self.members, self.rng)
-        if self.finer is not None and case.beam is not None:
-            rule = "belong to a system of matrices"
-            raise InputError("finer", repr(self.finer), rule, "leave it out: a beam has its cells")
 
     def points(self, case: Case) -> list[Row]:
         """All ensembles together."""
@@ -109,8 +95,6 @@ class Doubt(Study):
 
     def run(self, case: Case) -> list[Row]:
         """A row for each quantity and source: the mean, the relative uncertainty and its interval."""
-        if self.finer is not None:
-            case = replace(case, finer=self.finer)
         form, t_end, uncertain = self.form or case.forms[0], case.t_end, self.uncertain or case.uncertain
         scheme = (
             case.runs[0][0] if self.scheme is None else next(iter(common.chosen_schemes(case, [self.scheme]).values()))
@@ -136,7 +120,8 @@ class Doubt(Study):
         shared = {"scheme": str(scheme), "horizon": horizon}
         rows = list[Row]()
         for quantity, (mean, columns) in columns_of(exact, many, of_mesh).items():
-            largest, shares = ranked(columns), {name: share(x, abs(mean)) for name, x in columns.items()}
+            shares = {name: share(x, abs(mean)) for name, x in columns.items()}
+            largest = largest_of(shares)
             rows += [
                 {"quantity": quantity, "source": source, "mean": mean, "value": shares[source][0],
                  "low": shares[source][1], "high": shares[source][2], "largest": source in largest} | shared
@@ -149,7 +134,7 @@ class Doubt(Study):
         named: dict[str, list[str]] = {}
         small = list[Row]()
         for quantity, rows in table.groupby("quantity", sort=False):
-            largest = " or ".join(rows[rows.largest & (rows.high > 0.0)].sort_values("value", ascending=False).source)
+            largest = " or ".join(rows[rows.largest].sort_values("value", ascending=False).source)
             named.setdefault(largest or "none", []).append(str(quantity))
             row = {"95 % intervals": with_unit(case.units, str(quantity), UNITS.get(_kind(quantity), "")),
                    "mean": f"{rows['mean'].iloc[0]:.4g}", "largest": largest or "none"}  # fmt: skip
@@ -159,8 +144,7 @@ class Doubt(Study):
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
         notes += f"the motion certain to t = {first.horizon:.4g}."
         if "mesh" not in columns:
-            notes += " The case has matrices and no finer model: for the error of the mesh write [case.finer] beside "
-            notes += "[case.system], or pass finer=."
+            notes += " The error of the mesh is not known: the case has matrices, and no mesh to refine."
         sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
         return Answer(f"Largest source of uncertainty: {sources}.", pd.DataFrame(small)[columns], notes)
 
@@ -213,13 +197,14 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
 
 def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float, float]]:
     """The system on a finer mesh, and what times the distance to it is the error of the mesh: the value and the ends of
-    its bracket. None for matrices without a finer model."""
+    its bracket. None for matrices."""
     if case.beam is None:
-        return case.refined(form), (1.0, *FINER_MODEL)
+        return None, (1.0, 1.0, 1.0)
     if form == "hermite" or case.system(form).rigid:
         power = 2.0 ** ORDERS[form]
         factor = power / (power - 1.0)
-        return case.refined(form), (factor, factor * TWICE_THE_CELLS[0], factor * TWICE_THE_CELLS[1])
+        finer = replace(case, cells=2 * case.cells).system(form)
+        return finer, (factor, factor * TWICE_THE_CELLS[0], factor * TWICE_THE_CELLS[1])
     return replace(case, cells=max(case.cells, LEAST)).system("hermite"), (1.0, *CUBIC_ELEMENTS)
 
 
@@ -291,11 +276,6 @@ class Column:
         """|statistic| of all members, times its factor."""
         return self.factors[0] * abs(float(self.statistic(self.sample)))
 
-    def resampled(self) -> Array:
-        """The statistic of RESAMPLES resamples, which are the same members in every column of that size."""
-        draws = np.random.default_rng(1).integers(0, len(self.sample), (RESAMPLES, len(self.sample)))
-        return self.statistic(self.sample[draws], axis=-1)
-
 
 def shift(values: Array, wanted: Array) -> Column:
     """The column of mean(values - wanted), member by member."""
@@ -310,15 +290,15 @@ def scatter(values: Array) -> Column:
 def interval(column: Column) -> tuple[float, float]:
     """Ends of the 95 % BCa interval of the statistic. A sample whose values are all equal has an interval without
     width."""
-    drawn = column.resampled()
-    ends = float(np.min(drawn)), float(np.max(drawn))
-    if ends[0] == ends[1]:
-        return ends
+    if np.ptp(column.sample) == 0.0:
+        return float(column.statistic(column.sample)), float(column.statistic(column.sample))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
         found = scipy.stats.bootstrap((column.sample,), column.statistic, n_resamples=RESAMPLES, rng=1)
     low, high = map(float, found.confidence_interval)
-    return (low, high) if np.isfinite(low) and np.isfinite(high) else ends
+    # All resamples on one side of the estimate have no BCa interval: all of them then.
+    ends = found.bootstrap_distribution
+    return (low, high) if np.isfinite(low) and np.isfinite(high) else (float(np.min(ends)), float(np.max(ends)))
 
 
 def share(column: Column, scale: float) -> tuple[float, float, float]:
@@ -332,18 +312,11 @@ def share(column: Column, scale: float) -> tuple[float, float, float]:
     return column.size / scale, low / scale, high / scale
 
 
-def ranked(columns: Mapping[str, Column]) -> tuple[str, ...]:
-    """The largest source, or those that may be the largest. Data, which contain the scatter of rounding, do not count
-    against it."""
-    # A source at the low end of its bracket is held against all others at their high ends.
-    least, most = ({x: c.factors[end] * np.abs(c.resampled()) for x, c in columns.items()} for end in (1, 2))
-    names = sorted(columns, key=lambda x: -columns[x].size)
-    for name in names:
-        rivals = [most[x] for x in names if x != name and (name, x) != ("rounding", "data")]
-        if columns[name].size > 0.0 and np.mean(np.all([least[name] >= x for x in rivals], axis=0)) >= SURE:
-            return (name,)
-    # Rounding stands for data if they may be its scatter alone.
-    if "rounding" in most and "data" in names and np.mean(least["data"] >= most["rounding"]) < SURE:
-        names.remove("data")
-    first = least[names[0]]
-    return (names[0], *([x for x in names[1:] if np.mean(first >= most[x]) < SURE] or names[1:2]))
+def largest_of(shares: Mapping[str, tuple[float, float, float]]) -> tuple[str, ...]:
+    """The sources that may be the largest, by value: those whose intervals reach the largest low end. Data, which
+    contain the scatter of rounding, stand aside where they may be that alone."""
+    known = {name: one for name, one in shares.items() if one[2] > 0.0}
+    if {"rounding", "data"} <= set(known) and known["rounding"][2] >= known["data"][1]:
+        del known["data"]
+    least = max((low for _, low, _ in known.values()), default=0.0)
+    return tuple(sorted((x for x in known if known[x][2] >= least), key=lambda x: -known[x][0]))

@@ -1,38 +1,29 @@
 """Statistics past the horizon: distributions over many perturbed runs.
 
-Impacts and their rate, time in contact, durations of contacts, largest forces, energy and spectra, with their spread
-over the members. A duration lasts from the entry into a stop to the exit from it. Most contacts are short bounces, most
+Impacts and their rate, time in contact, durations of contacts, largest forces and energy, with their spread over the
+members. A duration lasts from the entry into a stop to the exit from it. Most contacts are short bounces, most
 of the time in contact is spent in a few long ones: so the table has the median over the contacts and the duration
 beyond which half of the time in contact is spent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import integer
-from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short, tip_symbol
-from ..figures.runs import OMEGA
+from ..figures.chart import log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
-from ..integrators import RECORDED, SCHEME, Integrator, part_of
 from ..march.integrate import integrate_ensemble
-from ..measures.frequencies import amplitude_spectrum, drive_frequency
 from ..measures.report import DASH, percent
-from ..model.members import SPREAD, EnsembleMembers, perturbed_members
-from ..model.system import System
+from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
-from ..trajectory.ensemble import Ensemble as RunsOfScheme
-from ..trajectory.ensemble import Runs
-from ..trajectory.trajectory import Diverged, Trajectory
+from ..trajectory.trajectory import Diverged
 from . import common
 from .base import Answer, Row, Study, Table, option
 
@@ -41,32 +32,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
-SAMPLES = 4000  # tip samples of a member, for the spectrum
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
-HARMONICS = 16  # the spectrum is kept up to this multiple of the drive
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ensemble(Study):
-    """Past the horizon, do the schemes at least have the right distribution of impacts, durations, forces and spectra?
+    """Past the horizon, do the schemes at least have the right distribution of impacts, durations and forces?
 
-    The exact solution and every integrator start from the same ``members`` initial data, which differ by ``size``
-    relative to the motion. A solver runs at its default tolerance. Recorded runs of one name count as the members:
-    perturb them by ``perturbed_members``.
+    The exact solution and every scheme start from the same ``members`` initial data, which differ by ``size`` relative
+    to the motion.
 
     Example: stiffbeam ensemble table10 --schemes 'BDF2,HHT(alpha=-0.1)' --members 50
     """
 
-    schemes: common.Labels = option(
-        None, "comma-separated schemes, reference solvers and functions module:function; default: all schemes"
-    )
+    schemes: common.Labels = common.schemes()
     form: str | None = common.form()
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
     rng: int = option(1, "seed of the perturbations", least=0)
     contact: str = common.treatment()
 
-    smoke: ClassVar = {"schemes": ["HHT(alpha=-0.1)"], "members": 8}
     needs_motion: ClassVar = True
     needs_stops: ClassVar = True
     all_cores: ClassVar = True
@@ -78,38 +63,23 @@ class Ensemble(Study):
     }  # fmt: skip
 
     def points(self, case: Case) -> list[Row]:
-        """The exact solution and every integrator."""
-        picked = common.chosen(case, self.schemes)
-        for label, one in picked.items():
-            if one.kind == RECORDED:
-                integer(f"members of {label}", len(one.source), 2)
-        return [{"method": method} for method in dict.fromkeys(["exact", *picked])]
-
-    def members_of(self, case: Case, system: System) -> EnsembleMembers:
-        """Systems with perturbed starts."""
-        return perturbed_members(system, self.members, self.size, self.rng, t_end=case.t_end)
+        """The exact solution and every scheme."""
+        return [{"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str) -> list[Row]:
-        """Rows of members, the distributions of durations and peak forces, and the spectrum."""
+        """Rows of members, and the distributions of durations and peak forces."""
         system, dt, t_end = case.system(self.form), case.dt, case.t_end
-        members = self.members_of(case, system)
-        every = common.to_the_end(round(t_end / dt), SAMPLES)
-        t = np.arange(0, round(t_end / dt) + 1, every) * dt
-        many: RunsOfScheme | Runs
-        one = None if method == "exact" else common.chosen(case, self.schemes)[method]
-        if one is None:
-            many = reference_ensemble(system, t_end, members, t)
-        elif one.kind == SCHEME:
-            many = integrate_ensemble(system, one.source, dt, t_end, members, self.contact, every)
+        members = perturbed_members(system, self.members, self.size, self.rng, t_end=t_end)
+        if method == "exact":
+            many = reference_ensemble(system, t_end, members)
         else:
-            many = Runs.of(_runs(one, system, members, dt, t_end, t))
+            scheme = common.chosen_schemes(case, self.schemes)[method]
+            many = integrate_ensemble(system, scheme, dt, t_end, members, self.contact)
         if np.all(np.isfinite(many.diverged)):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
-        drive = drive_frequency(system)
         losses = np.full((len(many), 2), np.nan)
-        # The exact flow loses nothing; the runs of a function may hold no states.
-        if isinstance(many, RunsOfScheme) and method != "exact":
+        if method != "exact":  # whose flow loses nothing
             for i in np.flatnonzero(whole)[:LEDGERS]:
                 ledger = many.ledger(i)
                 losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
@@ -127,7 +97,7 @@ class Ensemble(Study):
                 for i in range(len(many))
             ]  # fmt: skip
             rows += _distributions(number, contact.impacts)
-        return rows + _spectrum(t, many.tip[whole], drive)
+        return rows
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
@@ -186,7 +156,7 @@ class Ensemble(Study):
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """Every member a dot in the line of its method and contact, the mean as a bar; distributions; spectra."""
+        """Every member a dot in the line of its method and contact, the mean as a bar; distributions."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
         groups = [
             (str(method), f" at contact {n:g}" if several else "", rows)
@@ -207,45 +177,13 @@ class Ensemble(Study):
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
-            axis = figure.add_subplot(grid[1, 2 * i : 2 * i + 2])
+            axis = figure.add_subplot(grid[1, 3 * i : 3 * i + 3])
             for method, _, rows in groups if name in table else ():
                 style: Any = look(method) | {"marker": "", "lw": 1.1}
                 axis.plot(rows[name], rows.level, label=short(method), **style)
             log_scale(axis, y=False)
             axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
-        axis = figure.add_subplot(grid[1, 4:])
-        self._spectra(axis, table[table.kind == "spectrum"], case)
         shared_legend(figure, 5)
-
-    def _spectra(self, axis: Axes, rows: Table, case: Case) -> None:
-        lines(axis, rows, "omega", "amplitude", "method", marker="")
-        exact = rows[rows.method == "exact"]
-        if len(exact):
-            axis.fill_between(exact.omega, exact.low, exact.high, color="0.82", lw=0, zorder=0, label="exact, 90 %")
-        log_scale(axis, x=False)
-        if (top := rows.amplitude.max()) > 0.0:
-            axis.set_ylim(1e-4 * top, 2.0 * top)
-        up = with_unit(case.units, f"mean amplitude of {tip_symbol(case.beam)}", "length")
-        axis.set(title="spectra, mean over the members", xlabel=with_unit(case.units, OMEGA, "frequency"), ylabel=up)
-
-
-def _runs(
-    one: Integrator, system: System, members: EnsembleMembers, dt: float, t_end: float, t: Array
-) -> list[Trajectory]:
-    """A run of each member, or the recorded ones, with the tip at the times t (k,)."""
-    if one.kind == RECORDED:
-        for run in one.source:
-            replace(one, source=(run,)).recorded_at(system, dt)
-        runs = [part_of(run, system, t_end, one.label) for run in one.source]
-    else:
-        runs = [one.run(member, dt, t_end) for member in members]
-    return [_sampled(run, t) for run in runs]
-
-
-def _sampled(run: Trajectory, t: Array) -> Trajectory:
-    """Return the run with its tip at the times t (k,)."""
-    spline = CubicHermiteSpline(run.t, run.tip, run.tip_velocity)
-    return replace(run, t=t, tip=spline(t), tip_velocity=spline(t, 1))
 
 
 def _distributions(number: int, impacts: Any) -> list[Row]:
@@ -265,19 +203,6 @@ def half_time(durations: Array) -> float:
     durations = np.sort(durations)
     spent = np.cumsum(durations)
     return float(durations[np.searchsorted(spent, 0.5 * spent[-1])])
-
-
-def _spectrum(t: Array, tips: Array, drive: float) -> list[Row]:
-    """Mean over the members and a band that holds 90 % of them."""
-    omega, _ = amplitude_spectrum(t, tips[0], drive)
-    amplitudes = np.array([amplitude_spectrum(t, tip, drive)[1] for tip in tips])
-    last = np.searchsorted(omega, HARMONICS * drive) if drive else min(len(omega), 400)
-    low, high = np.quantile(amplitudes, [0.05, 0.95], axis=0)
-    return [
-        {"kind": "spectrum", "omega": float(omega[k]), "amplitude": float(np.mean(amplitudes[:, k])),
-         "low": float(low[k]), "high": float(high[k])}
-        for k in range(1, last)
-    ]  # fmt: skip
 
 
 def distribution(table: Table, method: str, quantity: str) -> Array:
@@ -301,22 +226,6 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
         return off, 0.0
     freedom = 1.0 / sum((v / variance) ** 2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
     return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
-
-
-def too_uncertain(scatter: Mapping[str, float], n: int, want: Mapping[str, float]) -> dict[str, str]:
-    """Quantities whose mean over n exact motions has a wider interval than the wanted error, and why.
-
-    scatter: relative standard deviation of an exact motion. No scheme meets such a want: the interval of ``difference``
-    is at least that of the exact mean, with the 2 (n - 1) degrees of freedom that it has at most.
-    """
-    reasons = {}
-    for name in [x for x in want if x in scatter]:
-        width = float(student.ppf(0.975, 2 * (n - 1))) * scatter[name]
-        if width / n**0.5 > want[name]:
-            needed = 2.0 * (width / want[name]) ** 2  # of the scheme and of the exact motion
-            interval = f"the mean of {n} exact motions has a 95 % interval of ±{width / n**0.5:.2g}"
-            reasons[name] = f"{interval}; about {float(f'{needed:.1g}'):.0f} members are needed"
-    return reasons
 
 
 def _mean(values: Array) -> float:

@@ -41,7 +41,6 @@ class Modes(Study):
     form: str | None = common.form()
     steps: int = option(4000, "number of time steps of a run", least=1)
 
-    smoke: ClassVar = {"schemes": ["BDF2", "HHT(alpha=-0.1)"], "steps": 400}
     free: ClassVar = True
     height: ClassVar = 8.6
     labels: ClassVar = {"dt_over_period": (r"$\Delta t/T$ of the mode", "")}
@@ -73,12 +72,8 @@ class Modes(Study):
                 continue
             theory = amplification(made, x, xi)
             row |= {"dt_over_period": x, "spectral_radius": float(theory.spectral_radius[0])}
-            for name, error in (("period_elongation", "elongation_error"), ("damping_ratio", "damping_error")):
-                row |= {
-                    name: float(getattr(errors, name)[j]),
-                    f"{name}_error": float(getattr(errors, error)[j]),
-                    f"{name}_theory": float(getattr(theory, name)[0]),
-                }
+            for name, *_ in QUANTITIES:
+                row |= {name: float(getattr(errors, name)[j]), f"{name}_theory": float(getattr(theory, name)[0])}
             rows.append(row)
         return rows
 

@@ -1,11 +1,11 @@
-"""Periodic orbits over a parameter, stable or not, and where their stability changes, over the sweep's diagram.
+"""Periodic orbits over a parameter, stable or not, and where their stability changes.
 
     orbit: q(t + m T) = q(t), m periods of the drive (references/exact/orbit.py)
 
 Natural continuation: the parameter is stepped through its range, and Newton's method starts from the line through the
 last two orbits. Where it fails or finds an orbit far from there, the step is halved. A branch that turns back, at a
 fold, ends so. The first orbit is looked for from the motion after many periods, at several values of the parameter.
-The section of the exact solution or of a scheme, once a period, lies below (sweep.py): it shows what is attracting.
+The study ``sweep`` shows what is attracting.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.units import with_unit
-from ..basics.validation import InputError, near
+from ..basics.validation import InputError, near, number
 from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
@@ -28,7 +28,6 @@ from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
 from .parameters import EXACT, PARAMETERS, drive_period, is_path, named, setup_of
-from .sweep import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +50,6 @@ Branch = list[tuple[float, Orbit]]
 class Orbits(Study):
     """Which periodic orbits are there over a parameter, stable or not, and where do they change?
 
-    The branch of periodic orbits over the range of ``values``, and below it the bifurcation diagram at these values.
     The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
     0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
     Limitation: a branch ends where it turns back, at a fold.
@@ -63,48 +61,36 @@ class Orbits(Study):
     )
     values: common.Values = option(None, common.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
-    method: str = option(EXACT, "method of the diagram below the branch: exact, or a scheme")
     form: str | None = common.form()
-    contact: str = common.treatment()
-    periods: int = option(16, "periods of the drive in the diagram", least=1)
-    transient: int = option(32, "periods of the drive before those of the diagram", least=0)
     count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
-    smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
     named_by: ClassVar = ("parameter",)
     height: ClassVar = 8.8
 
     def points(self, case: Case) -> list[Row]:
-        """The branch, and the points of the diagram."""
-        if drive_period(case.system(self.form), self.parameter) is None:
+        """The branch."""
+        period = drive_period(case.system(self.form), self.parameter)
+        if period is None:
             remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
             raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
         if self.parameter not in PARAMETERS and not is_path(self.parameter):
             rule = "be one of the system, a branch is one of the exact solution"
             raise InputError("parameter", self.parameter, rule, near(self.parameter, PARAMETERS))
-        diagram = self._diagram().points(case)
-        along = [float(each[0]) for part in diagram for each in part["values"]]
+        if self.values is None and self.parameter != "frequency":
+            raise InputError("values", None, f"be given for {self.parameter}", "for example 8:14:60")
+        along = [number("values", x) for x in self.values or np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period]
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
         branch: Row = {
-            "kind": "branch", "parameter": self.parameter, "form": self.form or case.forms[0],
-            "length": self.length, "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
+            "parameter": self.parameter, "form": self.form or case.forms[0], "length": self.length,
+            "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
         }  # fmt: skip
         for end in (min(along), max(along)):
             require_periodic(*_maker(case, branch)(end))
-        return [branch, *diagram]
-
-    def _diagram(self) -> Sweep:
-        return Sweep(
-            parameter=self.parameter, values=self.values, method=self.method,
-            form=self.form, contact=self.contact, count=self.count, periods=self.periods, transient=self.transient,
-        )  # fmt: skip
+        return [branch]
 
     def run(self, case: Case, **point: Any) -> list[Row]:
-        """Rows of the branch with its changes of stability, or the section at some values."""
-        if point.get("kind") != "branch":
-            rows = self._diagram().run(case, **point)
-            return [row for row in rows if row.get("kind") == "section" or "lost" in row]
+        """Rows of the branch with its changes of stability."""
         make, name, (low, high) = _maker(case, point), point["parameter"], point["limits"]
         grid, reason = np.linspace(low, high, point["steps"]).tolist(), ""
         for value, first in _starts(make, np.linspace(low, high, 3)[[1, 0, 2]].tolist()):
@@ -147,12 +133,9 @@ class Orbits(Study):
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """The branch over the section; the multipliers in the complex plane."""
-        name, orbits, section = self.parameter, table[table.kind == "orbit"], table[table.kind == "section"]
+        """The branch; the multipliers in the complex plane."""
+        name, orbits = self.parameter, table[table.kind == "orbit"]
         above, plane = figure.subplots(2, 1, height_ratios=(1.35, 1.0))
-        if len(section):
-            label = f"section, {section.method.iloc[0]}"
-            above.plot(section[name], section.tip, ".", ms=3.4, mew=0.0, color="0.35", alpha=0.6, label=label)
         for kind, rows in orbits.groupby("stability", sort=False) if len(orbits) else ():
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
@@ -179,10 +162,10 @@ def _of_kind(table: Table, kind: str) -> list[Row]:
 
 def _maker(case: Case, point: Row) -> Maker:
     system = case.system(point["form"])
-    shared = {"parameter": point["parameter"], "second": None, "method": EXACT, "dt": None}
+    shared = {"parameter": point["parameter"], "method": EXACT, "dt": None}
 
     def make(x: float) -> tuple[System, float]:
-        setup = setup_of(system, shared, [x], None)
+        setup = setup_of(system, shared, x, None)
         return setup.system, point["length"] * setup.period
 
     return make

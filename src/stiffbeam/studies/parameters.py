@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,11 +10,10 @@ import numpy as np
 
 from ..basics.arrays import content
 from ..basics.units import with_unit
-from ..basics.validation import InputError, integer, positive
+from ..basics.validation import InputError, positive
 from ..files.cases import Case
-from ..model.members import require_kept, value_at, with_values
+from ..model.members import value_at, with_values
 from ..model.problem import PointLoad
-from ..model.semidiscretisation import semidiscretise
 from ..model.system import System
 from ..model.time_functions import Drive, Harmonic
 from ..schemes import Scheme
@@ -39,18 +37,7 @@ def _clearance(system: System, value: float) -> System:
     return replace(system, contacts=tuple(moved))
 
 
-def _cells(system: System, value: float) -> System:
-    """The beam on another grid, h = L/value."""
-    if system.problem is None:
-        remedy = "vary another parameter, or describe a beam with a number of cells"
-        raise InputError("parameter", "cells", "be asked of a beam", remedy)
-    return semidiscretise(
-        system.problem, integer("cells", int(value) if value == int(value) else value, 1), system.form
-    )
-
-
-PARAMETERS = ("frequency", "amplitude", "clearance", "stiffness", "viscosity", "cells")  # beside paths
-IN_STEP = ("amplitude", "clearance", "stops.stiffness")  # members of one ensemble
+PARAMETERS = ("frequency", "amplitude", "clearance", "stiffness", "viscosity")  # beside paths
 
 
 @dataclass(frozen=True)
@@ -115,27 +102,21 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
     return None if method == EXACT else next(iter(chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, point: Row, value: Sequence[float], scheme: Scheme | None) -> Setup:
+def setup_of(system: System, point: Row, value: float, scheme: Scheme | None) -> Setup:
     """Setup with one value on the case's system; scheme: None for the exact solution. Raises InputError for a value
     that is not possible."""
-    dt = point["dt"]
-    for name, x in zip(names_of(point), value, strict=True):
-        if name == "clearance":
-            system = _clearance(system, x)
-        elif name == "cells":
-            system = _cells(system, x)
-        elif name == "dt":
-            dt = positive("dt", x)
-        elif scheme is not None and name in scheme.parameters:
-            changed = type(scheme)(**(scheme.parameters | {name: x}))
-            scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
-        else:
-            system = with_values(system, {name: x})
-    if len(value) > 1:
-        pairs = zip(names_of(point), value, strict=True)
-        require_kept(system, {name: x for name, x in pairs if is_path(name)})
+    name, dt = point["parameter"], point["dt"]
+    if name == "clearance":
+        system = _clearance(system, value)
+    elif name == "dt":
+        dt = positive("dt", value)
+    elif scheme is not None and name in scheme.parameters:
+        changed = type(scheme)(**(scheme.parameters | {name: value}))
+        scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
+    else:
+        system = with_values(system, {name: value})
     whole = point.get("t_end")
-    period = drive_period(system, point["parameter"]) if whole is None else whole
+    period = drive_period(system, name) if whole is None else whole
     assert period is not None
     if dt is None:
         return Setup(system, None, 0.0, period)
@@ -143,11 +124,6 @@ def setup_of(system: System, point: Row, value: Sequence[float], scheme: Scheme 
         half = f"{'half a period of the drive' if whole is None else 'half the run'}, {0.5 * period:.6g}"
         raise InputError("dt", dt, f"be at most {half}", "take a smaller dt")
     return Setup(system, scheme, period / round(period / dt), period)
-
-
-def names_of(point: Row) -> list[str]:
-    """The names of a value's numbers."""
-    return [name for name in (point["parameter"], point["second"]) if name is not None]
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float | None:
@@ -169,7 +145,6 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 NAMES = {
     "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
     "stops.stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness", "viscosity": "viscosity",
-    "cells": "cells $L/h$",
     "dt": r"time step $\Delta t$", "alpha": r"$\alpha$", "gamma": r"$\gamma$", "rho": r"$\rho_\infty$",
 }  # fmt: skip
 

@@ -41,7 +41,6 @@ class Rigid(Study):
     impacts: int = option(3, "number of impacts in the time window", least=1)
     form: str | None = common.form()
 
-    smoke: ClassVar = {"factors": [16.0, 256.0, 4096.0], "impacts": 2}
     needs_stops: ClassVar = True
     needs_motion: ClassVar = True
     height: ClassVar = 8.0

@@ -44,7 +44,6 @@ class Space(Study):
     impacts: int = option(1, "number of impacts in the time window", least=1)
     modes: int = option(3, "number of natural frequencies to compare", least=1)
 
-    smoke: ClassVar = {"cells": [6, 8, 12], "finest": 20}
     height: ClassVar = 9.4
     labels: ClassVar = {
         "width": ("width of a cell, a share of the beam's length", ""),

@@ -1,4 +1,4 @@
-"""Sweeps: the tip once a period against any parameter; impacts and forces over one or two of them.
+"""Sweeps: the tip once a period, impacts and forces against any parameter.
 
     section: u(1, n T), n = transient + 1 .. transient + periods, T the period of the drive
 
@@ -12,7 +12,6 @@ t_end at every value, with impacts per unit of time and without sections.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -40,12 +39,10 @@ from . import common
 from .base import Answer, Row, Study, Table, option
 from .parameters import (
     EXACT,
-    IN_STEP,
     Setup,
     drive_period,
     is_path,
     named,
-    names_of,
     parameters_of,
     scheme_of,
     setup_of,
@@ -66,22 +63,20 @@ BATCHES = 16  # points of a sweep
 class Sweep(Study):
     """How does the motion change with a parameter: periodicity, number of impacts, forces?
 
-    One motion for each value of ``parameter``; with ``second`` impacts and forces on a grid, without a diagram. The
-    ``values`` are in the units of the case; by default they are ``count`` drive frequencies from 0.7 to 1.3 of the
-    case's. Of each motion ``periods`` of the drive are recorded, after ``transient`` periods. By default these are 60
-    after 100. If several frequencies drive the system, the period is that of the drive whose parameter is varied.
-    Limitation: each motion starts as the case does; a coexisting motion is not seen (see orbits).
+    One motion for each value of ``parameter``. The ``values`` are in the units of the case; by default they are
+    ``count`` drive frequencies from 0.7 to 1.3 of the case's. Of each motion ``periods`` of the drive are recorded,
+    after ``transient`` periods. By default these are 60 after 100. If several frequencies drive the system, the period
+    is that of the drive whose parameter is varied.
+    Limitation: each motion starts as the case does; a coexisting motion is not seen.
 
     Example: stiffbeam sweep table10 --parameter frequency --values 8:14:400
     """
 
     parameter: str = option(
         "frequency",
-        "frequency, amplitude, clearance, stiffness, viscosity, cells, dt, alpha, or a path: stops.stiffness",
+        "frequency, amplitude, clearance, stiffness, viscosity, dt, alpha, or a path: stops.stiffness",
     )
     values: common.Values = option(None, common.VALUES)
-    second: str | None = option(None, "another parameter: impacts and forces on a grid")
-    second_values: common.Values = option(None, "as for the first parameter")
     method: str | None = option(
         None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     )
@@ -91,14 +86,12 @@ class Sweep(Study):
     transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
 
-    smoke: ClassVar = {"count": 4, "periods": 3, "transient": 1}
-    named_by: ClassVar = ("parameter", "second")
+    named_by: ClassVar = ("parameter",)
     height: ClassVar = 9.4
 
     def points(self, case: Case) -> list[Row]:
         """Batches of values that march together, after the checks of the options."""
-        parameter, second, base = self.parameter, self.second, case.system(self.form)
-        method = self.method
+        parameter, base, method = self.parameter, case.system(self.form), self.method
         if method is None:
             runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
             method = runs[0] if runs else EXACT
@@ -112,35 +105,29 @@ class Sweep(Study):
         if values is None:
             assert period is not None  # else refused
             values = np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period
-        axes = {parameter: values} if second is None else {parameter: values, second: self.second_values}
-        for name, along in axes.items():
-            if along is None or not len(along):
-                raise InputError("values", along, f"be given for {name}", "for example 8:14:400 or 8,9,10.5")
-        grid = [[number(name, x) for x in along] for name, along in axes.items() if along is not None]
+        if not len(values):
+            raise InputError("values", values, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
+        values = [number(parameter, x) for x in values]
         transient = 0 if once else self.transient
         shared = {
-            "parameter": parameter, "second": second, "method": method, "form": self.form or case.forms[0],
+            "parameter": parameter, "method": method, "form": self.form or case.forms[0],
             "contact": self.contact, "dt": None if method == EXACT else case.dt,
             "periods": 1 if once else self.periods, "transient": transient,
         } | ({"t_end": case.t_end} if once else {})  # fmt: skip
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-        ends = [setup_of(base, shared, value, scheme) for value in product(*([min(axis), max(axis)] for axis in grid))]
+        ends = [setup_of(base, shared, value, scheme) for value in (min(values), max(values))]
         if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
             try:
                 refuse(ends[0].system, transient * ends[0].period)
             except InputError as error:
                 remedy = "name a scheme as method, or transient=0: other solvers record contacts from the start only"
                 raise InputError(error.field, error.value, error.rule, remedy) from None
-        if second is not None and parameter in IN_STEP:  # what marches together stands together
-            wanted = [[x, y] for y in grid[1] for x in grid[0]]
-        else:
-            wanted = [list(value) for value in product(*grid)]
-        size = -(-len(wanted) // BATCHES)
-        return [{**shared, "values": wanted[i : i + size]} for i in range(0, len(wanted), size)]
+        size = -(-len(values) // BATCHES)
+        return [{**shared, "values": values[i : i + size]} for i in range(0, len(values), size)]
 
     def _check(self, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
         """Raise InputError for options that do not go together; once: without a period of the drive."""
-        parameter, second, base = self.parameter, self.second, case.system(self.form)
+        parameter, base = self.parameter, case.system(self.form)
         if once:
             covered(base.time_functions, case.t_end)
             if self.values is None:
@@ -149,27 +136,18 @@ class Sweep(Study):
                 raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
         elif self.values is None and parameter != "frequency":
             raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
-        if second is None and self.second_values is not None:
-            remedy = "name the second parameter"
-            raise InputError("second_values", self.second_values, "be left out without second", remedy)
-        if second is not None and not case.has_stops:
-            remedy = "vary one parameter only, or give the case stops"
-            raise InputError("case", case.name, "have stops for a grid of two parameters", remedy)
-        if second == parameter:
-            raise InputError("second", second, "be another parameter", "give the grid two different parameters")
         known = parameters_of(scheme)
-        for name in filter(None, (parameter, second)):
-            if name not in known and not is_path(name):
-                remedy = f"{near(name, known)}, or a path such as stops[0].upper"
-                raise InputError("parameter", name, f"be one of the case or of {method}", remedy)
+        if parameter not in known and not is_path(parameter):
+            remedy = f"{near(parameter, known)}, or a path such as stops[0].upper"
+            raise InputError("parameter", parameter, f"be one of the case or of {method}", remedy)
 
-    def run(self, case: Case, values: list[list[float]], **point: Any) -> list[Row]:
+    def run(self, case: Case, values: list[float], **point: Any) -> list[Row]:
         """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
         groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
         for value in values:
-            named = dict(zip(names_of(point), value, strict=True))
+            named: Row = {self.parameter: value}
             try:
                 setup = setup_of(system, point, value, scheme)
                 groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
@@ -185,13 +163,13 @@ class Sweep(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
-        first, names, small = table.iloc[0], self._names(), list[Row]()
+        first, small = table.iloc[0], list[Row]()
         for place, contacts in _places(table[table.kind == "contact"]):
             for name, label, scale in self._measures(contacts, case):
                 known = contacts[contacts[name].notna()]
                 if len(known):
                     least, most = (
-                        f"{row[name] / scale:.4g} at " + ", ".join(f"{x} {row[x]:.5g}" for x in names)
+                        f"{row[name] / scale:.4g} at {self.parameter} {row[self.parameter]:.5g}"
                         for row in (known.loc[known[name].idxmin()], known.loc[known[name].idxmax()])
                     )
                     small.append({"over all values": label + place, "least": least, "most": most})
@@ -201,19 +179,17 @@ class Sweep(Study):
         else:
             notes += _transient(case.system(self.form), self.transient, self.parameter)
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
-        ranges = (f"{x} {table[x].min():g} to {table[x].max():g}" for x in names)
+        values = table[self.parameter]
         verdict = "; ".join(_periodicity(table, self.parameter) or most) or "no contact"
-        return Answer(f"{first.method} over {' and '.join(ranges)}: {verdict}.", pd.DataFrame(small), notes)
+        return Answer(
+            f"{first.method} over {self.parameter} {values.min():g} to {values.max():g}: {verdict}.",
+            pd.DataFrame(small),
+            notes,
+        )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
-        """One parameter: sections, impacts, forces on one axis. Two: a map of each quantity."""
+        """Sections, impacts and forces on one axis."""
         contacts = table[table.kind == "contact"]
-        if self.second is not None:
-            places = list(_places(contacts))
-            figure.set_figheight(4.4 * len(places))
-            for i, (place, group) in enumerate(places):
-                self._maps(figure, i, len(places), group, place, case)
-            return
         sections = table[table.kind == "section"]
         measures = self._measures(contacts, case) if len(contacts) else []
         heights = ([3.0] if len(sections) else []) + [1.0] * len(measures)
@@ -249,27 +225,6 @@ class Sweep(Study):
             axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
-
-    def _maps(self, figure: Figure, i: int, lines: int, group: Table, place: str, case: Case) -> None:
-        """Colours on the grid of both parameters; logarithmic where the values are decades apart."""
-        from matplotlib.colors import LogNorm
-
-        measures = self._measures(group, case)
-        for j, (quantity, label, scale) in enumerate(measures):
-            axis = figure.add_subplot(lines, len(measures), i * len(measures) + j + 1)
-            grid = group.pivot(index=self.second, columns=self.parameter, values=quantity)
-            values = grid.to_numpy(float) / scale
-            known = values[np.isfinite(values)]
-            if len(known):
-                norm = LogNorm() if _decades(known) else None
-                x, y = grid.columns.to_numpy(float), grid.index.to_numpy(float)
-                drawn = axis.pcolormesh(x, y, values, cmap="cividis", shading="nearest", norm=norm, rasterized=True)
-                figure.colorbar(drawn, ax=axis, label=label)
-            axis.set(title=label + place, xlabel=named(case, self.parameter), ylabel=named(case, str(self.second)))
-            log_scale(axis, x=_decades(group[self.parameter]), y=_decades(group[str(self.second)]))
-
-    def _names(self) -> list[str]:
-        return [self.parameter] if self.second is None else [self.parameter, self.second]
 
     def _measures(self, contacts: Table, case: Case) -> list[tuple[str, str, float]]:
         """Columns of these contacts, each with its label and its scale: impacts, time in contact, largest force."""
@@ -322,7 +277,7 @@ def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     for place, seen in enumerate(many.contacts):
         statistics = {"count": seen.impact_count[i], "fraction": seen.fraction[i], "peak_force": seen.peak_force[i]}
         rows.append(named | {"kind": "contact", "contact_number": place} | {n: x.item() for n, x in statistics.items()})
-    if point["second"] is None and "t_end" not in point:
+    if "t_end" not in point:
         tips, speeds = (x[i, point["transient"] + 1 :] for x in (many.tip, many.tip_velocity))
         # u alone may be near 0 at these times: the response to a sine without damping is.
         named = named | {"size": float(np.max(np.hypot(tips, speeds * float(many.t[1]) / (2.0 * np.pi))))}

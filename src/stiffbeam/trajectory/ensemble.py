@@ -68,33 +68,6 @@ class ContactStatistics:
         return self.impacts.take(rows)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Runs:
-    """Records of M runs with their contacts, the parts of an ensemble.
-
-    tip, tip_velocity: (M, k) at the output times. diverged: (M,), the time at which a run overflowed, NaN for none;
-    nothing is recorded after it.
-    """
-
-    tip: Array
-    tip_velocity: Array
-    contacts: tuple[ContactStatistics, ...]
-    diverged: Array
-
-    def __len__(self) -> int:
-        return len(self.diverged)
-
-    @classmethod
-    def of(cls, runs: Sequence[Trajectory]) -> Runs:
-        """The records of single runs, at least one."""
-        return cls(
-            tip=np.array([run.tip for run in runs]),
-            tip_velocity=np.array([run.tip_velocity for run in runs]),
-            contacts=tuple(map(ContactStatistics.of, zip(*(run.contacts for run in runs), strict=True))),
-            diverged=np.array([run.diverged for run in runs]),
-        )
-
-
 def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
     """What an ensemble keeps of a run: tip and velocity at the first ``outputs`` of its times, and the statistics of
     its contacts."""
@@ -108,7 +81,7 @@ def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ensemble(Runs):
+class Ensemble:
     """Runs of M members of an ensemble.
 
     The arrays over the members of the first contact are attributes of the ensemble itself, such as ``impact_count``.
@@ -139,11 +112,29 @@ class Ensemble(Runs):
     (8, 51)
     """
 
+    tip: Array
+    tip_velocity: Array
+    contacts: tuple[ContactStatistics, ...]
+    diverged: Array
     members: EnsembleMembers
     t: Array
     work: Work
     provenance: dict[str, Any]
     ledger: Callable[[int], Ledger] = field(repr=False)
+
+    @classmethod
+    def of(cls, runs: Sequence[Trajectory], **others: Any) -> Ensemble:
+        """The records of single runs, at least one; others: the other fields."""
+        return cls(
+            tip=np.array([run.tip for run in runs]),
+            tip_velocity=np.array([run.tip_velocity for run in runs]),
+            contacts=tuple(map(ContactStatistics.of, zip(*(run.contacts for run in runs), strict=True))),
+            diverged=np.array([run.diverged for run in runs]),
+            **others,
+        )
+
+    def __len__(self) -> int:
+        return len(self.diverged)
 
     def __repr__(self) -> str:
         return f"<Ensemble {self.label}: {several(len(self), 'member')}, {self.members.parameter}>"

@@ -173,57 +173,46 @@ def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
     return intervals(t, chi, np.abs(stops.force(u, v)) * step_lengths(t), switch)
 
 
-def rebounds(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
-    """Impacts on rigid stops in positions u (k,), velocities v (k,) or None, at increasing times t (k,).
+def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
+    """Impacts on rigid stops in positions u (k,) and velocities v (k,) at increasing times t (k,).
 
     An impact is a step in which a body that approaches a stop, and would reach it within a step and a half, stops
     approaching. Its time is that at which the body would have been at the stop with the previous speed. A speed below a
-    millionth of the largest is no approach: a body at rest on its stop may move by rounding. If velocities are not
-    given, each side of the jump has its own differences.
+    millionth of the largest is no approach: a body at rest on its stop may move by rounding.
     """
     step, rows = np.diff(t), np.zeros((0, 2))
-    rates = np.diff(u) / step
     for sign, g in ((-1.0, stops.lower_bound), (1.0, stops.upper_bound)):
         if not np.isfinite(g):
             continue
-        # Without velocities: the difference that leads to a time arrives, the one that follows it leaves.
-        arriving, leaving = sign * np.append(0.0, rates), sign * np.append(rates, rates[-1])
-        if v is not None:
-            arriving = leaving = sign * v
+        speed = sign * v
         gap, rounding = sign * (g - u), AT_REST * max(abs(g), float(np.max(np.abs(u))))
-        near = gap[:-1] <= 1.5 * step * np.maximum(arriving[:-1], 0.0) + rounding
+        near = gap[:-1] <= 1.5 * step * np.maximum(speed[:-1], 0.0) + rounding
         near[0] &= gap[0] > rounding  # a blow at t = 0 is no impact
-        least = 1e-6 * np.max(np.abs(arriving))
+        least = 1e-6 * np.max(np.abs(speed))
         # Near the stop, approaching at the start of the step and no longer at its end.
-        hit = np.flatnonzero(near & (arriving[:-1] > least) & (leaving[1:] <= least))
-        if v is None:  # the difference across an impact may seem to arrive once more, or to leave before it
-            again = np.flatnonzero(np.diff(hit) == 1)
-            beyond = gap[hit[again]] > arriving[hit[again]] * step[hit[again]]
-            hit = np.delete(hit, again + ~beyond)
+        hit = np.flatnonzero(near & (speed[:-1] > least) & (speed[1:] <= least))
         # The time at the stop at the speed of the approach, within the step.
-        when = t[hit] + np.clip(gap[hit] / arriving[hit], 0.0, step[hit])
+        when = t[hit] + np.clip(gap[hit] / speed[hit], 0.0, step[hit])
         rows = np.concatenate([rows, np.stack([when, np.full(len(hit), sign)], axis=1)])
     times, sides = rows[np.argsort(rows[:, 0], kind="stable")].T
     return Impacts.at(times, sides, "sampled")
 
 
-def sampled_impacts(t: Array, u: Array, v: Array | None, stops: Stops) -> Impacts:
-    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds``, where v
-    may be None, for those on rigid stops."""
+def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
+    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds`` for those
+    on rigid stops."""
     if stops.rigid:
         return rebounds(t, u, v, stops)
-    assert v is not None
     return impacts_in(contact_spans(t, u, v, stops), bool(t[0] == 0.0), 0, np.abs(stops.force(u, v)))
 
 
-def sampled_record(t: Array, u: Array, v: Array, stops: Stops, smoothed: bool = False) -> ContactRecord:
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
     """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,).
 
-    Against rigid stops positions tell impacts, not forces: these are NaN. smoothed: v is a spline's, which has no jump.
+    Against rigid stops positions tell impacts, not forces: these are NaN.
     """
     if stops.rigid:
-        impacts, unknown = rebounds(t, u, None if smoothed else v, stops), float("nan")
-        return ContactRecord(stops, u, v, np.full(len(t), np.nan), impacts, *3 * (unknown,))
+        return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
     force = stops.force(u, v)
     size, lengths = np.abs(force), step_lengths(t)[1:]
     return ContactRecord(
@@ -328,10 +317,11 @@ def run_fields(
 def _contacts(
     system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
 ) -> Iterator[ContactRecord]:
-    """Record of every contact: from the states, or from the tip where it is the contact point; else NaN."""
+    """Record of every contact: from the states, or from the tip where it is the contact point; else NaN. smoothed: the
+    velocity of the tip is a spline's, which has no jump at rigid stops."""
     for i, contact in enumerate(system.contacts):
-        if system.reads_tip(i):
-            yield sampled_record(t, u, w, contact.stops, smoothed)
+        if system.reads_tip(i) and not (smoothed and contact.stops.rigid):
+            yield sampled_record(t, u, w, contact.stops)
         elif q is not None and v is not None:
             yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -149,8 +148,6 @@ class Trajectory:
         system: System | None = None,
         states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
-        seconds: float = float("nan"),
-        evaluations: int | None = None,
     ) -> Trajectory:
         """A run of another program: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
@@ -161,27 +158,12 @@ class Trajectory:
         states this. system: what was integrated; with it the run can be compared, and the contact at the tip has its
         sampled impacts and force. states: (q, q'), each (k, n); they give the energy balance, every contact, the
         displacement and, if it is missing, the tip. Quantities that the arrays do not determine are NaN, or raise an
-        error when used. name: its name in tables and pictures. seconds, evaluations: cost of the run, for
-        work-precision diagrams; by default its steps count. provenance["dt"] is the median step. Raises InputError for
-        decreasing times, two positions at one time, other shapes, and numbers that are not finite.
+        error when used. name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError
+        for decreasing times, two positions at one time, other shapes, and numbers that are not finite.
         """
         entries = run_fields(t, tip, tip_velocity, system, states, name)
-        counters = {} if evaluations is None else {"evaluations": integer("evaluations", evaluations, 1)}
-        return cls(work=Work(len(entries["t"]) - 1, seconds, seconds, counters), **entries)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The state that can be sent to another process: functions of the solver cannot.
-
-        Energy and states at the output times are made before, and sent themselves.
-        """
-        state = dict(self.__dict__)
-        for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
-            if state.get(name) is not None and not _travels(state[name]):
-                state |= {name: None, substitute: getattr(self, substitute)}
-        for name in ("evaluate", "contact_by_events", "derive", "solution"):
-            if state.get(name) is not None and not _travels(state[name]):
-                state[name] = None
-        return state
+        unknown = float("nan")
+        return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __repr__(self) -> str:
         end = f"{self.t[-1]:g}"
@@ -270,10 +252,6 @@ class Trajectory:
                 raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
         return ledger
 
-    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
-        """Record of a contact in [start, end] by events, also between outputs; None if only the outputs are known."""
-        return None
-
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
         return self._beam("displacement(x)").displacement(self.t, self.states[0], x)
@@ -302,8 +280,8 @@ class Trajectory:
         return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops, with a flash at each
-        impact; options: see ``figures.animation.animate``."""
+        """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops; options: see
+        ``figures.animation.animate``."""
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
 
     def save(self, file: str | Path) -> Path:
@@ -320,15 +298,6 @@ class Trajectory:
         """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
         x along the beam also displacement(time, x) and velocity(time, x)."""
         return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
-
-
-def _travels(value: Any) -> bool:
-    """Return True if the object can be sent to another process."""
-    try:
-        pickle.dumps(value)
-    except Exception:  # whatever the objects of others raise when they are pickled
-        return False
-    return True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -358,7 +327,6 @@ class Reference(Trajectory):
     horizon: float = float("nan")
     evaluate: Callable[[Array, int], tuple[Array, Array]] | None = field(default=None, repr=False)  # (t, channel)
     state_at: Callable[[Array], tuple[Array, Array]] | None = field(default=None, repr=False)
-    contact_by_events: Callable[[float, float, int], ContactRecord | None] | None = field(default=None, repr=False)
     solution: Any = field(default=None, repr=False)  # the solver's own representation, where it has one
     derive: Callable[[Reference, Sequence[Any], Array], Any] | None = field(
         default=None, repr=False
@@ -450,19 +418,6 @@ class Reference(Trajectory):
         if times[-1] > end * (1 + 1e-12):
             raise InputError("t", float(times[-1]), f"lie in [0, {end:g}]", "solve for a longer t_end")
         return self.derive(self, paths, np.minimum(times, end))
-
-    def contact_between(self, start: float, end: float, contact: int = 0) -> ContactRecord | None:
-        """Contact in [start, end]. Only exact solutions on compliant stops have it."""
-        if self.contact_by_events is None:
-            return None
-        asked = (start, end, contact)  # every run of a comparison asks for the same
-        if asked not in self._between:
-            self._between[asked] = self.contact_by_events(*asked)
-        return self._between[asked]
-
-    @cached_property
-    def _between(self) -> dict[tuple[float, float, int], ContactRecord | None]:
-        return {}
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""

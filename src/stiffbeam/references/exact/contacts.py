@@ -13,7 +13,7 @@ there the observed positions do not start where they should.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -40,16 +40,6 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
     starts, _, sides = _closed(solution, i, t_end)
     counted = starts > 0.0
     return Impacts.at(starts[counted], sides[counted], "event")
-
-
-def contact_between(
-    solution: Motion, span: tuple[float, float], records: Sequence[ContactRecord], start: float, end: float, i: int
-) -> ContactRecord:
-    """``record_of`` for [start, end], a part of the solution's span, of which all contacts have ``records``."""
-    if (start, end) == span:
-        return records[i]
-    pieces, t = solution.first(max(1, int(np.searchsorted(solution.times, end)))), np.array([start, end])
-    return record_of(pieces, i, (t, *pieces.path(t, i)), end, start)
 
 
 def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float) -> ContactRecord:

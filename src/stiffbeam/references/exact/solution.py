@@ -19,7 +19,7 @@ from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
 from ..rigid_stops import require_rigid
-from .contacts import audit, audit_rigid, contact_between, exact_ledger, record_of, within_float64
+from .contacts import audit, audit_rigid, exact_ledger, record_of, within_float64
 from .derivative import derivative
 from .motion import Motion, Solver
 
@@ -86,9 +86,8 @@ def reference_of(
         system=system,
         evaluate=solution.path,
         state_at=solution.states,
-        # Ledger and measures of parts of the motion are computed on demand.
+        # The ledger is computed on demand.
         ledger=partial(exact_ledger, solution, t),
-        contact_by_events=partial(contact_between, solution, (since, t_end), contacts),
         solution=solution,
         derive=derivative,
     )
