@@ -142,7 +142,7 @@ def reference(
     rtol
         Relative tolerance of the adaptive solvers; by default 1e-10.
     out
-        netCDF file to write.
+        File to write: .nc with everything, .json or .csv.
     """
     from ..files.store import can_freeze, freeze
     from ..measures.errors import impact_times
@@ -170,7 +170,8 @@ def reference(
     if out is not None:
         record["file"] = str(freeze(solution, out) if can_freeze(solution) else solution.save(out))
     if not write_json("reference", {"references": [record]}, json):
-        say("  ".join(f"{key}: {value}" for key, value in record.items() if value not in ("", None)))
+        shown = {key: value for key, value in record.items() if key != "measured" and value not in ("", None, [])}
+        say("  ".join(f"{key}: {value}" for key, value in shown.items()))
 
 
 def score(

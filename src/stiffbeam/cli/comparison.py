@@ -224,9 +224,13 @@ def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:
 
 def _print_line(terminal: Console, result: CaseComparison, solution: Trajectory) -> None:
     """Print how far a further reference agrees with the main one."""
-    from ..measures.report import short, verdict
+    from ..measures.report import percent, short, verdict
 
-    name, seconds = short(solution.provenance["method"]), f"({solution.work.seconds:.2g} s)"
-    found = [c for c in result.comparisons if c.label == solution.label]
-    line = f"{verdict(found)} {seconds}" if found else f"not compared {seconds}"
-    terminal.print(f"{name}: {line}", soft_wrap=True)
+    line = "not compared"
+    for found in (c for c in result.comparisons if c.label == solution.label):
+        line = verdict([found])
+        if found.matched_until >= found.window and found.contacts:
+            line = f"all impacts right as far as it is known, to t = {found.window:.3g}, tip error "
+            line += f"{percent(found.tip_error_matched)} rms"
+    work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
+    terminal.print(f"{short(solution.provenance['method'])}: {line} ({work})", soft_wrap=True)

@@ -191,7 +191,7 @@ def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
         least, most = np.linalg.eigvalsh(0.5 * (compliance[s, s] + compliance[s, s].T))[[0, -1]]
         if not least > 1e-12 * most or not most > 0.0:
             rule = "move the argument of every node by the reaction there, each contact on its own, for rigid stops"
-            remedy = "use moreau-jean, and contacts that do not follow from each other"
+            remedy = "use MoreauJean, and contacts that do not follow from each other"
             raise InputError("scheme", str(scheme), rule, remedy)
 
 
@@ -211,7 +211,7 @@ def _require_lasting_contact(scheme: Scheme) -> None:
     held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
     if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
         rule = "have reactions that do not grow while a contact lasts, for rigid stops"
-        raise InputError("scheme", str(scheme), rule, "use moreau-jean")
+        raise InputError("scheme", str(scheme), rule, "use MoreauJean")
 
 
 def _weights(scheme: Scheme, dt: float) -> Array:

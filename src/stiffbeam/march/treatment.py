@@ -97,7 +97,7 @@ def _require_rigid(system: System, scheme: Scheme) -> None:
             raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
         if not restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
-            raise InputError("stops.restitution", e, rule, "use moreau-jean, or leave it out")
+            raise InputError("stops.restitution", e, rule, "use MoreauJean, or leave it out")
         moved = float(offset_values(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion

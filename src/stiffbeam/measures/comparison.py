@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
+from ..basics.progress import working
 from ..basics.text import DRAW, plain
 from ..basics.units import Units
 from ..basics.validation import InputError
@@ -261,6 +262,7 @@ class Comparisons(Tables, tuple["Comparison", ...]):
 def compare(run: Sequence[Trajectory], reference: Reference) -> Comparisons: ...
 @overload
 def compare(run: Trajectory | Sequence[ArrayLike], reference: Reference) -> Comparison: ...
+@working("comparing")
 def compare(
     run: Trajectory | Sequence[ArrayLike] | Sequence[Trajectory], reference: Reference
 ) -> Comparison | Comparisons:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
+from ..basics.progress import working
 from ..basics.text import table
 from ..basics.units import with_unit
 from ..basics.validation import InputError, instance, numbers, sequence
@@ -139,6 +140,7 @@ class ContactRates:
         return "\n".join(lines)
 
 
+@working("integrating rates")
 def contact_rates(
     run: Trajectory, since: float = 0.0, tangents: Sequence[ArrayLike | None] | None = None
 ) -> ContactRates:
@@ -161,7 +163,8 @@ def contact_rates(
     Returns
     -------
     ContactRates
-        Of rigid stops, whose forces are impulses, all but the rate of impacts is NaN.
+        Of rigid stops, whose forces are impulses, all but the rates of impacts and impulse is NaN, and that of impulse
+        too where one contact lasts longer than two periods.
 
     Raises
     ------
@@ -185,9 +188,13 @@ def contact_rates(
     width = edges[1] - edges[0]
     rates, sources = [], []
     for i, contact in enumerate(run.contacts):
-        # Rigid stops have impulses, no forces: all but their impacts is NaN.
+        # Rigid stops have impulses, no forces. An impulse belongs to the part in which its contact begins.
         source, window = "impacts", np.full((5, len(edges) - 1), np.nan)
-        if not contact.stops.rigid:
+        if contact.stops.rigid:
+            listed, _ = contact.impacts.listed()
+            if np.all(listed.ends - listed.times <= width):
+                window[0] = np.histogram(listed.times, edges, weights=listed.impulses)[0]
+        else:
             window[:] = 0.0
             source, pieces = _nodes(run, i, rows[i], edges)
             for nodes in pieces:

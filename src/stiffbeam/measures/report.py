@@ -178,10 +178,12 @@ def report(
 
     refused: the labels of those failures that the case does not allow.
     """
+    tables = (_to_horizon(comparisons), _to_end(comparisons)) if comparisons else ()
+    heads = " ".join(str(head) for _, frame in tables for head in frame)
     return Report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
-        tables=(_to_horizon(comparisons), _to_end(comparisons)) if comparisons else (),
-        notes=tuple(dict.fromkeys(_notes(comparisons, references))) if comparisons else (),
+        tables=tables,
+        notes=tuple(dict.fromkeys(_notes(comparisons, references, heads))) if comparisons else (),
         failures=tuple(("refused" if label in refused else "failed", label, message) for label, message in failures),
     )
 
@@ -295,14 +297,19 @@ def _until(until: float, window: float, horizon: float) -> str:
     return DASH if np.isnan(until) else number(until) if until < window else end
 
 
-def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference]) -> Iterator[str]:
-    """The notes without which the tables would be misread."""
+HEADS = {  # what the heads of columns mean
+    "lag": "Lag: > 0 is late.", "delay": "Delay: > 0 is late.",
+    "energy lost": "Energy lost: by the scheme, of the energy supplied.",
+    "impacts": "Impacts: those that the time steps show.",
+}  # fmt: skip
+
+
+def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], heads: str) -> Iterator[str]:
+    """The notes without which the tables, with these heads of columns, would be misread."""
     first, common = comparisons[0], common_window(comparisons)
-    yield (
-        f"Tip error: rms over max |u|, to t = {number(common)}"
-        f"{'' if common == first.window else ', where the impacts of all runs still match'}. Lag, delay: > 0 is late. "
-        "Energy lost: by the scheme, of the energy supplied. Impacts: those that the time steps show."
-    )
+    match = "" if common == first.window else ", where the impacts of all runs still match"
+    meanings = [meaning for head, meaning in HEADS.items() if head in heads]
+    yield " ".join([f"Tip error: rms over max |u|, to t = {number(common)}{match}.", *meanings])
     touched, contacts = _touched(comparisons), first.contacts
     if 0 < len(touched) < len(contacts):
         yield f"Never touched: {len(contacts) - len(touched)} of {len(contacts)} contacts."

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.progress import Show, silent, working
 from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
@@ -334,6 +334,7 @@ class PerturbationGrowth:
         return float(self.largest[-1] / np.log(10.0))
 
 
+@working("following neighbours")
 def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     """Return the growth of tangent vectors along the exact float64 motion on [0, t_end].
 

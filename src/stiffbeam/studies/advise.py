@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BETWEEN = 5  # steps that are tried between a step and its half
+FARTHEST = 1e4  # errors over the wanted ones that are shown: those of runs that blow up would hide the others
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 QUANTITIES: tuple[str, ...] = ("tip", "impacts", "peak_force", "impulse")
 WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
@@ -150,6 +151,7 @@ class Advise(Study):
             runs = table[table.kind == "run"]
             run = next(runs.loc[[_worst(runs, wanted).idxmin()]].itertuples())
             verdict = f"No run of up to {runs.steps.max():g} steps is sure to meet the admissible errors; nearest: "
+            notes.append("Ask for larger errors, or for a shorter t_end, before the motions part.")
         errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
         verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
         return Answer(f"{verdict}linear solves, relative errors {errors}.", notes=" ".join(notes))
@@ -171,6 +173,7 @@ class Advise(Study):
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
         log_scale(axis)
+        axis.set_ylim(top=min(axis.get_ylim()[1], FARTHEST))
         panel_legend(axis)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -165,9 +166,24 @@ class Trajectory:
         unknown = float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The state that can be sent to another process: functions of the solver cannot.
+
+        Energy and states at the output times are made before, and sent themselves.
+        """
+        state = dict(self.__dict__)
+        for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
+            if state.get(name) is not None and not _travels(state[name]):
+                state |= {name: None, substitute: getattr(self, substitute)}
+        for name in ("evaluate", "derive", "solution"):
+            if state.get(name) is not None and not _travels(state[name]):
+                state[name] = None
+        return state
+
     def __repr__(self) -> str:
         end = f"{self.t[-1]:g}"
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
+        impacts += f" at {len(self.contacts)} contacts" if len(self.contacts) > 1 else ""
         return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}{self._trust()}>"
 
     def _trust(self) -> str:
@@ -298,6 +314,15 @@ class Trajectory:
         """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
         x along the beam also displacement(time, x) and velocity(time, x)."""
         return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
+
+
+def _travels(value: Any) -> bool:
+    """Return True if the object can be sent to another process."""
+    try:
+        pickle.dumps(value)
+    except Exception:  # whatever the objects of others raise when they are pickled
+        return False
+    return True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

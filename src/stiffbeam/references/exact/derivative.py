@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
+from ...basics.progress import working
 from ...basics.resources import afford
 from ...basics.validation import InputError
 from ...model.system import System
@@ -62,6 +63,7 @@ class Derivative:
         return values
 
     @cached_property
+    @working("differentiating")
     def _at_outputs(self) -> tuple[IntArray, Array]:
         """Segments (k,) of the times t, and the motion and its derivatives there, (k, 1 + p, 2n)."""
         segments = self.tangent.segment_at(self.t)
@@ -113,6 +115,7 @@ class Derivative:
         return self.tangent.path.times[[segment for segment, _ in self._events]]
 
     @cached_property
+    @working("differentiating events")
     def event_times(self) -> Array:
         """Derivative of ``events``, (events, p); NaN at a graze."""
         slopes = [self.tangent.event_slope(segment, contact) for segment, contact in self._events]
@@ -132,6 +135,7 @@ class Derivative:
         return tuple(found)
 
     @cached_property
+    @working("differentiating a copy for the horizon")
     def horizon(self) -> float:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""
         # A copy as for the horizon of the motion: rounded otherwise, or with other segments.
@@ -187,6 +191,7 @@ def chatter_ends(solution: Motion) -> list[float]:
     return ends
 
 
+@working("differentiating")
 def derivative(reference: Reference, wrt: Sequence[Any], t: Array) -> Derivative:
     """Derivatives of an exact solution, see ``Reference.derivative``."""
     system, solution = reference.system, reference.solution

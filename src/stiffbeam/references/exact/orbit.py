@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
+from ...basics.progress import working
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
@@ -149,6 +150,7 @@ def sizes(path: Path) -> Array:
     return np.repeat([q, max(v, q / turn)], states[0].shape[1])
 
 
+@working("looking for an orbit")
 def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     """The periodic orbit of the exact flow near a guess, stable or unstable.
 
