@@ -203,10 +203,6 @@ def test_two_paths_to_one_number_are_refused():
         with pytest.raises(sb.InputError, match="be the only one to set its number"):
             sb.varied_members(system, {one: [0.1], other: [0.3]})
         assert len(sb.varied_members(system, {one: [0.1], other: [0.1]})) == 1
-    grid = {"parameter": "stops[0].upper", "values": [0.1, 0.2], "second_values": [0.3, 0.4]}
-    for second in ("contacts[0].stops.upper", "clearance"):
-        with pytest.raises(sb.InputError, match="be the only one to set its number"):
-            sb.study("sweep", system, dt=1e-2, t_end=1.0, second=second, **grid)
     kept = sb.varied_members(system, {"damping.scale": [2.0], "damping[0][0]": [1.0], "stops[0].upper": [0.4]})
     assert kept[0].damping[0, 0] == 1.0
 

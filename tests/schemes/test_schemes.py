@@ -143,8 +143,8 @@ def test_every_scheme_is_as_late_and_as_damped_as_theory_says(viscosity):
     assert len(measured) > 0.8 * len(records.table)
     for row in measured:
         for name in ("period_elongation", "damping_ratio"):
-            distance = abs(row[name] - row[f"{name}_theory"])  # coordinates are good to eps (w_max/w_1)^2
-            assert distance <= row[f"{name}_error"] + 1e-10, (row["scheme"], row["mode"], name)
+            # What the other roots leave in the slope: a start's transient of 1e-3 over 1350 steps of 0.3 radians.
+            assert abs(row[name] - row[f"{name}_theory"]) < 1e-6, (row["scheme"], row["mode"], name)
 
 
 # ------------------------------------------------------------------ energy
