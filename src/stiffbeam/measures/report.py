@@ -316,7 +316,7 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
     events = sum(c.reference_totals.event_impacts for c in contacts)
     if events != sum(c.reference_totals.impacts for c in contacts):
         yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
-    if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
+    if "energy lost" in heads and any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
         yield "Energy lost is – if the time step does not resolve the dissipation of dampers."
     system = None if first.pair is None else first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
