@@ -38,6 +38,19 @@ def test_contacts_from_soft_to_almost_rigid_are_those_of_the_plain_loop(seed, co
     assert np.max(np.abs(run.states[0] - q)) < 1e-9 * np.max(np.abs(q))
 
 
+@pytest.mark.parametrize("law", [{}, {"exponent": 1.5}], ids=["linear", "Hertz"])
+@pytest.mark.parametrize("contact", ["implicit", "conserving"])
+def test_a_lower_stop_mirrors_an_upper_one(contact, law):
+    """Steps so short that a mean force as a quotient would lose digits; signs cost no rounding."""
+    stops = (sb.Stops(upper=0.1, stiffness=1e4, **law), sb.Stops(-0.1, stiffness=1e4, **law))
+    upper, lower = (
+        sb.integrate(one_mass(1.0, each, v=v), sb.Trapezoidal(), 1e-5, 0.12, contact)
+        for each, v in zip(stops, (1.0, -1.0), strict=True)
+    )
+    assert upper.contacts[0].peak_force > 0.0
+    assert np.array_equal(upper.tip, -lower.tip)
+
+
 def mass(v: float = 3.0) -> sb.System:
     return one_mass(1.0, sb.Stops(None, 0.5, stiffness=1000.0, damping=200.0), load=sb.Constant(2.0), v=v)
 

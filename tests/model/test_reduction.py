@@ -164,3 +164,9 @@ def test_gyroscopic_terms_stay():
     system, T = sb.reduce_model(M, K, damping=skew, observe=tip, modes=3)
     assert system.gyroscopic
     np.testing.assert_allclose(system.damping, T.T @ (skew @ T), atol=1e-12 * np.max(np.abs(system.damping)))
+
+
+def test_a_stop_that_moves_does_so_in_the_reduced_model():
+    mass, stiffness, tip = strip(4)
+    contact = sb.Contact(tip, sb.Stops(upper=0.1, stiffness=1e3), sb.Harmonic(0.01, 3.0))
+    assert sb.reduce_model(mass, stiffness, contacts=[contact], modes=3)[0].contacts[0].offset == contact.offset

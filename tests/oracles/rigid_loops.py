@@ -149,7 +149,9 @@ def chain(contacts=1, damping="none", moving=False, e=None):
     """Four masses in a row, driven, with stops at one or two of them: the System and the same as a Loop."""
     M, n = np.diag([1.0, 0.7, 1.3, 0.8]), 4
     K = 40.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    C = {"none": np.zeros((n, n)), "stiffness": 0.004 * K, "coupling": np.diag([0.0, 0.0, 0.0, 1.5])}[damping]
+    turning = 20.0 * (np.outer(np.eye(n)[3], np.eye(n)[1]) - np.outer(np.eye(n)[1], np.eye(n)[3]))  # gyroscopic
+    C = {"none": np.zeros((n, n)), "stiffness": 0.004 * K, "coupling": np.diag([0.0, 0.0, 0.0, 1.5]),
+         "turning": turning}[damping]  # fmt: skip
     B = np.eye(n)[[3, 1][:contacts]]
     lower, upper = np.array([-0.3, -0.25][:contacts]), np.array([0.2, INF][:contacts])
     motion = sb.Harmonic(0.03, 5.0, 0.3)

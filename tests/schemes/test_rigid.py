@@ -21,7 +21,14 @@ LOOPS = {
 @pytest.mark.fast(14)
 @pytest.mark.parametrize(
     ("contacts", "damping", "moving"),
-    [(1, "none", False), (1, "stiffness", True), (1, "coupling", False), (2, "none", True), (2, "coupling", False)],
+    [
+        (1, "none", False),
+        (1, "stiffness", True),
+        (1, "coupling", False),
+        (2, "none", True),
+        (2, "coupling", False),
+        (2, "turning", False),
+    ],
 )
 @pytest.mark.parametrize("name", LOOPS)
 def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
@@ -36,8 +43,8 @@ def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
     assert np.max(np.abs(v[1:] - [x for _, x, _ in wanted[1:]])) < 1e-8
     for c, contact in enumerate(run.contacts):
         R = np.array([x[c] for _, _, x in wanted])
-        assert contact.impacts.count >= 2
-        assert np.max(np.abs(contact.force - R)) < 1e-6 * np.max(np.abs(contact.force))
+        assert contact.impacts.count >= (0 if damping == "turning" else 2)  # a turning body may miss its stops
+        assert np.max(np.abs(contact.force - R)) <= 1e-6 * np.max(np.abs(contact.force))
         assert contact.impulse == pytest.approx(dt * np.sum(np.abs(R)), rel=1e-9)
     many = sb.integrate_ensemble(system, LOOPS[name], dt, steps * dt, [system, system])
     assert np.array_equal(many.impulse, [run.contacts[0].impulse] * 2)
