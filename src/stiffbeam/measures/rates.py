@@ -109,7 +109,7 @@ class ContactRates:
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
     sources : sequence of str
         For each contact the times at which F and v are known: every step of a scheme, quadrature between the events of
-        a reference, or the output times; of rigid stops "impacts", whose rate alone is known.
+        a reference, or the output times; of rigid stops "impacts", with their impulses.
     """
 
     since: float

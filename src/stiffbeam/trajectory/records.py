@@ -338,8 +338,8 @@ def step_ledger(
 
 
 def _work_of_dampers(damping: Array, dt: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """What the damping, a matrix or one number for each mode, takes in steps dt by the displacement, and how much it
-    differs from that by the mean velocity."""
+    """Work of the damping, a matrix or one number for each mode, in steps dt, by the displacement, and its distance
+    from that by the mean velocity; (steps,) each."""
     by_way, by_mean = (
         np.sum(x * (x @ damping), axis=1) if damping.ndim == 2 else _squares(x, damping)
         for x in (np.diff(q, axis=0), 0.5 * (v[1:] + v[:-1]))
