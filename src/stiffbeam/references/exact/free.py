@@ -21,7 +21,7 @@ from ...model.system import System
 from ...model.time_functions import Drive, parts
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
-CRITICAL = 0.1  # relative distance of d^2 from 4 w^2 below which a real pair cancels
+CRITICAL = 1e-4  # relative distance of d^2 from 4 w^2 below which a real pair cancels
 SLOW = 1e-9  # of the largest w^2: the answer of a mode so slow is far larger than its motion, and cancels
 DASHPOT = 1e6  # of the fastest frequency: decay rates above which the slow poles of coupled modes have no digits
 CONDITION = 1e4  # of the complex modes, above which they cancel
