@@ -27,7 +27,7 @@ from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
-STEPS_REPLAYED = 1 << 12  # held in memory at once where states, or sampled loads, are wanted
+STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
 # Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
 MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
