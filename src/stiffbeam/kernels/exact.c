@@ -12,10 +12,8 @@
  * infinities (a missing stop) and the compensated sums of `advance`.
  */
 #include "exact.h"
+#include "loops.h"
 #include "node.h"
-
-#include <stdlib.h>
-#include <string.h>
 
 #define PI 3.14159265358979323846
 #define EPS 2.220446049250313e-16
@@ -28,15 +26,11 @@
 #define STILL 1000   /* events without an advance of time that end a solve */
 #define LOOSE 4       /* events without an advance of time from which on a spring's contact moves by rounding alone */
 #define ROUNDINGS 64.0
-#ifndef HOT
-#define HOT /* what a compiler needs to make several versions of a loop for several processors */
-#endif
 
 typedef struct { /* Taylor series at one time */
     double *a, *u, *lam, *G; /* (MOST, n) modes, (MOST, m) positions, (MOST, m) forces, (MOST, B) drive */
     Int *held;               /* rigid contacts that are held */
     double *inverse, *A;     /* of their rows rows^T; scratch */
-    Int loaded, only;        /* number of rows of loads that are not zero, and the last of them */
 } Series;
 
 typedef struct { /* a flight from t on */
@@ -207,33 +201,6 @@ static void drive_series(const Free *f, double t, Int piece, int K, double *G)
     }
 }
 
-/* One more term of all coordinates in one pass, and what the contact sees of it. */
-HOT static double next_term(double *restrict new, const double *restrict old, const double *restrict w2,
-                            const double *restrict load, const double *restrict row, double g, double x, double over, Int n)
-{
-    double r = 0.0;
-#pragma omp simd reduction(+ : r)
-    for (Int j = 0; j < n; j++) {
-        double y = (g * load[j] + x * row[j] - w2[j] * old[j]) * over;
-        new[j] = y;
-        r += y * row[j];
-    }
-    return r;
-}
-
-HOT static double dot(const double *restrict x, const double *restrict y, Int n)
-{
-    double s = 0.0;
-#pragma omp simd reduction(+ : s)
-    for (Int j = 0; j < n; j++) s += x[j] * y[j];
-    return s;
-}
-
-HOT static void add(double *restrict y, const double *restrict x, double factor, Int n)
-{
-    for (Int j = 0; j < n; j++) y[j] += factor * x[j];
-}
-
 HOT static void free_term(double *restrict new, const double *restrict before, const double *restrict old,
                           const double *restrict w2, const double *restrict drag, double k, Int n)
 {
@@ -265,7 +232,7 @@ static Int hold(const Free *f, const State *c, Series *s)
 }
 
 /* Term k of all modes: inertia against stiffness, loads, damping, springs, and the reactions of what is held. */
-static void any_term(const Free *f, const State *c, Series *s, int k, Int count)
+static void term(const Free *f, const State *c, Series *s, int k, Int count)
 {
     Int n = f->n, m = f->m, B = 2 * f->F + f->R;
     double *new = s->a + k * n, *before = new - n, *old = before - n, *lam = s->lam + (k - 2) * m;
@@ -295,21 +262,14 @@ static void any_term(const Free *f, const State *c, Series *s, int k, Int count)
 static void expand(const Free *f, double t, Int piece, int K, const double *eta, const double *rate, const State *c, Series *s)
 {
     Int n = f->n, m = f->m, B = 2 * f->F + f->R, count = hold(f, c, s);
-    int one = m == 1 && count == 0 && s->loaded <= 1 && f->coupling == 0 && B > 0; /* in one pass over the modes */
     drive_series(f, t, piece, K, s->G);
     memset(s->lam, 0, (size_t)((K + 1) * m) * sizeof(double));
     memcpy(s->a, eta, (size_t)n * sizeof(double));
     memcpy(s->a + n, rate, (size_t)n * sizeof(double));
     for (int k = 0; k <= K; k++) {
-        double *new = s->a + k * n, *u = s->u + k * m;
-        if (k >= 2 && one) {
-            double x = presses(c, 0) ? s->lam[k - 2] = spring_term(f, c, s, k, 0) : 0.0;
-            u[0] = next_term(new, new - 2 * n, f->w2, f->loads + s->only * n, f->rows, s->G[(k - 2) * B + s->only], x,
-                             1.0 / (k * (k - 1.0)), n);
-        } else {
-            if (k >= 2) any_term(f, c, s, k, count);
-            for (Int i = 0; i < m; i++) u[i] = dot(f->rows + i * n, new, n);
-        }
+        double *u = s->u + k * m;
+        if (k >= 2) term(f, c, s, k, count);
+        for (Int i = 0; i < m; i++) u[i] = dot(f->rows + i * n, s->a + k * n, n);
         for (Int b = 0; b < B; b++)
             if (s->G[k * B + b] != 0.0)
                 for (Int i = 0; i < m; i++) u[i] += f->offsets[b * m + i] * s->G[k * B + b];
@@ -794,15 +754,16 @@ static const Free *flies(const Motion *x, double *length)
     return f;
 }
 
-static void turn_back(const double *V, const double *y, double *x, Int n)
-{
-    memset(x, 0, (size_t)n * sizeof *x);
-    for (Int k = 0; k < n; k++) add(x, V + k * n, y[k], n);
-}
-
-static void turn(const double *V, const double *x, double *y, Int n)
+/* Coordinates in the modes with the only contact pressed, and back. */
+static void to_pressed(const double *V, const double *x, double *y, Int n)
 {
     for (Int k = 0; k < n; k++) y[k] = dot(V + k * n, x, n);
+}
+
+static void from_pressed(const double *V, const double *y, double *x, Int n)
+{
+    memset(x, 0, (size_t)n * sizeof *x);
+    add_rows(x, n, y, V, n, n);
 }
 
 /* Begins a stretch of at most `length`: what flies, or NULL for a step of series of K terms. Returns its length. */
@@ -814,7 +775,7 @@ static double begin(Motion *x, double length, const Free **flown, int *K)
     if (*flown) {
         const double *eta = c->eta, *rate = c->rate;
         if (*flown != x->free) {
-            turn(x->V, eta, x->turned, n), turn(x->V, rate, x->turned_rate, n);
+            to_pressed(x->V, eta, x->turned, n), to_pressed(x->V, rate, x->turned_rate, n);
             eta = x->turned, rate = x->turned_rate;
         }
         launch(*flown, c->t, c->piece, length, eta, rate, x->s.G, &x->g);
@@ -835,8 +796,8 @@ static void state_at(Motion *x, const Free *flown, int K, double tau, double *et
     else if (flown == x->free) land(flown, &x->g, x->c->t, tau, eta, rate);
     else {
         land(flown, &x->g, x->c->t, tau, x->turned, x->turned_rate);
-        turn_back(x->V, x->turned, eta, n);
-        turn_back(x->V, x->turned_rate, rate, n);
+        from_pressed(x->V, x->turned, eta, n);
+        from_pressed(x->V, x->turned_rate, rate, n);
     }
 }
 
@@ -1443,12 +1404,6 @@ static double *prepared(Motion *x)
     x->full = terms_for(RADIANS);
     Int T = f->N + f->F;
     x->free_fast = T ? f->sorted[3 * T - 1] : 0.0;
-    for (Int b = 0; b < 2 * f->F + f->R; b++)
-        for (Int j = 0; j < f->n; j++)
-            if (f->loads[b * f->n + j] != 0.0) {
-                x->s.loaded++, x->s.only = b;
-                break;
-            }
     return block;
 }
 

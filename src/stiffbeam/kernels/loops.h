@@ -87,6 +87,11 @@ HOT LOOP void dots(const double *restrict one, const double *restrict two, const
     out[0] = s0, out[1] = s1, out[2] = s2, out[3] = s3, out[4] = t0, out[5] = t1, out[6] = t2, out[7] = t3;
 }
 
+HOT LOOP void add(double *restrict y, const double *restrict x, double factor, Int n)
+{
+    for (Int j = 0; j < n; j++) y[j] += factor * x[j];
+}
+
 /* How many of u are beyond their bounds, without a branch. */
 static inline Int beyond(const double *restrict u, const double *restrict low, const double *restrict high, Int n)
 {

@@ -1,6 +1,6 @@
 /* Right-hand side, residual, Jacobian and event functions, and the same as CVODE and IDA call them. */
 #include "rhs.h"
-#include <string.h>
+#include "loops.h"
 
 /* The functions of time (order 0), their rates or accelerations. */
 static void functions(double t, int order, double *g, const Equations *e)
@@ -33,14 +33,6 @@ static void functions(double t, int order, double *g, const Equations *e)
     }
     Int given = e->d - 1 - 2 * e->F - e->R;
     memcpy(g, e->given + order * given, (size_t)given * sizeof(double));
-}
-
-static double dot(const double *x, const double *y, Int n)
-{
-    double total = 0.0;
-#pragma omp simd reduction(+ : total)
-    for (Int i = 0; i < n; i++) total += x[i] * y[i];
-    return total;
 }
 
 static double row_of(const Rows *S, Int i, const double *x)
@@ -106,7 +98,7 @@ static void residual(double t, const double *z, const double *rate, double *out,
     for (Int i = 0; i < e->size; i++) out[i] = (e->inertia ? row_of(&e->E, i, rate) : rate[i]) - out[i];
 }
 
-static void add_rows(const Rows *S, Int n, double factor, double *J, Int stride)
+static void add_sparse(const Rows *S, Int n, double factor, double *J, Int stride)
 {
     for (Int i = 0; i < n; i++)
         for (Int k = S->starts[i]; k < S->starts[i + 1]; k++) J[i + S->columns[k] * stride] += factor * S->entries[k];
@@ -118,8 +110,8 @@ void jacobian(double t, const double *z, double cj, double sign, double *J, Int 
     Int n = e->n;
     double g[e->d], g_rate[e->d];
     memset(J, 0, (size_t)count * sizeof(double));
-    if (e->inertia) add_rows(&e->E, e->size, cj, J + first, stride);
-    add_rows(&e->A, n, sign, J + first, stride);
+    if (e->inertia) add_sparse(&e->E, e->size, cj, J + first, stride);
+    add_sparse(&e->A, n, sign, J + first, stride);
     functions(t, 0, g, e), functions(t, 1, g_rate, e);
     for (Int c = 0; c < e->m; c++) {
         const Law *l = &e->law[c];
