@@ -1482,10 +1482,13 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
 /* The largest value, if above `best`, of a polynomial on [0, h]. */
 static double highest(const double *given, int n, double h, double best)
 {
-    double stack[64][MOST + 1];
+    double stack[64][MOST + 1], *p = stack[0], bend = 0.0, end = 0.0, bound = 0.0;
     int top = 0;
-    scaled(given, n, h, stack[0]);
-    bernstein(stack[0], n);
+    scaled(given, n, h, p);
+    for (int k = n; k >= 0; k--) end += p[k], bound += k ? most(0.0, p[k]) : p[0], bend += k > 1 ? k * fabs(p[k]) : 0.0;
+    if (bound <= best) return best;
+    if (n > 0 && fabs(p[1]) > bend) return most(best, most(p[0], end)); /* it only rises, or only falls */
+    bernstein(p, n);
     while (top >= 0) {
         double *b = stack[top], most_of_all = b[0], size = 0.0;
         for (int i = 0; i <= n; i++) most_of_all = most(most_of_all, b[i]), size = most(size, fabs(b[i]));
@@ -1513,7 +1516,9 @@ static void shifted(double *p, int n, double a)
 /* The largest value, if above `best`, of a force on [0, h], a polynomial of degree n, whose integral is added. */
 static double press_on(const double *p, int n, double h, double best, double *impulse)
 {
-    for (int l = n; l >= 0; l--) *impulse += p[l] * pow(h, l + 1) / (l + 1.0);
+    double total = 0.0;
+    for (int l = n; l >= 0; l--) total = total * h + p[l] / (l + 1.0);
+    *impulse += total * h;
     return highest(p, n, h, best);
 }
 
