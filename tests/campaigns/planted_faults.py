@@ -128,6 +128,7 @@ FAULTS = [
 ]  # fmt: skip
 
 SOURCES = Path(__file__).parents[2] / "src"
+LONGEST = 1800.0  # seconds that the tests of a room may take
 
 
 def wrong(root: Path, room: str, sources: Path, slow: bool) -> tuple[str, float]:
@@ -141,9 +142,13 @@ def wrong(root: Path, room: str, sources: Path, slow: bool) -> tuple[str, float]
         "PYTHONPATH": str(sources), "OPENBLAS_NUM_THREADS": "1", "STIFFBEAM_CACHE_DIR": str(cache),
     }  # fmt: skip
     begun = time.monotonic()
-    done = subprocess.run(
-        [*command, f"tests/{room}"], cwd=root, env=environment, capture_output=True, text=True, check=False
-    )
+    try:
+        done = subprocess.run(
+            [*command, f"tests/{room}"], cwd=root, env=environment, capture_output=True, text=True, check=False,
+            timeout=LONGEST,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return "a test that does not end", LONGEST
     found = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
     test = "" if not done.returncode else found[1] if found else f"exit status {done.returncode}"
     return test, time.monotonic() - begun

@@ -148,6 +148,18 @@ def test_a_member_that_overflows_leaves_the_others_alone():
     assert ensemble.tip.shape == (2, 0)
 
 
+def test_a_member_that_overflows_at_once_ends_no_later_call_of_the_kernel():
+    def system(dissipation):
+        stops = sb.Stops(upper=0.1, stiffness=1e3, dissipation=dissipation, exponent=1.5)
+        start = {"initial_displacement": [0.3], "initial_velocity": [1.0]}
+        return sb.System.from_matrices([[1.0]], [[25.0]], contacts=[sb.Contact([1.0], stops)], **start)
+
+    members = [system(1e100), system(0.0)]
+    many = sb.integrate_ensemble(members[0], sb.HHT(), 1e-3, 40.0, members)
+    assert many.diverged[0] == pytest.approx(1e-3)
+    assert np.isnan(many.diverged[1])
+
+
 # ------------------------------------------------------------------ statistics
 
 

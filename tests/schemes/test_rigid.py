@@ -50,6 +50,23 @@ def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
     assert np.array_equal(many.impulse, [run.contacts[0].impulse] * 2)
 
 
+@pytest.mark.parametrize("name", ["moreau_jean", "paoli_schatzman"])
+def test_reactions_of_bodies_that_turn_each_other_fast(name):
+    """A step turns by more than a radian: reactions are far from the minimum of any energy, and take a rule of their
+    own."""
+    rng, n, dt, steps = np.random.default_rng(16), 4, 0.02, 40
+    G, K, load = rng.normal(size=(n, n)), 40.0 * np.eye(n), 30.0 * rng.normal(size=n)
+    C, lower, upper = 100.0 * (G - G.T), -rng.uniform(0.05, 0.2, n), rng.uniform(0.05, 0.2, n)
+    stops = [sb.Stops(lo, hi, stiffness=INF, restitution=0.5) for lo, hi in zip(lower, upper, strict=True)]
+    contacts, drive = [sb.Contact(row, s) for row, s in zip(np.eye(n), stops, strict=True)], sb.Harmonic(3.0, 4.0, 1.0)
+    v = 3.0 * rng.normal(size=n)
+    system = sb.System.from_matrices(np.eye(n), K, C, [(load, drive)], contacts, initial_velocity=v)
+    still, force = lambda t: np.zeros(n), lambda t: load * float(drive.value(t))
+    loop = Loop(np.eye(n), C, K, np.eye(n), lower, upper, np.full(n, 0.5), force, still, still)
+    wanted = [q for q, _, _ in getattr(loop, name)(system.q0, system.v0, dt, steps)]
+    assert np.max(np.abs(sb.integrate(system, LOOPS[name], dt, steps * dt).states[0] - wanted)) < 1e-8
+
+
 def energy_of(system, scheme, run, q, v, R, dt):
     """(E, what the docstring says that each step changes of it), both of an undamped system."""
     M, K, B = system.mass, system.stiffness, np.array([c.row for c in system.contacts])
