@@ -140,24 +140,13 @@ def test_a_member_that_overflows_leaves_the_others_alone():
     case = sb.paper_case(11)
     system = sb.semidiscretise(case.problem, case.cells)
     members = [system, with_stops(system, sb.Stops(-10.0, 10.0, stiffness=2e7))]
-    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2.5e-4, case.t_end, members, "extrapolated")
+    t_end = 20.0  # two calls of the kernel: in the second it stays where it is
+    ensemble = sb.integrate_ensemble(system, sb.HHT(-0.1), 2.5e-4, t_end, members, "extrapolated")
     with pytest.raises(sb.Diverged) as caught:
         sb.integrate(members[0], sb.HHT(-0.1), 2.5e-4, case.t_end, "extrapolated")
     assert ensemble.diverged[0] == caught.value.t
     assert np.isnan(ensemble.diverged[1])
     assert ensemble.tip.shape == (2, 0)
-
-
-def test_a_member_that_overflows_at_once_ends_no_later_call_of_the_kernel():
-    def system(dissipation):
-        stops = sb.Stops(upper=0.1, stiffness=1e3, dissipation=dissipation, exponent=1.5)
-        start = {"initial_displacement": [0.3], "initial_velocity": [1.0]}
-        return sb.System.from_matrices([[1.0]], [[25.0]], contacts=[sb.Contact([1.0], stops)], **start)
-
-    members = [system(1e100), system(0.0)]
-    many = sb.integrate_ensemble(members[0], sb.HHT(), 1e-3, 40.0, members)
-    assert many.diverged[0] == pytest.approx(1e-3)
-    assert np.isnan(many.diverged[1])
 
 
 # ------------------------------------------------------------------ statistics
