@@ -74,31 +74,19 @@ def test_what_is_missing_is_said_in_one_sentence(tmp_path, monkeypatch):
         compilation.build(tmp_path / "kernels.so")
 
 
-def _tests_pass_with(library: Path, **environment: str) -> None:
-    """Run ``CHOSEN`` with another library, in a process of its own."""
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider"]
-    environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **environment}
-    command += [str(TESTS / x) for x in CHOSEN]
+@pytest.mark.slow
+def test_kernels_for_any_processor_keep_within_their_memory(tmp_path):
+    """Without the loops for the vector registers of today's processors, with the compiler's checks of addresses and of
+    undefined behaviour where it has them."""
+    checks, checked = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-g", "-O1"], dict[str, str]()
+    command = compilation.compiler()
+    if sys.platform == "linux" and command is not None:
+        found = subprocess.run([*command, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
+        if os.path.isabs(found.stdout.strip()):
+            checked = {"LD_PRELOAD": found.stdout.strip(), "ASAN_OPTIONS": "detect_leaks=0"}  # Python itself leaks
+    library = compilation.build(tmp_path / "plain.so", clones=False, more=checks if checked else ())
+    environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **checked}
+    options = ["-q", "-n", "0", "-p", "no:cacheprovider", *(str(TESTS / x) for x in CHOSEN)]
+    command = [sys.executable, "-m", "pytest", *options]
     done = subprocess.run(command, env=environment, cwd=TESTS.parent, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-
-
-@pytest.mark.slow
-def test_kernels_for_any_processor_pass_the_tests_of_the_march(tmp_path):
-    """The library without the loops for the vector registers of today's processors."""
-    _tests_pass_with(compilation.build(tmp_path / "plain.so", clones=False))
-
-
-@pytest.mark.slow
-def test_kernels_keep_within_their_memory(tmp_path):
-    """The tests of the march once more with the compiler's checks of addresses and of undefined behaviour."""
-    command = compilation.compiler()
-    if sys.platform != "linux" or command is None:
-        pytest.skip("needs gcc on Linux")
-    found = subprocess.run([*command, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
-    if not os.path.isabs(found.stdout.strip()):
-        pytest.skip("the compiler has no libasan.so")
-    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-g", "-O1"]
-    library = compilation.build(tmp_path / "checked.so", clones=False, more=checks)
-    # Python itself leaks.
-    _tests_pass_with(library, LD_PRELOAD=found.stdout.strip(), ASAN_OPTIONS="detect_leaks=0")
