@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas
 import pytest
@@ -15,10 +13,10 @@ from scipy.stats import norm
 from systems import one_mass, thrown_case
 
 import stiffbeam as sb
-from stiffbeam.measures.rates import CLOSE, stationary_mean, windows
+from stiffbeam.measures.rates import stationary_mean, windows
 
 CASES = 300
-QUADRATURE = CLOSE / 2.0  # of works: the rule is of order 2, and CLOSE is the change from three times the step
+QUADRATURE = 5e-5  # of works: midpoints of 243 cells a contact, a rule of order 2
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
 
 
@@ -39,14 +37,6 @@ def test_the_interval_of_few_values_holds_as_often_as_its_limitation_states(n, h
     rng, cases = np.random.default_rng(3), 1500
     means = [stationary_mean(rng.normal(size=n)) for _ in range(cases)]
     assert np.mean([mean.low <= 0.0 <= mean.high for mean in means]) == pytest.approx(holds, abs=0.025)
-
-
-def test_a_constant_series_is_certain_and_a_drifting_one_is_not():
-    assert stationary_mean(np.full(20, 2.0)) == stationary_mean(np.full(20, 2.0))
-    assert stationary_mean(np.full(20, 2.0)).high == 2.0
-    drift = stationary_mean(np.arange(200.0))
-    assert drift.effective < 10.0
-    assert drift.high - drift.low > 80.0
 
 
 @pytest.mark.slow
@@ -163,30 +153,6 @@ def test_the_stated_quadrature_holds(damping):
         works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
     np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
-
-
-def test_rates_of_an_adaptive_solution_take_a_few_solves():
-    """A solver answers other times by another solve, and amplifies rounding: works of two solves differ by more than
-    the panels of one."""
-    K = np.array([[230.0, -200.0], [-200.0, 200.0]])
-    contacts = [
-        sb.Contact([-1.8, -1.3], sb.Stops(-0.5, 0.15, stiffness=8500.0)),
-        sb.Contact([1.0, -1.3], sb.Stops(upper=0.1, stiffness=7e4, exponent=1.5, dissipation=0.006)),
-    ]
-    system = sb.System.from_matrices(
-        np.eye(2), K, loads=[([1.0, 0.5], sb.Harmonic(20.0, 4.0))], contacts=contacts, initial_velocity=[2.0, -1.0]
-    )
-    reference, solves = sb.reference(system, 6.0, "cvode"), []
-
-    def counted(times, channel):
-        solves.append(len(times))
-        assert len(solves) < 10
-        assert len(times) < 100_000
-        return reference.evaluate(times, channel)
-
-    rates = sb.contact_rates(replace(reference, evaluate=counted))
-    assert min(contact.impacts.count for contact in reference.contacts) > 5
-    assert all(float(source.rpartition(" ")[2]) <= CLOSE for source in rates.sources)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():
