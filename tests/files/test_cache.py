@@ -19,7 +19,7 @@ from stiffbeam.files import reference_cache
 from stiffbeam.files.store import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
-FINITE = ("cvode-adams", "dop853", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
+FINITE = ("multiprecision", "cvode-adams", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
 
 
 def assert_same(a, b):
@@ -63,19 +63,6 @@ def test_two_contacts_and_a_tip_elsewhere_come_back_channel_by_channel(folder):
     assert_same(cached, fresh)
     for contact in (None, 0, 1):
         np.testing.assert_array_equal(cached.at(times, contact), fresh.at(times, contact))
-
-
-@pytest.mark.slow
-def test_multiprecision_is_frozen_once_for_all_output_times(folder, system):
-    first = sb.cached_reference(system, 0.1, "multiprecision", t_eval=[0.0, 0.05, 0.1])
-    again = sb.cached_reference(system, 0.1, "multiprecision")
-    assert len(list(folder.iterdir())) == 1
-    assert (len(first.t), len(again.t)) == (3, 2001)
-    assert np.max(np.abs(again.at(first.t)[0] - first.tip)) < BOUND
-    # What did not reach its end is kept with its horizon, at its times.
-    few = [sb.cached_reference(system, 1.5, "multiprecision", np.linspace(0, 1.5, 301), digits=20) for _ in range(2)]
-    assert few[0].horizon == few[1].horizon < 1.5
-    assert_same(few[1], few[0])
 
 
 @pytest.mark.slow
