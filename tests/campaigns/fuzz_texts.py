@@ -53,8 +53,7 @@ supports = "clamped-free"
 units = { length = "mm", time = "s", force = "N" }
 initial_velocity = [0.0, 0.0, 1.0]
 stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5, exponent = 1.5, damping = 1.0 }
-base = { sum = [{ amplitude = 1e-3, frequency = 150.0 }, { sampled = { t = [0, 1, 2, 3], values = [0, 0, 0, 0] }, \
-kind = "cubic" }] }
+base = { sum = [{ amplitude = 1e-3, frequency = 150.0 }, { constant = 0.0 }] }
 loads = [{ position = 0.1, amplitude = 3.0, frequency = 60.0, phase = "pi/2" }, { shape = [0, 1], constant = 2.0 }]
 """
 LITERALS = [

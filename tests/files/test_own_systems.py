@@ -14,7 +14,6 @@ from systems import bouncing_chain
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files import reader
 from stiffbeam.files.cases import find_case, parse_case
 
 TEXT = """
@@ -203,17 +202,6 @@ def test_a_vector_is_a_diagonal_mass(file):
     assert sb.System.from_matrices([1, 2, 3], STIFFNESS, observe=[1, 0, 0]).fingerprint == wanted.fingerprint
     file.write_text(TEXT.replace('"M.mtx"', "[1, 2, 3]", 1))
     np.testing.assert_array_equal(find_case(str(file)).system().mass, wanted.mass)
-
-
-def test_a_large_model_without_modes_is_announced_at_once(file, monkeypatch):
-    monkeypatch.setattr(reader, "LARGE", 2)
-    with pytest.warns(UserWarning, match="3 unknowns take minutes: modes = 40"):
-        find_case(str(file))
-
-
-def test_a_text_without_a_folder_has_to_hold_its_matrices():
-    with pytest.raises(InputError, match="need no other file"):
-        parse_case(TEXT, "text")
 
 
 def test_a_study_of_a_system_asks_for_step_and_span():
