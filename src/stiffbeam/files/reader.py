@@ -127,7 +127,7 @@ def _units(value: Any, _: Any) -> Units:
 class Reader:
     """Converter of the tables of a case file. ``folder``: that of the files which the case names."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path = Path()) -> None:
         self.folder, self.size = folder, 0
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
