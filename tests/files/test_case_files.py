@@ -127,6 +127,7 @@ FAULTS = [  # text, field, value, rule
     (LINE % "stops = [0.1]", f"{BEAM}.stops[0]", 0.1, "be a table"),
     (LINE % "base = { amplitude = 1 }", f"{BEAM}.base.frequency", None, "be given"),
     (LINE % "base = { sum = [{ constant = nan }] }", f"{BEAM}.base.sum[0].level", np.nan, "be finite"),
+    (LINE % "base = { sampled = { t = [0, 1] } }", f"{BEAM}.base.sampled.values", None, "be given"),
     (LINE % "loads = [{}]", f"{BEAM}.loads[0].position", None, "be given"),
     (LINE % "loads = [{ position = 0.0, constant = 1 }]", f"{BEAM}.loads[0].position", 0.0, "be > 0"),
     (LINE % "loads = [{ position = 1.5, constant = 1 }]", f"{BEAM}.load.position", 1.5, "lie on the beam"),

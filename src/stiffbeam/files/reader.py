@@ -98,10 +98,18 @@ class Matrices:
 
 
 @dataclass
+class Points:
+    """Samples written into a case file."""
+
+    t: Sequence[float]
+    values: Sequence[float]
+
+
+@dataclass
 class Samples:
     """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
 
-    sampled: str
+    sampled: str | Points
     kind: str = "linear"
     column: str | None = None
     dt: float | None = None
@@ -136,6 +144,7 @@ class Reader:
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: _polynomial,
+            str | Points: lambda value, _: self.read(value, Points if isinstance(value, dict) else str),
             Stops | Sequence[Stops] | None: lambda value, _: self.read(value, Sequence[Stops]),
         }  # fmt: skip
         # By class, which comes before the conversions that cattrs has for these.
@@ -195,6 +204,8 @@ class Reader:
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
+        if isinstance(record.sampled, Points):
+            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
         return Sampled(*read_samples(self.folder / record.sampled, **options), record.kind)
 
