@@ -57,7 +57,7 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
 def _fast(made: Made, t: Array, v: Array) -> float:
     """Rms tip velocity from frequencies above the second natural one."""
     rates, speed = amplitude_spectrum(t, v, made.drive)
-    second = natural_frequencies(made.case.problem, 2)[1]
+    second = natural_frequencies(made.case.beam, 2)[1]
     return float(np.sqrt(np.sum(speed[rates > second] ** 2) / 2.0))
 
 

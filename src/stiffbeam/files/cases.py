@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ..basics.storage import regular_text
 from ..basics.text import several
@@ -36,9 +36,10 @@ class Case:
     Parameters
     ----------
     name, title : str
-    problem : BeamProblem
+    problem : BeamProblem or None
+        None for a system of matrices.
     cells : int
-        Cells of the grid.
+        Cells of the grid, 0 without one.
     dt, t_end : float
     runs : sequence of (Scheme, form)
     published : dict
@@ -47,6 +48,8 @@ class Case:
         What is inferred rather than stated in the source, each with its reason.
     uncertain : mapping of path to (low, high)
         Ranges of parameters, from which ``doubt`` draws.
+    matrices : System, optional
+        In place of a problem and its grid.
 
     Examples
     --------
@@ -58,7 +61,7 @@ class Case:
 
     name: str
     title: str
-    problem: BeamProblem
+    problem: BeamProblem | None
     cells: int
     dt: float
     t_end: float
@@ -66,23 +69,25 @@ class Case:
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    matrices: ClassVar[System | None] = None
+    matrices: System | None = None
 
     @property
-    def beam(self) -> BeamProblem | None:
-        """The problem; None for a system of matrices."""
-        return self.problem if self.matrices is None else None
+    def beam(self) -> BeamProblem:
+        """The problem. Raises InputError for a system of matrices, since mesh refinement needs a beam."""
+        if self.problem is None:
+            found = f"{self.name}, a system of matrices"
+            raise InputError("case", found, "be a beam with a grid here", "describe it as a beam")
+        return self.problem
 
     @property
     def units(self) -> Units:
         """The units of the problem, or of the matrices."""
-        return (self.matrices or self.problem).units
+        return (self.matrices or self.beam).units
 
     @property
     def has_stops(self) -> bool:
         """Return True if there is a stop."""
-        return bool(self.problem.all_stops if self.matrices is None else self.matrices.contacts)
+        return bool(self.beam.all_stops if self.matrices is None else self.matrices.contacts)
 
     @property
     def grid(self) -> str:
@@ -92,38 +97,18 @@ class Case:
     @property
     def forms(self) -> tuple[str, ...]:
         """The forms that studies look at by default, the first where one is enough."""
-        problem = self.problem
+        if self.matrices is not None:
+            return (self.matrices.form,)
+        problem = self.beam
         # Elements where beam or runs need them; else the paper's, the second without damping and tip mass.
         if problem.for_elements or {form for _, form in self.runs} == {"hermite"}:
             return ("hermite",)
         return FORMS if problem.viscosity == problem.tip_mass == problem.mass_damping == 0.0 else FORMS[:1]
 
     def system(self, form: str | None = None) -> System:
-        """The semi-discrete system in this form, by default the first of ``forms``."""
-        return semidiscretise(self.problem, self.cells, form or self.forms[0])
-
-
-@dataclass(frozen=True)
-class SystemCase(Case):
-    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam."""
-
-    problem: BeamProblem = field(init=False, repr=False, compare=False)
-    cells: int = field(init=False, repr=False, compare=False)
-    matrices: System = field(kw_only=True)  # type: ignore[misc]
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("problem", "cells"):
-            remedy = "describe it as a beam"
-            raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
-        raise AttributeError(name)
-
-    @property
-    def forms(self) -> tuple[str, ...]:
-        """The one form that the matrices are in."""
-        return (self.matrices.form,)
-
-    def system(self, form: str | None = None) -> System:
-        """The system itself; InputError for another form."""
+        """The semi-discrete system in this form, by default the first of ``forms``. Matrices have one form."""
+        if self.matrices is None:
+            return semidiscretise(self.beam, self.cells, form or self.forms[0])
         if form not in (None, self.matrices.form):
             raise InputError("form", form, "be that of the system", near(form or "", self.forms))
         return self.matrices
@@ -152,7 +137,7 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
         if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
+    return Case(name, name, None, 0, float(dt), float(t_end), runs, matrices=system)
 
 
 MOST_BYTES = 1 << 20  # of a case file
@@ -340,9 +325,8 @@ class Entry:
         if self.system is not None:
             if self.cells is not None:
                 raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
-            case = SystemCase(matrices=self.system, **common)
+            case = Case(problem=None, cells=0, matrices=self.system, **common)
         else:
-            assert self.problem is not None
             case = Case(problem=self.problem, cells=integer("cells", self.cells, 4), **common)
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -134,16 +134,11 @@ class Report:
             parts += [table, ""]
         if self.notes:
             parts.append(Constrain(Text("\n".join(self.notes), style="dim"), LINE))
-        return Group(*parts, *self.failed())
-
-    def failed(self) -> list[Any]:
-        """A line for each failure."""
-        from rich.text import Text
-
         styles = {"failed": "bold red", "refused": "bold"}
-        return [
+        parts += [
             Text.assemble((f"{word}  ", styles[word]), (who, "bold"), f"  {why}") for word, who, why in self.failures
         ]
+        return Group(*parts)
 
     def __str__(self) -> str:
         from rich.console import Console
@@ -178,7 +173,8 @@ def report(
 
     refused: the labels of those failures that the case does not allow.
     """
-    tables = (_to_horizon(comparisons), _to_end(comparisons)) if comparisons else ()
+    tables = tuple(zip(_titles(comparisons), (_frame(comparisons, x) for x in (False, True)), strict=True)
+                   if comparisons else ())  # fmt: skip
     heads = " ".join(str(head) for _, frame in tables for head in frame)
     return Report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
@@ -193,39 +189,10 @@ def method_of(label: str) -> str:
     return short(label.partition("@")[0])
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A line of a table: of a run or its reference as a whole, with its only contact, or of one of several contacts."""
-
-    name: str
-    of: Comparison
-    run: bool
-    contact: ContactComparison | None
-    whole: bool = True
-    several: bool = False  # its contacts have lines of their own
-
-    def counts(self, measures: ContactMeasures | None) -> dict[str, str]:
-        """Impacts at the time steps, share of the time, peak and impulse; empty where the lines of contacts follow."""
-        force, impulse = (with_unit(self.of.units, *name) for name in (("peak force", "force"), ("impulse", "impulse")))
-        if measures is None and self.several:
-            return dict.fromkeys(("impacts", "contact time", force, impulse), "")
-        x = measures or ContactMeasures(0, 0, 0.0, 0.0, 0.0)
-        return {
-            "impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction),
-            force: number(x.peak_force, 4), impulse: number(x.impulse, 4),
-        }  # fmt: skip
-
-
-def _lines(comparisons: Sequence[Comparison], main: str) -> Iterator[_Line]:
-    """The lines of the reference, called ``main``, and of every run with one reference."""
-    touched = _touched(comparisons)
+def _names(comparisons: Sequence[Comparison]) -> list[str]:
+    """Short names of the runs, whole ones where two are alike."""
     names = [method_of(c.label) for c in comparisons]
-    names = [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
-    runs, several = [(name, c, True) for name, c in zip(names, comparisons, strict=True)], len(touched) > 1
-    for name, c, run in [(main, comparisons[0], False), *runs]:
-        yield _Line(name, c, run, c.contacts[touched[0]] if len(touched) == 1 else None, several=several)
-        for i in touched if several else ():
-            yield _Line(f"  {c.contacts[i].name}", c, run, c.contacts[i], whole=False)
+    return [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
 
 
 def _touched(comparisons: Sequence[Comparison]) -> list[int]:
@@ -239,56 +206,72 @@ def _touched(comparisons: Sequence[Comparison]) -> list[int]:
     return [i for i in contacts if len(contacts) == 1 or any(touches(c.contacts[i]) for c in comparisons)]
 
 
-def _frame(rows: Sequence[Mapping[str, str]]) -> Any:
-    """The rows as a DataFrame without the columns that say nothing."""
+NONE = ContactMeasures(0, 0, 0.0, 0.0, 0.0)  # of a run that touches nothing
+
+
+def _frame(comparisons: Sequence[Comparison], to_end: bool) -> Any:
+    """A line for the reference and each run, with its only contact, or with a line for each of several contacts.
+
+    to_end: totals and cost of the whole runs, else the measures to the horizon. Empty columns are left out.
+    """
     import pandas
 
-    frame: Any = pandas.DataFrame(list(rows))
-    return frame.loc[:, [any(cell not in (DASH, "") for cell in frame[head]) for head in frame]]
+    first, touched, common = comparisons[0], _touched(comparisons), common_window(comparisons)
+    lag, delay, force, impulse = (
+        with_unit(first.units, *name)
+        for name in (("lag", "time"), ("impact delay", "time"), ("peak force", "force"), ("impulse", "impulse"))
+    )
 
+    def of_run(c: Comparison) -> dict[str, str]:
+        if to_end:
+            return {"ns per step": number(c.ns_per_step), "energy lost": percent(c.totals_energy_lost)}
+        return {
+            "tip error": percent(c.tip_error_to(min(common, c.window))), lag: number(c.phase.lag, 2),
+            "energy lost": percent(c.energy_lost), "impacts right to": _until(c.matched_until, c.window, first.window),
+        }  # fmt: skip
 
-def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """The measures on [0, horizon]; errors while the impacts of all of them match."""
-    first, common = comparisons[0], common_window(comparisons)
-    lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
-    rows = []
-    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
-        c, one, known = line.of, line.contact, line.run and (line.contact is None or line.contact.run.impacts >= 0)
-        counts = line.counts(one and (one.run if line.run else one.reference))
-        until = c.matched_until if line.whole else one.matching.matched_until if one and known else np.nan
-        errors = line.run and line.whole
-        rows.append({
-            "run": line.name,
-            "tip error": percent(c.tip_error_to(min(common, c.window))) if errors else DASH,
-            lag: number(c.phase.lag, 2) if errors else DASH,
-            delay: number(one.matching.median_delay, 2) if one and known else DASH,
-            "energy lost": percent(c.energy_lost) if errors else DASH,
-            "impacts right to": _until(until, c.window, first.window) if line.run else DASH,
-            "impacts": counts["impacts"],
-            "contact time": counts["contact time"],
-        })  # fmt: skip
-    return f"To the horizon t = {number(first.window)}, {first.reference.partition('@')[2]} form", _frame(rows)
-
-
-def _to_end(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """Cost and totals of the whole runs; the adaptive solvers ended at the horizon."""
-    first = comparisons[0]
-    end = max(c.t_end for c in comparisons)
-    # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
-    beyond = first.window < end * (1 - 1e-9)
-    said = ": one realisation each, compare statistically" if beyond else ""
-    parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
-    if not beyond and parted < first.window:
-        said = f"; impacts differ from t = {number(parted)} on"
+    def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
+        x = NONE
+        if contact is not None and to_end:
+            x = contact.run_totals if run else contact.reference_totals
+        elif contact is not None:
+            x = contact.run if run else contact.reference
+        row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
+        if to_end:
+            return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}
+        if contact is None or not run or contact.run.impacts < 0:
+            return row
+        until = _until(contact.matching.matched_until, c.window, first.window)
+        return row | {delay: number(contact.matching.median_delay, 2), "impacts right to": until}
 
     rows = list[dict[str, str]]()
-    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
-        c, one = line.of, line.contact
-        speed, lost = (c.ns_per_step, c.totals_energy_lost) if line.run and line.whole else (np.nan, np.nan)
-        if c.steps or not line.run:
-            counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
-            rows.append({"run": line.name, "ns per step": number(speed), **counts, "energy lost": percent(lost)})
-    return f"To t = {end:g}, {first.reference.partition('@')[2]} form{said}", _frame(rows)
+    lines = [(f"{method_of(first.reference)} (reference)", first, False)]
+    lines += [(name, c, True) for name, c in zip(_names(comparisons), comparisons, strict=True)]
+    for name, c, run in lines:
+        if run and to_end and not c.steps:
+            continue  # the adaptive solvers end at the horizon
+        own = dict.fromkeys(("impacts", "contact time", force, impulse), "")
+        if len(touched) < 2:
+            own = of_contact(c, run, c.contacts[touched[0]] if touched else None)
+        rows.append({"run": name} | own | (of_run(c) if run else {}))
+        for i in touched if len(touched) > 1 else ():
+            rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
+    order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
+             "contact time", force, impulse]  # fmt: skip
+    frame: Any = pandas.DataFrame(rows).fillna(DASH)
+    return frame[[head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]]
+
+
+def _titles(comparisons: Sequence[Comparison]) -> tuple[str, str]:
+    """Titles of the two tables. Past the horizon, or where impacts differ, single runs differ by chance."""
+    first, end = comparisons[0], max(c.t_end for c in comparisons)
+    form, said = first.reference.partition("@")[2], ""
+    parted = min((c.matched_until for c in comparisons if c.matched_until < c.window), default=first.window)
+    if first.window < end * (1 - 1e-9):
+        said = ": one realisation each, compare statistically"
+    elif parted < first.window:
+        said = f"; impacts differ from t = {number(parted)} on"
+    return f"To the horizon t = {number(first.window)}, {form} form", f"To t = {end:g}, {form} form{said}"
 
 
 def _until(until: float, window: float, horizon: float) -> str:

@@ -149,7 +149,7 @@ class CaseComparison:
             "units": list(self.case.units),
             "dt": self.case.dt,
             "t_end": self.case.t_end,
-            "cells": self.case.cells if self.case.beam else None,
+            "cells": self.case.cells or None,
             "inferred": list(self.case.notes),
             "references": [
                 {"label": r.label, "horizon": r.horizon, "seconds": r.work.seconds, "provenance": r.provenance}
