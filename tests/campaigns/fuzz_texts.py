@@ -18,7 +18,8 @@ from wild_values import NUMBERS, TEXTS
 
 import stiffbeam as sb
 from stiffbeam.cli.commands import OWN
-from stiffbeam.files.cases import case_text, find_case
+from stiffbeam.files.cases import find_case
+from stiffbeam.files.paper import case_blocks, paper_text
 from stiffbeam.studies import studies
 
 # ---------------------------------------------------------------- case files
@@ -66,7 +67,7 @@ LITERALS = [
 
 def case_file(rng: np.random.Generator) -> Any:
     """A field with another value, a line less, a byte changed."""
-    text = str(rng.choice([STEEL, case_text("table10"), case_text("table3")]))
+    text = str(rng.choice([STEEL, *(case_blocks(paper_text())[x] for x in ("table10", "table3"))]))
     kind = rng.integers(5)
     if kind == 0:
         lines = text.splitlines()

@@ -2,7 +2,6 @@
 refused."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.measures.amplification import free_mode_errors
-from stiffbeam.studies import chaos, study
+from stiffbeam.studies import chaos
 
 OSCILLATOR = """
 [[case]]
@@ -71,27 +70,6 @@ def test_a_load_that_takes_its_work_back_makes_no_loss_of_any_size(case):
     assert ledger.lost_fraction() == pytest.approx(loss / most, rel=1e-6)
     assert -0.05 < ledger.lost_fraction() < 0.0
     assert ledger.supplied == pytest.approx([np.max(ledger.input[: k + 1]) for k in range(len(ledger.t))])
-
-
-def test_the_energy_study_names_the_time_its_numbers_are_of(case):
-    """7297 steps have no divisor near 36: the last that is kept is not the end."""
-    records = study("energy", case, schemes=["trapezoidal"])
-    last = max(row["t"] for row in records.found.to_dict("records") if row["scheme"] == "Trapezoidal")
-    assert last < 14.594
-    assert f"to t = {last:g}" in str(records)
-    even = study("energy", replace(case, t_end=14.0), schemes=["trapezoidal"])
-    assert even.found.t[even.found.scheme == "Trapezoidal"].max() == pytest.approx(14.0)
-
-
-def test_a_sweep_on_rigid_stops_prints_no_force_that_is_none(case):
-    stops = sb.Stops(upper=0.05, stiffness=np.inf, restitution=0.8)
-    system = replace(case.system(), contacts=(sb.Contact([1.0], stops),))
-    records = study(
-        "sweep", system, values=[4.5, 5.0], method="moreau-jean", dt=1e-3, t_end=5.0, periods=4, transient=2
-    )
-    assert "nan" not in str(records)
-    assert "largest force" not in str(records)
-    assert "4 periods are too few to tell" in str(records)
 
 
 def test_a_mode_is_not_measured_on_a_part_of_its_period(case):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -11,8 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import test_store
-from commands import invoke
-from systems import two_contacts
 
 import stiffbeam as sb
 from stiffbeam.files import reference_cache
@@ -55,14 +52,6 @@ def test_what_comes_from_the_cache_is_what_was_computed_and_compares_alike(metho
     run, exact = sb.integrate(system, sb.HHT(-0.1), TIMES[1], 0.06), sb.reference(system, 0.06)
     assert sb.compare(run, cached).to_dict() == sb.compare(run, fresh).to_dict()
     assert sb.compare(cached, exact).to_dict() == sb.compare(fresh, exact).to_dict()
-
-
-def test_two_contacts_and_a_tip_elsewhere_come_back_channel_by_channel(folder):
-    system, times = two_contacts(), np.linspace(0.0, 2.0, 401)
-    fresh, cached = (sb.cached_reference(system, 2.0, "dop853", times) for _ in range(2))
-    assert_same(cached, fresh)
-    for contact in (None, 0, 1):
-        np.testing.assert_array_equal(cached.at(times, contact), fresh.at(times, contact))
 
 
 @pytest.mark.slow
@@ -138,25 +127,6 @@ def test_threads_that_ask_for_one_reference_leave_one_good_file(folder, system):
         np.testing.assert_array_equal(tip, tips[0])
     [file] = folder.iterdir()
     assert sb.load(file, system).horizon == 0.02
-
-
-@pytest.mark.slow
-def test_a_comparison_keeps_its_references(folder, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        done = invoke(arguments)
-        if done.exception:
-            raise done.exception
-        return json.loads(done.stdout)
-
-    compare = ("compare", "table10", "--t-end", "0.02", "--schemes", "hht", "--references", "exact,cvode-adams")
-    tables = [run(*compare, "--json", "-") for _ in range(2)]
-    assert len(list(folder.iterdir())) == 1
-    kept = [[r["provenance"].get("kept", False) for r in table["references"]] for table in tables]
-    assert kept == [[False, False], [False, True]]
-    anew = run(*compare, "--no-cache", "--json", "-")
-    assert not any(r["provenance"].get("kept") for r in anew["references"])
 
 
 @pytest.mark.slow

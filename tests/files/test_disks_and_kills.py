@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import signal
@@ -67,22 +66,6 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
     last = words[-1] == "--out"
     done = invoke([*words, *([] if last else ["--out"]), place])
     assert isinstance(done.exception, sb.InputError), done.exception
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"files": 3}', '{"files": ["../stranger", "stranger", 3, ".."]}'])
-def test_a_list_of_earlier_files_neither_blocks_a_folder_nor_deletes_a_strangers_file(content, tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    strangers = [tmp_path / "stranger", out / "stranger"]
-    for file in strangers:
-        file.write_text("mine")
-    (out / "comparison.json").write_text(content)
-    words = ["compare", "table10", "--t-end", "0.004", "--schemes", "hht", "--references", "exact", "--out", str(out)]
-    done = invoke(words)
-    assert done.exception is None, done.exception
-    assert all(file.exists() for file in strangers)
-    assert json.loads((out / "comparison.json").read_text())["files"]
 
 
 def test_what_is_wrong_at_every_point_is_said_at_once(monkeypatch):

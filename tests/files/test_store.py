@@ -146,20 +146,6 @@ def test_every_result_is_the_same_in_every_container(kind, tmp_path):
         same(read[column], values)
 
 
-def test_parts_of_a_result_have_the_names_of_the_whole():
-    run, many = results()["run"], results()["ensemble"]
-    data = run.to_xarray(x=[0.1, 0.4])
-    for name, column in run.contacts[1].impacts.to_dataframe().items():
-        same(column, data[name].values[data["impact_contact"].values == 1])
-    for name, column in run.energy.to_dataframe().items():
-        same(column, data[name])
-    same(data["displacement"].sel(x=0.4), run.displacement(0.4))
-    members = many.to_xarray()
-    assert members.coords["stops[0].stiffness"].dims == ("member",)
-    third = members["impact_time"].values[(members["impact_member"] == 2) & (members["impact_contact"] == 1)]
-    same(third, many.contacts[1].impacts_of(2).times)
-
-
 def test_every_repr_fits_on_one_line():
     run = results()["run"]
     for x in (*results().values(), run.impacts, run.contacts[0], run.energy, system(),

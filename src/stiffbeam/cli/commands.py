@@ -16,7 +16,7 @@ from cyclopts import App, Parameter
 from ..basics.progress import progress
 from ..basics.resources import cores
 from ..basics.storage import make_folder
-from ..basics.validation import InputError
+from ..basics.validation import InputError, near
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import (
@@ -27,7 +27,6 @@ from .output import (
     Step,
     asked_case,
     check_json,
-    console,
     default_folder,
     say,
     write_json,
@@ -228,18 +227,16 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     Parameters
     ----------
     show
-        Print one case as TOML, as a start for your own file.
+        Print one of them as TOML, as a start for your own file.
     """
     from ..files.paper import case_blocks, paper_entries, paper_text
 
     check_json(json)
     if show is not None:
-        text = case_blocks(paper_text()).get(show)
-        if text is None:
-            from ..files.cases import case_text  # loads SciPy
-
-            text = case_text(show)
-        say(text.rstrip())
+        blocks = case_blocks(paper_text())
+        if show not in blocks:
+            raise InputError("--show", show, "be a table of the paper", near(show, blocks))
+        say(blocks[show].rstrip())
         return
     names = ("name", "title", "cells", "dt", "t_end", "runs")
     rows: list[dict[str, Any]] = [
@@ -248,13 +245,9 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     ]
     if write_json("cases", {"cases": rows}, json):
         return
-    from rich import box
-    from rich.table import Table
-
-    table = Table("case", "title", "cells", "dt", "t_end", "runs", box=box.SIMPLE_HEAD, pad_edge=False)
     for row in rows:
-        table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
-    console().print(table)
+        grid = f"{row['cells']} cells, dt = {row['dt']}, t_end = {row['t_end']}"
+        say(f"{row['name']:<8} {row['title']}: {grid}, {', '.join(row['runs'])}")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.text import Text
 
 from ..basics.progress import progress
 from ..basics.storage import make_folder, write_whole
@@ -24,7 +21,6 @@ from .output import (
     Step,
     asked_case,
     check_json,
-    console,
     default_folder,
     file_name,
     json_text,
@@ -33,6 +29,8 @@ from .output import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..measures.rates import ContactRates
     from ..measures.report import Report
     from ..studies.comparison import CaseComparison
@@ -70,7 +68,6 @@ def compare(
     out
         Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
     """
-    from ..measures.report import WIDTH
     from ..schemes.labels import split_runs
     from ..studies.comparison import CaseComparison
 
@@ -84,17 +81,17 @@ def compare(
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget, options.cache)
-    terminal, written = console(WIDTH, quiet=str(json) == "-"), list[Path]()
+    tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:
-            _follow(result, schemes, names, terminal, folder, written)
+            _follow(result, schemes, names, tell, folder, written)
         finally:  # an interrupt loses only what is running
             if written:
-                _print_tables(terminal, result, case)
+                _print_tables(tell, result, case)
                 _write(result, folder, written)
         rated = _rates(result) if options.rates else []
         for label, each in rated:
-            terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
+            tell(f"\n{label}, rates with 95 % intervals\n{each}")
         # The answer comes first: to load matplotlib and to draw takes as long again.
         show("drawing", 0, 0)
         written += _draw(result, folder)
@@ -108,8 +105,8 @@ def compare(
 
 
 def _follow(
-    result: CaseComparison, schemes: list[str] | None, names: list[str] | None, terminal: Console, folder: Path,
-    written: list[Path],
+    result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
+    folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
     """Print a line of each run and reference and save it as soon as it is there."""
     from ..measures.report import largest, short
@@ -118,10 +115,10 @@ def _follow(
         if not written:
             make_folder(folder)
             name, title = result.case.name, result.case.title
-            terminal.print(Text.assemble((name, "bold"), "" if title == name else f"  {title}"))
+            tell(name if title == name else f"{name}  {title}")
         written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
         work = ", ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-        terminal.print(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})", soft_wrap=True)
+        tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
 
 
 def _report(result: CaseComparison) -> Report:
@@ -130,22 +127,17 @@ def _report(result: CaseComparison) -> Report:
     return report(result.comparisons, result.references, result.failures, result.refused)
 
 
-def _print_tables(terminal: Console, result: CaseComparison, case: str) -> None:
+def _print_tables(tell: Callable[[str], object], result: CaseComparison, case: str) -> None:
     """Print the tables of what has been compared."""
-    terminal.print()
-    terminal.print(_report(result).rich())
+    tell(f"\n{_report(result)}")
     if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
         command = f"stiffbeam ensemble {shlex.quote(case)}"
-        terminal.print(f"\nStatistics past the horizon, over many runs: {command}", soft_wrap=True)
+        tell(f"\nStatistics past the horizon, over many runs: {command}")
 
 
 def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
     """Tables and records as files, after those that are ``written``."""
-    from ..measures.report import WIDTH
-
-    text = StringIO()
-    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_report(result).rich())
-    written.append(write_whole(folder / "comparison.txt", text.getvalue()))
+    written.append(write_whole(folder / "comparison.txt", f"{_report(result)}\n"))
     records = result.to_dict() | {"files": [path.name for path in written]}
     written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
 

@@ -22,7 +22,7 @@ from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
-from .paper import case_blocks, paper_text
+from .paper import paper_text
 from .reader import Line, Reader, located
 
 
@@ -180,9 +180,8 @@ def find_case(name: str) -> Case:
     if name in known:
         return known[name]
     file_path("case", name, "table1 to table17, or a TOML file")
-    file = case_file(name)
-    # The case behind the file and a colon.
-    wanted = name[len(file) + 1 :]
+    head, colon, wanted = name.partition(".toml:")
+    file = f"{head}.toml" if colon else name
     if file.endswith(".toml") or Path(file).is_file():
         cases = load_cases(file)
         if wanted:
@@ -195,23 +194,10 @@ def find_case(name: str) -> Case:
     raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
 
 
-def case_file(name: str) -> str:
-    """The file in ``file.toml`` or ``file.toml:case``."""
-    head, separator, _ = name.partition(".toml:")
-    return head + ".toml" if separator else name
-
-
 @cache
 def paper_cases() -> dict[str, Case]:
     """The paper's tables by name, in order."""
     return _parse(_toml(paper_text()), "paper.toml")
-
-
-def case_text(name: str) -> str:
-    """The case as the text of a TOML file; ``name`` as in ``find_case``."""
-    case = find_case(name)
-    text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
-    return case_blocks(text)[case.name]
 
 
 def parse_case(text: str, source: str) -> Case:

@@ -199,6 +199,8 @@ def contact_rates(
             source, pieces = _nodes(run, i, rows[i], edges)
             integrals = sum((_integrals(edges, *nodes) for nodes in pieces), np.zeros_like(integrals))
         sources.append(source)
+        if rows[i] is None:
+            integrals[3] = np.nan
         means = {"impact": _rate_of(contact.impacts.times, edges)}
         for name, series in zip(list(RATES)[1:], integrals / width, strict=True):
             known = bool(np.all(np.isfinite(series)))

@@ -1,11 +1,11 @@
-"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML and LaTeX."""
+"""Tables of comparisons: texts in DataFrames, which pandas writes as text, HTML and LaTeX."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,14 +18,11 @@ from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
-WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
-LINE = 100  # columns of a sentence on a wide terminal: longer lines are hard to follow
+WIDTH = 80  # letters of a line of notes
 
 
 def short(label: str) -> str:
@@ -108,44 +105,18 @@ class Report:
     notes: tuple[str, ...]
     failures: tuple[tuple[str, str, str], ...] = ()  # "failed" or "refused", label, message
 
-    def rich(self) -> RenderableType:
-        """The tables for a terminal or a file."""
-        from rich import box
-        from rich.console import Console, Group
-        from rich.constrain import Constrain
-        from rich.measure import Measurement
-        from rich.table import Table
-        from rich.text import Text
-
-        parts: list[RenderableType] = [Text(remark) for remark in self.remarks]
-        wide = Console(width=10 * WIDTH, force_jupyter=False)
-        for title, frame in self.tables:
-            table = Table(
-                box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", padding=(0, 1, 0, 0),
-                show_edge=False,
-            )  # fmt: skip
-            table.add_column("run", overflow="fold", min_width=12)
-            for head in frame.columns[1:]:
-                table.add_column(str(head).replace(" ", "\n", 1), justify="right", no_wrap=True)
-            for name, *cells in frame.itertuples(index=False):
-                table.add_row(name, *cells, style="bold" if name.startswith(("exact", frame.run[0])) else "")
-            # Narrower gaps where it would not fit a file or an ordinary terminal.
-            table.padding = 0 if Measurement.get(wide, wide.options, table).maximum > WIDTH else table.padding
-            parts += [table, ""]
-        if self.notes:
-            parts.append(Constrain(Text("\n".join(self.notes), style="dim"), LINE))
-        styles = {"failed": "bold red", "refused": "bold"}
-        parts += [
-            Text.assemble((f"{word}  ", styles[word]), (who, "bold"), f"  {why}") for word, who, why in self.failures
-        ]
-        return Group(*parts)
-
     def __str__(self) -> str:
-        from rich.console import Console
+        """The tables as text: heads of columns in two lines, names to the left."""
+        import pandas
 
-        stream = io.StringIO()
-        Console(file=stream, width=WIDTH, color_system=None, force_jupyter=False).print(self.rich())
-        return stream.getvalue()
+        parts = list(self.remarks)
+        for title, frame in self.tables:
+            heads = [head.split(" ", 1) if " " in head else ["", head] for head in frame]
+            shown = frame.assign(run=frame.run.str.ljust(frame.run.str.len().max()))
+            shown.columns = pandas.MultiIndex.from_tuples(map(tuple, heads))
+            parts.append(f"{title}\n{shown.to_string(index=False)}\n")
+        parts += [fill(note, WIDTH) for note in self.notes]
+        return "\n".join([*parts, *("  ".join(failure) for failure in self.failures)])
 
     def html(self) -> str:
         """The tables for a notebook."""
