@@ -189,20 +189,6 @@ def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
     assert [c.run.impacts for c in whole.contacts] == [1, 2]
 
 
-def test_what_is_said_of_times_of_ones_own(measured):
-    system, run, ref = measured
-    rows = thinned(run)
-    t, u = run.t[rows], run.tip[rows]
-    longest = np.max(np.diff(t))
-    assert f"own: steps of 0.0001 to {longest:.3g}, 0.0001 in the median." in str(sb.compare((t, u), ref))
-    assert "in the median" not in str(sb.compare(run, ref))
-    coarse = np.sort(np.append(t, t[5]))
-    arrays = (coarse, np.interp(coarse, t, u))
-    for t_eval in (np.linspace(0.0, 0.2, 50), np.unique(coarse)):  # adaptive references answer between their outputs
-        cvode = sb.reference(system, 0.2, "cvode", t_eval=t_eval)
-        assert abs(sb.compare(arrays, cvode).tip_error_rms - sb.compare(arrays, ref).tip_error_rms) < 1e-3
-
-
 def test_states_at_times_of_ones_own_give_their_ledger(measured):
     """The ledger of a part of the steps, from its definition: a free oscillation loses what the scheme takes."""
     system, run, _ = measured

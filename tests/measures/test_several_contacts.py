@@ -1,4 +1,4 @@
-"""Studies and pictures show every contact of a system."""
+"""Measures, tables and pictures show every contact of a system."""
 
 from __future__ import annotations
 
@@ -9,57 +9,8 @@ import pytest
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.measures.report import common_window
-from stiffbeam.studies import study
-
-SMALL = replace(paper_case(10), cells=8, t_end=0.8)
-
-
-plain = Case.system
-
-
-def with_a_stop_half_way(case, form=None):
-    """The case's system with stops half way along the beam too, on its displacement without the base's part."""
-    system = plain(case, form)
-    (tip,) = system.contacts
-    middle = np.zeros(system.size)
-    middle[system.size // 2 - 1] = 1.0
-    half_way = sb.Contact(middle, sb.Stops(-0.02, 0.03, stiffness=2e4))
-    return replace(system, contacts=(tip, half_way))
-
-
-@pytest.fixture
-def two(monkeypatch):
-    monkeypatch.setattr(Case, "system", with_a_stop_half_way)
-
-
-def test_distributions_are_those_of_every_contact(two):
-    records = study("ensemble", SMALL, schemes=["HHT(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
-    exact = records.table[(records.table.kind == "member") & (records.table.method == "exact")]
-    members = {f" at contact {n:g}": rows["count"].tolist() for n, rows in exact.groupby("contact_number")}
-    peaks = exact.peak_force.tolist()
-    assert [len(counts) for counts in members.values()] == [3, 3]
-    assert members[" at contact 0"] != members[" at contact 1"]
-    labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
-    assert labels == [
-        "exact at contact 0",
-        "exact at contact 1",
-        "HHT(alpha=-0.1) at contact 0",
-        "HHT(alpha=-0.1) at contact 1",
-    ]
-    assert "At contact 1: Over 3 members" in records.answer.verdict
-    assert records.answer.notes.count("Off by") == 1  # what holds at both contacts stands once
-
-    def said(values, digits: str = ".3g") -> str:
-        mean, deviation = format(np.mean(values), digits), float(f"{np.std(values):.2g}")
-        return f"{mean} ± {deviation:g}" if deviation else f"all {mean}"
-
-    lines = [line for line in records.answer.table.to_dict("records") if line["method"] == "exact"]
-    for line, counts, forces in zip(lines, members.values(), (peaks[:3], peaks[3:]), strict=True):
-        assert line["impacts per unit of time"] == said(np.array(counts) / 0.2)
-        assert line["largest force"] == said(forces, ".4g")
 
 
 def test_windows_and_matching_hold_for_all_contacts():
