@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import xarray as xr
-
-from stiffbeam.basics.storage import content_hash, read_netcdf, write_netcdf, write_whole
-from stiffbeam.basics.validation import InputError
+from stiffbeam.basics.storage import read_netcdf, write_whole
 from stiffbeam.files.cases import Case, paper_cases
-from stiffbeam.files.store import BOUND, FROZEN_FORMAT, load
+from stiffbeam.files.store import BOUND, freeze, load
 from stiffbeam.references import reference
 from stiffbeam.trajectory.trajectory import Reference
 
@@ -68,36 +63,6 @@ def remake(folder: Path) -> list[str]:
         write_whole(folder / MANIFEST, text + "\n")
         written.append(file.name)
     return written
-
-
-KEPT = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
-        "python-flint", "numpy")  # fmt: skip
-
-
-def freeze(solution: Reference, file: str | Path, every: int = 8) -> Path:
-    """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
-    the state at every eighth event. Raises InputError where the solution is not confirmed to its end."""
-    notes, motion = solution.provenance, solution.solution
-    if notes["method"] != "multiprecision" or solution.horizon < notes["t_end"]:
-        raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
-    stored, sides = np.arange(0, len(motion.times), every), motion.sides.astype(np.int8)
-    sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
-    q, v = motion.states_in(motion.times[stored], stored)
-    variables = {
-        "switch_time": (("switch",), motion.times, "start of every segment"),
-        "side": (("switch", "contact")[: sides.ndim], sides, "+1 upper stop, -1 lower, 0 free"),
-        "stored_switch": (("stored",), stored.astype(np.int32), "the segment a state belongs to"),
-        "q": (("stored", "node"), q, "displacement v = u - phi (1 - (x/L)^2) at the nodes"),
-        "q_rate": (("stored", "node"), v, "its rate"),
-    }
-    data = xr.Dataset({name: (*entry[:2], {"long_name": entry[2]}) for name, entry in variables.items()}, attrs={
-        "title": f"stiffbeam frozen reference, {notes['form']} form", "stiffbeam_frozen": FROZEN_FORMAT,
-        "source": f"stiffbeam {version('stiffbeam')}", "form": notes["form"], "t_end": float(notes["t_end"]),
-        "fingerprint": solution.fingerprint, "provenance": json.dumps({key: notes[key] for key in KEPT}),
-        "bound": BOUND,
-    })  # fmt: skip
-    data.attrs["hash"] = content_hash(data)
-    return write_netcdf(data, file, compression=9)
 
 
 def facts(solution: Reference) -> dict[str, Any]:

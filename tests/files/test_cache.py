@@ -16,7 +16,7 @@ from stiffbeam.files import reference_cache
 from stiffbeam.files.store import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
-FINITE = ("multiprecision", "cvode-adams", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
+FINITE = ("cvode-adams", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow))
 
 
 def assert_same(a, b):
@@ -52,6 +52,14 @@ def test_what_comes_from_the_cache_is_what_was_computed_and_compares_alike(metho
     run, exact = sb.integrate(system, sb.HHT(-0.1), TIMES[1], 0.06), sb.reference(system, 0.06)
     assert sb.compare(run, cached).to_dict() == sb.compare(run, fresh).to_dict()
     assert sb.compare(cached, exact).to_dict() == sb.compare(fresh, exact).to_dict()
+
+
+@pytest.mark.slow
+def test_multiprecision_from_the_cache_answers_at_any_time(folder, system):
+    first, again = (sb.cached_reference(system, 0.1, "multiprecision", t_eval=[0.0, 0.05, 0.1]) for _ in range(2))
+    assert len(list(folder.iterdir())) == 1
+    between = np.linspace(0.0, 0.1, 77)
+    assert np.max(np.abs(again.at(between)[0] - first.at(between)[0])) < BOUND
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from commands import invoke
 
 import stiffbeam as sb
-from dumont2002.references import freeze
+from stiffbeam.files.store import freeze
 from stiffbeam.references import REFERENCES, solve
 from stiffbeam.references.multiprecision import multiprecision
 

@@ -14,10 +14,10 @@ from processes import passed
 
 import stiffbeam as sb
 from dumont2002 import references
-from dumont2002.references import entries, facts, freeze, wanted
+from dumont2002.references import entries, facts, wanted
 from stiffbeam.basics import storage
 from stiffbeam.files.cases import paper_cases
-from stiffbeam.files.store import BOUND
+from stiffbeam.files.store import BOUND, freeze
 
 STORE = Path(__file__).parents[2] / "reference"
 

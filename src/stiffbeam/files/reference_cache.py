@@ -41,8 +41,9 @@ def cached_reference(
     compute the same reference leave one good file. Files that have not been used for longest are deleted when the cache
     exceeds a gigabyte.
 
-    A stored reference is loaded without states: with outputs, impacts, energy, horizon, work and provenance, as
-    ``provenance["kept"]`` states. "exact" is solved again, which takes no longer than reading a file.
+    A multiprecision reference that is confirmed to t_end can be evaluated at any time. The others are loaded without
+    states: with outputs, impacts, energy, horizon, work and provenance, as ``provenance["kept"]`` states. "exact" is
+    solved again, which takes no longer than reading a file.
 
     Parameters
     ----------
@@ -93,7 +94,11 @@ def cached_reference(
     if "budget" in result.provenance:
         return result  # more seconds reach further
     try:
-        result.save(file)
+        # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
+        if store.can_freeze(result):
+            store.freeze(result, file)
+        else:
+            result.save(file)
         TALK.kept = True
         storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:

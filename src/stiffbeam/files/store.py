@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.storage import content_hash, read_netcdf
+from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers
 from ..model.contact import Stops
@@ -33,7 +34,46 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FROZEN_FORMAT = 1
+EVERY = 8  # events from one stored state to the next
+KEPT = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
+        "python-flint", "numpy")  # fmt: skip
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that integrating again may lose
+
+
+def can_freeze(solution: Reference) -> bool:
+    """True for a multiprecision solution that is confirmed to its end."""
+    notes = solution.provenance
+    return notes["method"] == "multiprecision" and solution.horizon >= float(notes["t_end"])
+
+
+def freeze(solution: Reference, file: str | Path) -> Path:
+    """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
+    the state at every eighth event. Raises InputError where the solution is not confirmed to its end."""
+    import xarray as xr
+
+    notes, motion = solution.provenance, solution.solution
+    if not can_freeze(solution):
+        raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
+    stored, sides = np.arange(0, len(motion.times), EVERY), motion.sides.astype(np.int8)
+    sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
+    q, v = motion.states_in(motion.times[stored], stored)
+    variables = {
+        "switch_time": (("switch",), motion.times, "start of every segment"),
+        "side": (("switch", "contact")[: sides.ndim], sides, "+1 upper stop, -1 lower, 0 free"),
+        "stored_switch": (("stored",), stored.astype(np.int32), "the segment a state belongs to"),
+        "q": (("stored", "node"), q, "displacement v = u - phi (1 - (x/L)^2) at the nodes"),
+        "q_rate": (("stored", "node"), v, "its rate"),
+    }
+    data = xr.Dataset({name: (*entry[:2], {"long_name": entry[2]}) for name, entry in variables.items()}, attrs={
+        "title": f"stiffbeam frozen reference, {notes['form']} form", "stiffbeam_frozen": FROZEN_FORMAT,
+        "source": f"stiffbeam {version('stiffbeam')}", "form": notes["form"], "t_end": float(notes["t_end"]),
+        "fingerprint": solution.fingerprint, "provenance": json.dumps({key: notes[key] for key in KEPT}),
+        "bound": BOUND,
+    })  # fmt: skip
+    assert solution.system is not None
+    _march(solution.system, data, str(file))  # raises InputError where float64 loses an event between two states
+    data.attrs["hash"] = content_hash(data)
+    return write_netcdf(data, file, compression=9)
 
 
 def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Array | None) -> Reference:
@@ -46,7 +86,6 @@ def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Ar
         rule = "be read together with its system"
         raise InputError("file", str(path), rule, "it holds events and states: stiffbeam.load(file, system)")
     t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
-    # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
 
