@@ -120,7 +120,7 @@ def order_in_space(e: Evidence) -> Finding:
 @claim("4.1", "The matrix of (3.12) “has only purely imaginary eigenvalues” (Remark 6)")
 def imaginary_eigenvalues(e: Evidence) -> Finding:
     """Real parts vanish to the square root of rounding."""
-    system = semidiscretise(paper_case(2).problem, 25, "velocity-curvature")
+    system = semidiscretise(paper_case(2).beam, 25, "velocity-curvature")
     values = np.linalg.eigvals(state_space(system).matrix)
     values = values[np.abs(values) > 1.0]
     share = float(np.max(np.abs(values.real) / np.abs(values)))
@@ -307,7 +307,7 @@ def exactly_similar(e: Evidence) -> Finding:
     """They differ by rounding until chaos magnifies it."""
     parts, same = [], []
     for case in map(paper_case, (6, 8)):
-        system = semidiscretise(case.problem, case.cells)
+        system = semidiscretise(case.beam, case.cells)
         schemes = (e.reading.scheme(SDIRK(1.0, nystrom)) for nystrom in (False, True))
         a, b = (integrate(system, s, case.dt, case.t_end, e.reading.contact).tip for s in schemes)
         gap = np.abs(a - b) / np.max(np.abs(a))

@@ -58,7 +58,7 @@ def _nanoseconds(case: Case, runs: Sequence[tuple[Scheme, str]], reading: Readin
 
     The runs take turns, so that other work on the machine slows all of them alike; it only ever adds time.
     """
-    systems = {form: semidiscretise(case.problem, case.cells, form) for _, form in runs}
+    systems = {form: semidiscretise(case.beam, case.cells, form) for _, form in runs}
     least: list[float | None] = [float("inf")] * len(runs)
     for _ in range(REPEATS):
         for i, (scheme, form) in enumerate(runs):
@@ -92,7 +92,7 @@ def steps_needed(table: int, scheme: Scheme, impacts: int = 4) -> dict[float, in
     the table's step.
     """
     case = paper_cases()[f"table{table}"]
-    system = semidiscretise(case.problem, case.cells)
+    system = semidiscretise(case.beam, case.cells)
     end = first_impacts(case, "displacement", impacts)
     exact = reference(system, end)
     found: dict[float, int | None] = dict.fromkeys(ERRORS)

@@ -113,16 +113,16 @@ def _normalisation() -> str:
 
 def _delta() -> str:
     case = paper_case(15)
-    load = case.problem.loads[0]
+    load = case.beam.loads[0]
     assert isinstance(load, PointLoad)
     assert isinstance(load.time, Harmonic)
     weak = replace(load, time=replace(load.time, amplitude=load.time.amplitude / case.cells))
     peaks = []
     for loads in ((weak,), (load,)):
-        problem = replace(case.problem, loads=loads, stops=None)
+        problem = replace(case.beam, loads=loads, stops=None)
         tip = reference(semidiscretise(problem, case.cells), case.t_end).tip
         peaks.append(float(np.max(np.abs(tip))))
-    stop = case.problem.all_stops[0]
+    stop = case.beam.all_stops[0]
     return (
         f"without stops the tip of Table 15 would reach {peaks[0]:.2e} with 1 on the nodes and {peaks[1]:.2e} with "
         f"the Dirac load; the stop is at {stop.upper_bound:g}"
@@ -132,8 +132,8 @@ def _delta() -> str:
 def _impacts() -> str:
     case = paper_case(10)
     scheme, form = case.runs[0]
-    run = integrate(semidiscretise(case.problem, case.cells, form), scheme, case.dt, case.t_end)
-    stops = case.problem.all_stops[0]
+    run = integrate(semidiscretise(case.beam, case.cells, form), scheme, case.dt, case.t_end)
+    stops = case.beam.all_stops[0]
     free = int(np.sum(stops.state(run.tip[:-1]) == 0))
     return f"Table 10, HHT: read as printed there are {free} impacts, with contact at the new step {run.impacts.count}"
 
@@ -141,7 +141,7 @@ def _impacts() -> str:
 def _mass_for_stiffness() -> str:
     """(4.12) as printed on one mode: with K = i w its matrix is M = 1 - (2 dt/3) i w, near 1, not i w."""
     case, scheme = paper_case(8), SDIRK(1.0)
-    first, _ = natural_frequencies(case.problem, 2)
+    first, _ = natural_frequencies(case.beam, 2)
     turn = []
     for rate in (1j * first, 1.0 - 2.0 * case.dt / 3.0 * 1j * first):
         z = rate * case.dt
@@ -156,7 +156,7 @@ def _mass_for_stiffness() -> str:
 def _spurious_factor() -> str:
     """(4.11) with B = I - (2 dt/3) K_d, the matrix of (4.5), in M_d = I - (2 dt/3) B K_d, on modes of Table 1."""
     case = paper_case(1)
-    first, second = natural_frequencies(case.problem, 2)
+    first, second = natural_frequencies(case.beam, 2)
     order, growth = [], 0.0
     for step in (case.dt, case.dt / 2.0):
         z = 1j * first * step
@@ -179,7 +179,7 @@ def _bdf2_root(z: complex) -> complex:
 
 def _time_step() -> str:
     case = paper_case(11)
-    system = semidiscretise(case.problem, case.cells)
+    system = semidiscretise(case.beam, case.cells)
     from stiffbeam.trajectory.trajectory import Diverged
 
     outcomes = []

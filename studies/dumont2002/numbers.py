@@ -57,7 +57,7 @@ def numbers_of(made: Made, members: int = MEMBERS, exact_members: int = EXACT_ME
 def _fast(made: Made, t: Array, v: Array) -> float:
     """Rms tip velocity from frequencies above the second natural one."""
     rates, speed = amplitude_spectrum(t, v, made.drive)
-    second = natural_frequencies(made.case.problem, 2)[1]
+    second = natural_frequencies(made.case.beam, 2)[1]
     return float(np.sqrt(np.sum(speed[rates > second] ** 2) / 2.0))
 
 
@@ -80,9 +80,9 @@ def _members(made: Made, motion: str, members: int) -> dict[str, list[float]]:
     alive = np.flatnonzero(np.isnan(many.diverged))
     clearance = min(abs(stop) for stop in (made.stops.lower, made.stops.upper) if stop is not None)
     return {
-        "impacts": [int(np.sum(many.contact.impacts_of(int(i)).times <= made.case.t_end)) for i in alive],
-        "fraction": many.contact_fraction[alive].tolist(),
-        "depth": (many.peak_force[alive] / made.stops.stiffness / clearance).tolist(),
+        "impacts": [int(np.sum(many.contacts[0].impacts_of(int(i)).times <= made.case.t_end)) for i in alive],
+        "fraction": many.contacts[0].fraction[alive].tolist(),
+        "depth": (many.contacts[0].peak_force[alive] / made.stops.stiffness / clearance).tolist(),
     }
 
 

@@ -88,7 +88,7 @@ def spread(row: Numbers, measure: str, scale: float = 1.0) -> str:
 def parameters(number: int) -> Iterator[tuple[str, str]]:
     """The paper's table in its symbols, with T beside it."""
     case = paper_case(number)
-    problem, stops = case.problem, case.problem.all_stops[0]
+    problem, stops = case.beam, case.beam.all_stops[0]
     yield "k²", cell(problem.stiffness, 6)
     yield "a" if problem.base is not None and number != 17 else "w", cell(drive_of(case))
     drive = problem.base if problem.base is not None else problem.loads[0].time

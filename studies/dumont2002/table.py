@@ -84,7 +84,7 @@ class Made:
     @property
     def stops(self) -> Stops:
         """The stops of the tip."""
-        return self.case.problem.all_stops[0]
+        return self.case.beam.all_stops[0]
 
     @property
     def drive(self) -> float:
@@ -103,7 +103,7 @@ class Made:
 
 def drive_of(case: Case) -> float:
     """The angular frequency that drives ``case``."""
-    time = case.problem.base if case.problem.base is not None else case.problem.loads[0].time
+    time = case.beam.base if case.beam.base is not None else case.beam.loads[0].time
     assert isinstance(time, Harmonic)
     return time.frequency
 
@@ -123,7 +123,7 @@ def make_table(case: Case, reading: Reading) -> Made:
     A run that overflows is noted in ``failures`` and the others go on.
     """
     forms = dict.fromkeys(form for _, form in case.runs)
-    made = Made(case, reading, {form: semidiscretise(case.problem, case.cells, form) for form in forms})
+    made = Made(case, reading, {form: semidiscretise(case.beam, case.cells, form) for form in forms})
     for form, system in made.systems.items():
         made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
     for equation, (scheme, form) in made.equations.items():

@@ -35,13 +35,13 @@ if __name__ == "__main__":
     q, v = np.meshgrid(np.linspace(*PLACES, SIDE), np.linspace(*SPEEDS, SIDE))
     starts = sb.varied_members(system, {"initial_displacement[0]": q, "initial_velocity[0]": v})
     end, since = PERIODS * PERIOD, (PERIODS - LAST) * PERIOD
-    hits = {"exact": sb.reference_ensemble(system, end, starts, since=since).impact_count > 0}
+    hits = {"exact": sb.reference_ensemble(system, end, starts, since=since).contacts[0].impact_count > 0}
     print(f"{np.mean(hits['exact']):.1%} of the starts end on the motion that hits the stop")
     wrong = {}
     for scheme, contact in METHODS:
         for steps in (50, 100, 200, 400):  # in a period
             runs = sb.integrate_ensemble(system, scheme, PERIOD / steps, end, starts, contact=contact, since=since)
-            hits[f"{scheme}, {contact}, {steps}"] = ends = runs.impact_count > 0
+            hits[f"{scheme}, {contact}, {steps}"] = ends = runs.contacts[0].impact_count > 0
             wrong[scheme, contact, steps] = np.mean(ends != hits["exact"])
         print(f"{scheme!s:20} {contact:11}", *(f"{wrong[scheme, contact, n]:8.2%}" for n in (50, 100, 200, 400)))
     assert all(wrong[scheme, contact, 400] < 0.5 * wrong[scheme, contact, 50] for scheme, contact in METHODS)

@@ -39,4 +39,5 @@ if __name__ == "__main__":
     ]
     many = sb.integrate_ensemble(systems[0], sb.Trapezoidal(), 2e-3, 100.0, systems)
     assert abs(np.std(noise(100.0, 2.0, (0.5, 6.0), 0).values[:-1]) / 2.0 - 1.0) < 1e-12  # rms
-    print(f"{many.impact_count.mean():.0f} impacts, from {many.impact_count.min()} to {many.impact_count.max()}")
+    count = many.contacts[0].impact_count
+    print(f"{count.mean():.0f} impacts, from {count.min()} to {count.max()}")

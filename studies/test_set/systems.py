@@ -73,7 +73,7 @@ def bar(elements: int, gravity: float, speed: float) -> dict[str, Any]:
 
 def paper(table: int) -> dict[str, Any]:
     case = sb.paper_case(table)
-    return table_of(sb.semidiscretise(as_doubles(case.problem), case.cells))
+    return table_of(sb.semidiscretise(as_doubles(case.beam), case.cells))
 
 
 def aster() -> dict[str, Any]:

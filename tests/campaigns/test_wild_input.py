@@ -157,10 +157,8 @@ def test_a_command_that_asks_too_much_ends_at_once(words, tmp_path, monkeypatch)
 
 
 def test_a_case_file_is_bounded():
-    with pytest.raises(sb.InputError, match="a key of many dots"):
+    with pytest.raises(sb.InputError, match="50 dots in a key"):
         one_case("a." * 30_000 + "b = 1")
-    with pytest.raises(sb.InputError, match="have at most 65536"):
-        one_case("a." * 100_000 + "b = 1")
     with pytest.raises(sb.InputError, match="have at most 1048576 bytes"):
         one_case("# comment\n" * 200_000)
     with pytest.raises(sb.InputError, match="nests"):

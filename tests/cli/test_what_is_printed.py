@@ -1,18 +1,12 @@
 """What commands and studies print is so: seconds, shares of the energy, times, verdicts; what they have no use for is
 refused."""
 
-import json
-import re
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.measures.amplification import free_mode_errors
-from stiffbeam.studies import chaos, study
-from stiffbeam.studies.energy import to_the_end
+from stiffbeam.studies import chaos
 
 OSCILLATOR = """
 [[case]]
@@ -75,75 +69,6 @@ def test_a_load_that_takes_its_work_back_makes_no_loss_of_any_size(case):
     assert ledger.supplied == pytest.approx([np.max(ledger.input[: k + 1]) for k in range(len(ledger.t))])
 
 
-def test_the_energy_study_names_the_time_its_numbers_are_of(case):
-    """7297 steps have no divisor near 36: the last that is kept is not the end."""
-    records = study("energy", case, schemes=["trapezoidal"])
-    last = max(row["t"] for row in records.found.to_dict("records") if row["scheme"] == "Trapezoidal")
-    assert last < 14.594
-    assert f"to t = {last:g}" in str(records)
-    even = study("energy", replace(case, t_end=14.0), schemes=["trapezoidal"])
-    assert even.found.t[even.found.scheme == "Trapezoidal"].max() == pytest.approx(14.0)
-
-
-@pytest.mark.parametrize(("steps", "outputs"), [(7000, 200), (7297, 200), (150, 200), (10**6, 4000), (2 * 3499, 100)])
-def test_what_is_kept_ends_with_the_run_where_a_divisor_allows(steps, outputs):
-    every = to_the_end(steps, outputs)
-    most = max(1, steps // outputs)
-    assert max(1, most / 2) <= every <= most
-    if any(steps % d == 0 for d in range(most // 2 + 1, most + 1)):
-        assert steps % every == 0
-
-
-def test_a_sweep_on_rigid_stops_prints_no_force_that_is_none(case):
-    stops = sb.Stops(upper=0.05, stiffness=np.inf, restitution=0.8)
-    system = replace(case.system(), contacts=(sb.Contact([1.0], stops),))
-    records = study(
-        "sweep", system, values=[4.5, 5.0], method="moreau-jean", dt=1e-3, t_end=5.0, periods=4, transient=2
-    )
-    assert "nan" not in str(records)
-    assert "largest force" not in str(records)
-    assert "4 periods are too few to tell" in str(records)
-
-
-def test_a_mode_is_not_measured_on_a_part_of_its_period(case):
-    """On a sixth of a period HHT's fit was off by four times its error."""
-    free = sb.System.from_matrices([[1.0]], [[100.0]], observe=[1.0], initial_displacement=[0.1])
-    short = free_mode_errors(sb.integrate(free, sb.HHT(-0.1), 2.5e-4, 0.1))
-    assert np.isnan(short.period_elongation[0])
-    long = free_mode_errors(sb.integrate(free, sb.HHT(-0.1), 2.5e-4, 2.0))
-    theory = sb.amplification(sb.HHT(-0.1), 2.5e-4 * 10.0 / (2.0 * np.pi))
-    for name in ("period_elongation", "damping_ratio"):
-        assert abs(getattr(long, name)[0] - getattr(theory, name)[0]) <= 1e-7
-
-
-def test_nothing_is_observed_by_a_row_of_zeros():
-    with pytest.raises(sb.InputError, match="observe must not be all zero"):
-        sb.System.from_matrices(np.eye(2), np.eye(2), observe=[0.0, 0.0])
-
-
-REFUSED = [
-    ("score bdf2 --problem bilinear-gap --trajectory a.csv", "INTEGRATORS must be left out with --trajectory"),
-    ("reference table10 --method cvode --digits 50", "--digits must be left out"),
-    ("reference table10 --rtol 1e-3", "--rtol must be left out"),
-]
-
-
-@pytest.mark.parametrize(("line", "words"), REFUSED, ids=[line for line, _ in REFUSED])
-def test_options_that_would_be_passed_over_are_refused(command, line, words):
-    code, _, said = command(*line.split())
-    assert code == 2
-    assert words in re.sub(r"\s+", " ", said)
-
-
-def test_advice_without_wants_is_asked_of_a_system_without_stops(command, tmp_path):
-    (tmp_path / "free.toml").write_text(OSCILLATOR.partition("[[case.system.contacts]]")[0] + "observe = [1.0]\n")
-    code, found, said = command("advise", "free.toml", "--schemes", "trapezoidal", "--t-end", "2", "--json", "-")
-    assert code == 0, said
-    rows = json.loads(found)["rows"]
-    assert "error_impacts" in rows[0]
-    assert "relative errors tip" in json.loads(found)["answer"]
-
-
 def test_chaos_fits_no_distances_that_are_rounding():
     """Neighbours of q'' + 2 q' + 25 q = sin t converge with the exponent -1, and soon differ by rounding only."""
     system = one_mass(25.0, sb.Stops(upper=1e3, stiffness=1e3), damping=2.0, load=sb.Harmonic(1.0, 1.0), q=1.0)
@@ -187,25 +112,6 @@ def test_neighbours_that_part_like_a_power_of_time_have_no_exponent(system, t_en
     assert methods == {"exact", next(m for m in methods if m.startswith(scheme))}
     assert set(chaos.exponents(found.table).values()) == {None}
     assert found.answer.verdict.startswith("No exponential change of the distance is seen for exact, ")
-
-
-@pytest.mark.parametrize("options", [{"span": np.nan}, {"span": -3.0}, {"dt": 5.0}, {"size": np.nan}, {"size": -1e-11}])
-def test_options_of_chaos_are_checked(options):
-    (name,) = options
-    with pytest.raises(sb.InputError, match=f"^{name} must "):
-        sb.study(
-            "chaos", one(100.0, speed=1.0), t_end=40.0, schemes=["trapezoidal"], jobs=1, **({"dt": 1e-2} | options)
-        )
-
-
-def test_pairs_are_followed_for_ten_steps_where_the_horizon_is_shorter():
-    """Half of 1.0 is five steps."""
-    system = one(100.0, speed=1.0)
-    found = sb.study("chaos", system, dt=0.1, t_end=1.0, schemes=["trapezoidal"], starts=4, jobs=1)
-    assert not found.lost
-    assert max(
-        row["t"] for row in found.table.to_dict("records") if row["distance"] == row["distance"]
-    ) == pytest.approx(1.0)
 
 
 def test_a_short_blow_perturbs_by_the_motion_it_makes():

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.files.cases import _parse, case_text, find_case, load_cases
+from stiffbeam.files.cases import _parse, find_case, load_cases
+from stiffbeam.files.paper import case_blocks, paper_text
 
 HEAD = """
 [[case]]
@@ -87,11 +88,6 @@ def test_a_full_file_holds_everything_that_python_can(write):
 PHYSICAL = HEAD + "[case.problem]\nlength = 2.0\nstiffness = 875.0\nmass_per_length = 3.925\n"
 
 
-def test_a_physical_file_may_name_other_units(write):
-    case = find_case(str(write(PHYSICAL + 'units = { length = "mm", time = "s", force = "N" }\n')))
-    assert case.problem.units == ("mm", "s", "N")
-
-
 def test_a_case_among_several_is_named_after_a_colon(write):
     file = write(PLAIN + PLAIN.replace("mine", "other").replace("300.0", "500.0"))
     assert list(load_cases(file)) == ["mine", "other"]
@@ -167,7 +163,7 @@ def entries(table, path=()):
 @pytest.mark.parametrize("name", ["table10", "full"])
 def test_any_misspelt_field_is_refused_with_the_nearest_name(name):
     """Every field of every table of a case, with its last letter left out."""
-    text = FULL if name == "full" else case_text(name)
+    text = FULL if name == "full" else case_blocks(paper_text())[name]
     count = len(list(entries(tomllib.loads(text)["case"][0])))
     for i in range(count):
         data = tomllib.loads(text)
@@ -205,13 +201,6 @@ def test_a_file_that_is_no_toml_or_not_there_is_named(write, tmp_path):
         find_case(str(binary))
     with pytest.raises(sb.InputError, match=r"case file must exist, got .*none\.toml"):
         find_case(str(tmp_path / "none.toml"))
-
-
-def test_a_folder_given_as_a_case_file_is_named(tmp_path):
-    folder = tmp_path / "folder.toml"
-    folder.mkdir()
-    with pytest.raises(sb.InputError, match=r"folder\.toml"):
-        find_case(str(folder))
 
 
 def test_a_bad_case_name_lists_near_ones():

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
-from systems import bouncing_chain
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files import reader
-from stiffbeam.files.cases import find_case, parse_case
+from stiffbeam.files.cases import find_case
 
 TEXT = """
 [[case]]
@@ -205,24 +203,6 @@ def test_a_vector_is_a_diagonal_mass(file):
     np.testing.assert_array_equal(find_case(str(file)).system().mass, wanted.mass)
 
 
-def test_a_large_model_without_modes_is_announced_at_once(file, monkeypatch):
-    monkeypatch.setattr(reader, "LARGE", 2)
-    with pytest.warns(UserWarning, match="3 unknowns take minutes: modes = 40"):
-        find_case(str(file))
-
-
-def test_a_text_without_a_folder_has_to_hold_its_matrices():
-    with pytest.raises(InputError, match="need no other file"):
-        parse_case(TEXT, "text")
-
-
-def test_a_study_of_a_system_asks_for_step_and_span():
-    with pytest.raises(InputError, match="dt"):
-        sb.study("energy", bouncing_chain(), t_end=1.0)
-    with pytest.raises(InputError, match="t_end"):
-        sb.study("chaos", bouncing_chain(), dt=1e-2)
-
-
 def test_a_beam_that_is_given_as_its_system_keeps_its_grid():
     beam = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0))
     system = sb.semidiscretise(beam, 8)
@@ -233,19 +213,6 @@ def test_a_beam_that_is_given_as_its_system_keeps_its_grid():
     (line,) = [line for line in records.answer.table.to_dict("records") if line["order in h of"] == "frequency 1"]
     assert line["displacement"].endswith(f" ({error:.1g})")
     assert "on 8 cells (the case has 8)" in records.answer.notes
-
-
-def test_a_beam_of_elements_is_studied_in_its_form():
-    """A case whose supports only elements know: its runs and studies take the form without being asked."""
-    case = parse_case(
-        '[[case]]\nname = "strip"\ncells = 6\ndt = 1e-3\nt_end = 0.2\nruns = ["bdf2"]\n[case.problem]\n'
-        'stiffness = 3.0\nsupports = "clamped-pinned"\nloads = [{ position = 0.5, amplitude = 9.0, frequency = 6.0 }]',
-        "text",
-    )
-    assert case.runs[0][1] == "hermite"
-    records = sb.study("energy", case, schemes=["bdf2"])
-    assert set(records.found.form) == {"hermite"}
-    assert not records.lost
 
 
 @pytest.mark.slow

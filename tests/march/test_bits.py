@@ -33,7 +33,7 @@ def call(name: str, end: float = 2.0) -> str:
         run = sb.integrate(replace(system, damping=np.diag(np.arange(25.0))), sb.SDIRK(), 1e-4, 0.02)
     elif name == "perturbed":
         many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, end, sb.perturbed_members(system, 5), every=100)
-        return digest(many.tip, many.impacts.times, many.impulse)
+        return digest(many.tip, many.contacts[0].impacts.times, many.contacts[0].impulse)
     else:
         run = sb.integrate(system, sb.BDF2() if name == "bdf2" else sb.HHT(-0.1), 1e-4, end)
         if name == "ledger":

@@ -74,8 +74,8 @@ def test_a_member_is_its_single_run(kind, scheme, contact, system):
     contact = "implicit" if kind == "laws" else contact
     members = KINDS[kind](system)
     ensemble = sb.integrate_ensemble(system, scheme, 1e-4, 0.3, members, contact, every=10)
-    assert np.min(ensemble.impact_count) > 10
-    assert len(np.unique(ensemble.impulse)) == (3 if kind == "laws" else 9)
+    assert np.min(ensemble.contacts[0].impact_count) > 10
+    assert len(np.unique(ensemble.contacts[0].impulse)) == (3 if kind == "laws" else 9)
     for i in (0, 4, 8):
         if np.isnan(ensemble.diverged[i]):
             assert_is_run(ensemble, i, sb.integrate(members[i], scheme, 1e-4, 0.3, contact, every=10))
@@ -167,13 +167,13 @@ def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(schem
     assert side[passed - 1]
     late, force = side[passed:], force[passed + 1 :]
     window = march(passed * dt)
-    assert window.contact_fraction[0] == np.mean(late[1:] != 0)
-    assert window.peak_force[0] == np.max(force)
-    assert window.impulse[0] == pytest.approx(np.sum(force) * dt, rel=1e-12)
-    assert window.impact_count[0] == np.sum((late[1:] != 0) & (late[1:] != late[:-1])) > 10
-    begun = whole.impacts.times > passed * dt
+    assert window.contacts[0].fraction[0] == np.mean(late[1:] != 0)
+    assert window.contacts[0].peak_force[0] == np.max(force)
+    assert window.contacts[0].impulse[0] == pytest.approx(np.sum(force) * dt, rel=1e-12)
+    assert window.contacts[0].impact_count[0] == np.sum((late[1:] != 0) & (late[1:] != late[:-1])) > 10
+    begun = whole.contacts[0].impacts.times > passed * dt
     for name in ("times", "stops", "peaks"):
-        given, wanted = getattr(window.impacts, name), getattr(whole.impacts, name)[begun]
+        given, wanted = getattr(window.contacts[0].impacts, name), getattr(whole.contacts[0].impacts, name)[begun]
         assert np.allclose(given, wanted, rtol=1e-12, equal_nan=True)
 
 
@@ -194,17 +194,18 @@ def test_the_exact_record_from_a_time_on(system):
     contact, t = whole.contacts[0], float(whole.impacts.times[5]) + 1e-5
     assert contact.stops.state(whole.at(t, 0)[0])[0]
     early, late = solve_exact(system, t).contacts[0], sb.reference_ensemble(system, 0.5, [system], since=t)
-    assert late.impact_count[0] == contact.impacts.count - 6
-    assert late.impulse[0] + early.impulse == pytest.approx(contact.impulse, rel=1e-9)
-    assert late.contact_fraction[0] * (0.5 - t) + early.fraction * t == pytest.approx(0.5 * contact.fraction, rel=1e-9)
-    assert max(late.peak_force[0], early.peak_force) == pytest.approx(contact.peak_force, rel=1e-12)
+    assert late.contacts[0].impact_count[0] == contact.impacts.count - 6
+    assert late.contacts[0].impulse[0] + early.impulse == pytest.approx(contact.impulse, rel=1e-9)
+    shares = late.contacts[0].fraction[0] * (0.5 - t) + early.fraction * t
+    assert shares == pytest.approx(0.5 * contact.fraction, rel=1e-9)
+    assert max(late.contacts[0].peak_force[0], early.peak_force) == pytest.approx(contact.peak_force, rel=1e-12)
 
 
 def test_statistics_are_those_of_the_impacts(system):
     many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, sb.perturbed_members(system, 6))
-    peaks = [np.nanmax(many.contact.impacts_of(i).peaks) for i in range(6)]
-    assert np.all(peaks <= many.peak_force)
-    assert many.impacts.count == np.sum(many.impact_count)
+    peaks = [np.nanmax(many.contacts[0].impacts_of(i).peaks) for i in range(6)]
+    assert np.all(peaks <= many.contacts[0].peak_force)
+    assert many.contacts[0].impacts.count == np.sum(many.contacts[0].impact_count)
     assert many.work.steps == 18_000
 
 
@@ -217,7 +218,7 @@ def test_members_whose_contact_is_there_at_the_start_are_flagged(rigid):
     for many in (
         sb.integrate_ensemble(pressed, scheme, 1e-3, 1.0, members), sb.reference_ensemble(pressed, 1.0, members),
     ):  # fmt: skip
-        assert many.contact.open_at_start.tolist() == [True, False]
+        assert many.contacts[0].open_at_start.tolist() == [True, False]
         assert many.to_dataframe()["contact_open_at_start_0"].tolist() == [True, False]
         assert many.to_xarray()["contact_open_at_start"].values.tolist() == [[1, 0]]
 

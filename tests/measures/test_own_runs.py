@@ -12,7 +12,6 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import stiffbeam as sb
-from stiffbeam.figures.chart import tip_name, tip_symbol
 
 
 @pytest.fixture(scope="module")
@@ -190,20 +189,6 @@ def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
     assert [c.run.impacts for c in whole.contacts] == [1, 2]
 
 
-def test_what_is_said_of_times_of_ones_own(measured):
-    system, run, ref = measured
-    rows = thinned(run)
-    t, u = run.t[rows], run.tip[rows]
-    longest = np.max(np.diff(t))
-    assert f"own: steps of 0.0001 to {longest:.3g}, 0.0001 in the median." in str(sb.compare((t, u), ref))
-    assert "in the median" not in str(sb.compare(run, ref))
-    coarse = np.sort(np.append(t, t[5]))
-    arrays = (coarse, np.interp(coarse, t, u))
-    for t_eval in (np.linspace(0.0, 0.2, 50), np.unique(coarse)):  # adaptive references answer between their outputs
-        cvode = sb.reference(system, 0.2, "cvode", t_eval=t_eval)
-        assert abs(sb.compare(arrays, cvode).tip_error_rms - sb.compare(arrays, ref).tip_error_rms) < 1e-3
-
-
 def test_states_at_times_of_ones_own_give_their_ledger(measured):
     """The ledger of a part of the steps, from its definition: a free oscillation loses what the scheme takes."""
     system, run, _ = measured
@@ -296,14 +281,6 @@ def test_the_refusal_of_another_system_says_what_differs(change, differs):
     assert ("decimal" in str(caught.value)) == ("exact" in differs)
 
 
-def test_a_run_without_its_system_is_of_no_one_and_cannot_be_compared(measured):
-    _, run, ref = measured
-    own = sb.Trajectory.from_arrays(run.t, run.tip)
-    assert own.contacts == ()
-    with pytest.raises(sb.InputError, match="same system"):
-        sb.compare(own, ref)
-
-
 def test_velocities_of_states_are_those_of_the_tip():
     """Where the tip is given too: no spline is put through it."""
     system = sb.System.from_matrices([[1.0]], [[9.0]], observe=[1.0], initial_velocity=[1.0])
@@ -323,29 +300,3 @@ def test_what_compare_cannot_take_comes_with_its_own_remedy(measured):
     ):
         with pytest.raises(sb.InputError, match=words):
             sb.compare(wrong, ref)  # type: ignore[arg-type]
-
-
-TUBE = {"length": 1.2, "stiffness": 700.0, "mass_per_length": 1.2, "supports": "pinned-pinned"}
-
-
-@pytest.fixture(scope="module")
-def tube():
-    """A beam held at both ends, with a stop away from where it is observed."""
-    stops = sb.Stops(upper=4e-4, stiffness=2e6, damping=50.0, position=0.7)
-    load = sb.PointLoad(0.5, sb.Harmonic(10.0, 168.0))
-    return sb.semidiscretise(sb.BeamProblem(**TUBE, stops=stops, loads=load), 4, form="hermite")
-
-
-def test_a_file_of_columns_is_not_called_damaged(tube, tmp_path):
-    run = sb.integrate(tube, sb.Trapezoidal(), 1e-4, 0.01)
-    for name in ("run.csv", "run.json"):
-        run.save(tmp_path / name)
-        with pytest.raises(sb.InputError, match="from_arrays"):
-            sb.load(tmp_path / name)
-
-
-def test_the_middle_of_a_held_beam_is_called_so(tube, table10):
-    assert (tip_name(tube.problem), tip_symbol(tube.problem)) == ("mid-span", "$u(L/2, t)$")
-    assert (tip_name(table10), tip_symbol(table10)) == ("tip", "$u(1, t)$")
-    energy = sb.integrate(tube, sb.Trapezoidal(), 1e-4, 0.05).plot().axes[3]
-    assert "taken by stops" in [line.get_label() for line in energy.lines]

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import pandas
 import pytest
-from commands import invoke
 from noise import noise
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import norm
-from systems import one_mass, thrown_case
+from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.measures.rates import CLOSE, stationary_mean, windows
+from stiffbeam.measures.rates import stationary_mean, windows
 
 CASES = 300
-QUADRATURE = CLOSE / 2.0  # of works: the rule is of order 2, and CLOSE is the change from three times the step
+QUADRATURE = 5e-5  # of works: midpoints of 243 cells a contact, a rule of order 2
 LEAST, MOST = 0.912, 0.988  # of 300 intervals of 95 %: three deviations of the count, 1.26 %
 
 
@@ -39,14 +35,6 @@ def test_the_interval_of_few_values_holds_as_often_as_its_limitation_states(n, h
     rng, cases = np.random.default_rng(3), 1500
     means = [stationary_mean(rng.normal(size=n)) for _ in range(cases)]
     assert np.mean([mean.low <= 0.0 <= mean.high for mean in means]) == pytest.approx(holds, abs=0.025)
-
-
-def test_a_constant_series_is_certain_and_a_drifting_one_is_not():
-    assert stationary_mean(np.full(20, 2.0)) == stationary_mean(np.full(20, 2.0))
-    assert stationary_mean(np.full(20, 2.0)).high == 2.0
-    drift = stationary_mean(np.arange(200.0))
-    assert drift.effective < 10.0
-    assert drift.high - drift.low > 80.0
 
 
 @pytest.mark.slow
@@ -123,30 +111,6 @@ def test_work_of_a_prescribed_motion(damping):
     assert result.to_dataframe()["sliding_work_rate"].iloc[0] == pytest.approx(works[1] / t_end, rel=1e-3)
 
 
-@pytest.mark.slow
-def test_work_of_a_motion_that_answers_to_its_stop():
-    """Two masses, one on a stop, against DOP853 with the works as further unknowns; cvode and exact alike."""
-    K, C = np.array([[6.0, -2.0], [-2.0, 5.0]]), np.diag([0.1, 0.05])
-    contact = sb.Contact([1.0, 0.0], sb.Stops(-0.3, 0.2, stiffness=150.0))
-    load = sb.Harmonic(2.0, 1.3)
-    system = sb.System.from_matrices(np.eye(2), K, C, loads=[([1.0, 1.0], load)], contacts=[contact])
-
-    def rhs(t, y):
-        q, v = y[:2], y[2:4]
-        force = -150.0 * (max(q[0] - 0.2, 0.0) - max(-0.3 - q[0], 0.0))
-        a = 2.0 * np.sin(1.3 * t) + np.array([force, 0.0]) - K @ q - C @ v
-        return [*v, *a, abs(force * v[0]), abs(force * v[1])]
-
-    own = solve_ivp(rhs, (0.0, 30.0), np.zeros(6), "DOP853", rtol=1e-9, atol=1e-11, max_step=0.05).y[4:, -1]
-    for run, tolerance in (
-        (sb.reference(system, 30.0), QUADRATURE), (sb.reference(system, 30.0, "cvode"), QUADRATURE),
-        (sb.integrate(system, sb.HHT(-0.05), 1e-3, 30.0), 2e-3),
-    ):  # fmt: skip
-        rates = sb.contact_rates(run, tangents=[[0.0, 1.0]]).rates[0]
-        works = [30.0 * rates[name].value for name in ("normal_work", "sliding_work")]
-        np.testing.assert_allclose(works, own, rtol=tolerance)
-
-
 @pytest.mark.parametrize("damping", [0.02, 0.5])
 def test_the_stated_quadrature_holds(damping):
     """Work of a damped mass in each contact against a fine trapezoidal rule."""
@@ -163,30 +127,6 @@ def test_the_stated_quadrature_holds(damping):
         works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
     np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
-
-
-def test_rates_of_an_adaptive_solution_take_a_few_solves():
-    """A solver answers other times by another solve, and amplifies rounding: works of two solves differ by more than
-    the panels of one."""
-    K = np.array([[230.0, -200.0], [-200.0, 200.0]])
-    contacts = [
-        sb.Contact([-1.8, -1.3], sb.Stops(-0.5, 0.15, stiffness=8500.0)),
-        sb.Contact([1.0, -1.3], sb.Stops(upper=0.1, stiffness=7e4, exponent=1.5, dissipation=0.006)),
-    ]
-    system = sb.System.from_matrices(
-        np.eye(2), K, loads=[([1.0, 0.5], sb.Harmonic(20.0, 4.0))], contacts=contacts, initial_velocity=[2.0, -1.0]
-    )
-    reference, solves = sb.reference(system, 6.0, "cvode"), []
-
-    def counted(times, channel):
-        solves.append(len(times))
-        assert len(solves) < 10
-        assert len(times) < 100_000
-        return reference.evaluate(times, channel)
-
-    rates = sb.contact_rates(replace(reference, evaluate=counted))
-    assert min(contact.impacts.count for contact in reference.contacts) > 5
-    assert all(float(source.rpartition(" ")[2]) <= CLOSE for source in rates.sources)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():
@@ -229,35 +169,6 @@ def test_what_is_not_known_is_said(tmp_path):
             sb.contact_rates(run, tangents=wrong)
     with pytest.raises(sb.InputError, match="since"):
         sb.contact_rates(run, since=6.0)
-
-
-@pytest.mark.slow
-def test_compare_writes_the_rates_of_every_run(tmp_path, monkeypatch):
-    """The command's table holds what ``contact_rates`` returns."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "thrown.toml").write_text(thrown_case(0.2))
-    options = [
-        "compare",
-        "thrown.toml",
-        "--schemes",
-        "HHT(alpha=-0.1)",
-        "--references",
-        "exact",
-        "--out",
-        "here",
-        "--rates",
-    ]
-    said = invoke(options)
-    assert said.exit_code == 0, said.output
-    system = sb.load_cases("thrown.toml")["thrown"].system()
-    solutions = [sb.reference(system, 0.6), sb.integrate(system, sb.HHT(alpha=-0.1), 1e-3, 0.6)]
-    rates = pandas.read_csv("here/comparison-rates.csv", index_col=["run", "contact"])
-    for one in solutions:
-        known = sb.contact_rates(one)
-        wanted = known.to_dataframe().loc[0]
-        for name in ("impact_rate", "impulse_rate_low", "normal_work_rate", "contact_fraction"):
-            assert rates.loc[(one.label, 0), name] == pytest.approx(wanted[name], rel=1e-9)
-        assert str(known).splitlines()[0] in said.output
 
 
 @pytest.mark.parametrize(("gap", "bounds"), [(0.1, (0.6187, 3.0, 8.7673)), (1.0, (0.0, 0.0, 3.6889))])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import InputError
 from stiffbeam.measures.comparison import AT_REST
 from stiffbeam.model.time_functions import stays_at_rest
 
@@ -46,16 +45,3 @@ def test_compare_and_advise_say_that_nothing_moves_or_touches(problem: sb.BeamPr
     records = sb.study("advise", system, t_end=0.2, want={"tip": 0.5}, schemes=[sb.BDF2()])
     assert said in records.answer.notes
     assert records.answer.verdict.startswith("BDF2")
-
-
-def test_a_study_of_the_motion_refuses_a_system_at_rest_and_others_take_it() -> None:
-    system = sb.semidiscretise(STILL, cells=6)
-    with pytest.raises(InputError, match="must move"):
-        sb.study("energy", system, dt=1e-3, t_end=0.1)
-    assert sb.study("modes", system, dt=1e-3, t_end=0.1, schemes=["bdf2"]).found is not None
-
-
-def test_converge_states_that_there_are_no_impacts() -> None:
-    system = sb.semidiscretise(FAR, cells=6)
-    found = sb.study("converge", system, dt=1e-2, t_end=0.2, integrators=["bdf2"], halvings=3)
-    assert "as the motion starts, without impacts to t = 0.1" in found.answer.verdict

@@ -1,4 +1,4 @@
-"""Studies and pictures show every contact of a system."""
+"""Measures, tables and pictures show every contact of a system."""
 
 from __future__ import annotations
 
@@ -9,66 +9,8 @@ import pytest
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.files.cases import Case, paper_case
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until
 from stiffbeam.measures.report import common_window
-from stiffbeam.studies import study
-
-SMALL = replace(paper_case(10), cells=8, t_end=0.8)
-
-
-plain = Case.system
-
-
-def with_a_stop_half_way(case, form=None):
-    """The case's system with stops half way along the beam too, on its displacement without the base's part."""
-    system = plain(case, form)
-    (tip,) = system.contacts
-    middle = np.zeros(system.size)
-    middle[system.size // 2 - 1] = 1.0
-    half_way = sb.Contact(middle, sb.Stops(-0.02, 0.03, stiffness=2e4))
-    return replace(system, contacts=(tip, half_way))
-
-
-@pytest.fixture
-def two(monkeypatch):
-    monkeypatch.setattr(Case, "system", with_a_stop_half_way)
-
-
-def test_distributions_are_those_of_every_contact(two):
-    records = study("ensemble", SMALL, schemes=["HHT(alpha=-0.1)"], members=3, t_end=0.2, size=0.02)
-    exact = records.table[(records.table.kind == "member") & (records.table.method == "exact")]
-    members = {f" at contact {n:g}": rows["count"].tolist() for n, rows in exact.groupby("contact_number")}
-    peaks = exact.peak_force.tolist()
-    assert [len(counts) for counts in members.values()] == [3, 3]
-    assert members[" at contact 0"] != members[" at contact 1"]
-    labels = [tick.get_text() for tick in records.figure().axes[0].get_yticklabels()]
-    assert labels == [
-        "exact at contact 0",
-        "exact at contact 1",
-        "HHT(alpha=-0.1) at contact 0",
-        "HHT(alpha=-0.1) at contact 1",
-    ]
-    assert "At contact 1: Over 3 members" in records.answer.verdict
-    assert records.answer.notes.count("Off by") == 1  # what holds at both contacts stands once
-
-    def said(values, digits: str = ".3g") -> str:
-        mean, deviation = format(np.mean(values), digits), float(f"{np.std(values):.2g}")
-        return f"{mean} ± {deviation:g}" if deviation else f"all {mean}"
-
-    lines = [line for line in records.answer.table.to_dict("records") if line["method"] == "exact"]
-    for line, counts, forces in zip(lines, members.values(), (peaks[:3], peaks[3:]), strict=True):
-        assert line["impacts per unit of time"] == said(np.array(counts) / 0.2)
-        assert line["largest force"] == said(forces, ".4g")
-
-
-def test_a_sweep_draws_a_line_for_every_contact(two):
-    options = {"parameter": "dt", "values": [1e-4, 5e-5], "periods": 1, "transient": 0}
-    records = study("sweep", SMALL, **options)
-    assert (records.table.contact_number == 1).any()
-    assert "impacts per period at contact 1" in str(records)
-    count = records.figure().axes[1]
-    assert len(count.get_lines()) == 2
 
 
 def test_windows_and_matching_hold_for_all_contacts():
@@ -94,28 +36,6 @@ def test_a_window_ends_between_impacts_of_several_contacts_at_one_time(impacts):
     distinct = exact.contacts[0].impacts.times
     last = -(-impacts // 3)
     assert first_impacts_end(exact, impacts) == pytest.approx(0.5 * (distinct[last - 1] + distinct[last]), rel=1e-9)
-
-
-def test_the_comparison_panels_zoom_on_every_contact():
-    system = two_contacts()
-    exact, run = sb.reference(system, 6.0), sb.integrate(system, sb.HHT(), 1e-3, 6.0)
-    figure = sb.compare(run, exact).figure()
-    zooms = figure.axes[2:4]
-    assert [axis.get_title(loc="left") for axis in zooms] == [
-        "(c) first impact at contact 0, row 3", "(d) first impact at contact 1, row 2",
-    ]  # fmt: skip
-    assert figure.axes[4].get_title(loc="left").startswith("(e) force of contact ")
-    assert figure.axes[4].get_ylabel() == r"contact force $\sigma$"
-    labels = [axis.get_ylabel() for axis in figure.axes]
-    assert labels[0] == "displacement $u(t)$"  # of matrices, which have no tip
-    assert labels[2:4] == ["position at contact 0, row 3", "position at contact 1, row 2"]
-    for axis, contact in zip(zooms, exact.contacts, strict=True):
-        start, end = axis.get_xlim()
-        assert start < contact.impacts.times[0] < end
-        stops = [line.get_ydata()[0] for line in axis.get_lines() if len(line.get_ydata()) == 2]
-        assert stops == [x for x in (contact.stops.lower, contact.stops.upper) if x is not None]
-    # No stop acts on the tip, which is observed elsewhere: none is drawn beside it.
-    assert all(len(line.get_ydata()) > 2 for line in figure.axes[0].get_lines())
 
 
 @pytest.mark.fast(1)
@@ -159,19 +79,6 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
     lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
     assert not any("contact 0" in line or "Never touched" in line for line in lines)
     assert any(line.startswith("exact (reference)") and line.split()[-3:] == ["0", "0", "%"] for line in lines)
-
-
-def test_the_name_of_a_run_stays_on_one_line():
-    """Narrower gaps where a long name and long numbers would not fit a file."""
-    ball = one_mass(
-        0.0,
-        sb.Stops(lower=0.0, stiffness=float("inf"), restitution=0.7),
-        load=sb.Constant(-9.81),
-        q=1.0,
-        units=("m", "s", "N"),
-    )
-    text = str(sb.compare(sb.integrate(ball, sb.MoreauJean(), 1e-3, 4.0), sb.reference(ball, 4.0)))
-    assert sum(line.startswith("MoreauJean(theta=0.5) ") for line in text.splitlines()) == 2
 
 
 def test_a_solver_that_ends_early_cuts_no_other_error_short():

@@ -86,7 +86,7 @@ def test_members_with_noise_of_their_own_are_their_single_runs(moving):
     for i, member in enumerate(members):
         alone = sb.integrate(member, HHT, 1e-3, 6.0, every=10)
         np.testing.assert_array_equal(many.tip[i], alone.tip)
-        assert many.impact_count[i] == alone.impacts.count
+        assert many.contacts[0].impact_count[i] == alone.impacts.count
         np.testing.assert_array_equal(many.ledger(i).loss[-1], alone.energy.loss[-1])
         np.testing.assert_array_equal(exact.tip[i], solve(member, 1.0, "exact", t, 0.0, None).tip)
     assert len(set(many.tip[:, -1].tolist())) == 3
@@ -251,4 +251,6 @@ def test_neighbours_of_a_start_on_a_rigid_stop_are_not_beyond_it():
     assert min(float(x.q0[0]) for x in members) == 0.0
     assert len({float(x.v0[0]) for x in members}) == 8
     marched = sb.integrate_ensemble(system, sb.MoreauJean(), 1e-3, 3.0, members)
-    assert np.array_equal(marched.impact_count, sb.reference_ensemble(system, 3.0, members).impact_count)
+    assert np.array_equal(
+        marched.contacts[0].impact_count, sb.reference_ensemble(system, 3.0, members).contacts[0].impact_count
+    )

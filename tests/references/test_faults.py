@@ -10,7 +10,7 @@ import pytest
 from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.files import store
+from stiffbeam.files.store import freeze
 from stiffbeam.references import REFERENCES, solve
 from stiffbeam.references.multiprecision import multiprecision
 
@@ -91,7 +91,7 @@ def files(system, tmp_path_factory):
     sb.reference(system, 0.05, "cvode-adams", np.linspace(0.0, 0.05, 101), rtol=1e-6).save(folder / "saved.nc")
     table = sb.paper_case(10)
     many = sb.reference(sb.semidiscretise(table.problem, table.cells), 0.1, "multiprecision")
-    store.freeze(many, folder / "frozen.nc")
+    freeze(many, folder / "frozen.nc")
     return folder
 
 

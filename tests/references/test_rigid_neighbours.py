@@ -75,15 +75,17 @@ def test_members_have_the_bits_of_their_solo_runs():
     for i, member in enumerate(members):
         run = sb.reference(member, 1.5, t_eval=times)
         assert np.array_equal(many.tip[i], run.tip)
-        assert many.impact_count[i] == run.impacts.count
-        assert many.impulse[i] == run.contacts[0].impulse
-        assert many.contact_fraction[i] == run.contacts[0].fraction
+        assert many.contacts[0].impact_count[i] == run.impacts.count
+        assert many.contacts[0].impulse[i] == run.contacts[0].impulse
+        assert many.contacts[0].fraction[i] == run.contacts[0].fraction
         assert many.ledger(i).stop_dissipation[-1] == run.energy.stop_dissipation[-1]
-        assert late.impact_count[i] == np.sum(run.impacts.times >= 0.7)
+        assert late.contacts[0].impact_count[i] == np.sum(run.impacts.times >= 0.7)
     assert many.provenance["horizon"] == sb.reference(system, 1.5).horizon
     early = sb.reference_ensemble(system, 0.7, members)
-    assert np.allclose(early.impulse + late.impulse, many.impulse, rtol=1e-12)
-    assert np.allclose(0.7 * early.contact_fraction + 0.8 * late.contact_fraction, 1.5 * many.contact_fraction)
+    assert np.allclose(early.contacts[0].impulse + late.contacts[0].impulse, many.contacts[0].impulse, rtol=1e-12)
+    assert np.allclose(
+        0.7 * early.contacts[0].fraction + 0.8 * late.contacts[0].fraction, 1.5 * many.contacts[0].fraction
+    )
 
 
 def test_what_moves_a_stop_has_a_velocity():

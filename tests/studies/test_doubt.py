@@ -57,7 +57,7 @@ def test_the_interval_of_a_scatter_covers_the_known_one():
         forces = 3.0 * np.sqrt(2.0 * values)
         if not seed:
             exact = sb.reference_ensemble(system, 0.2, sb.varied_members(system, {"stops.stiffness": values}))
-            np.testing.assert_allclose(exact.peak_force, forces, rtol=1e-9)
+            np.testing.assert_allclose(exact.contacts[0].peak_force, forces, rtol=1e-9)
         part = share(scatter(forces), float(np.mean(forces)))
         inside += part[1] <= known <= part[2]
     assert LEAST <= inside / CASES <= MOST

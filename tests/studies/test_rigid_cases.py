@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-
 import pytest
-from rich.console import Console
 
 import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
@@ -50,8 +47,6 @@ def test_a_comparison_asks_the_exact_solution_only():
     asked = CaseComparison(CASE)
     list(asked.run(references=("exact", "cvode")))
     assert asked.refused == {"cvode@displacement"}
-    said = io.StringIO()
-    tables = report(asked.comparisons, asked.references, asked.failures, asked.refused).rich()
-    Console(file=said, width=200).print(tables)
-    assert said.getvalue().count("refused  cvode@displacement") == 1
-    assert "failed" not in said.getvalue()
+    said = str(report(asked.comparisons, asked.references, asked.failures, asked.refused))
+    assert said.count("refused  cvode@displacement") == 1
+    assert "failed" not in said

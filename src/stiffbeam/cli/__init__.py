@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from ..basics.progress import TALK
 
@@ -17,25 +17,8 @@ INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 FLAGS = {"-q": "quiet", "--quiet": "quiet", "-v": "verbose", "--verbose": "verbose"}
 
 
-class _Output(io.FileIO):
-    """Standard output. Once its reader has gone, as behind ``| head``, or its disk is full, the rest goes nowhere."""
-
-    def write(self, data: Any) -> int:
-        try:
-            return super().write(data) or 0
-        except OSError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
-            if not isinstance(error, BrokenPipeError):
-                raise
-            return len(data)  # the work goes on, and writes its files
-
-
 def main() -> None:
     """Entry point: InputError exits with 2, a failure with 1, SIGINT with 130, SIGTERM with 143, each with one line."""
-    out = sys.stdout
-    if out is sys.__stdout__ and isinstance(out, io.TextIOWrapper) and not out.isatty():
-        writer = io.BufferedWriter(_Output(out.fileno(), "w", closefd=False))
-        sys.stdout = io.TextIOWrapper(writer, out.encoding, out.errors, None, out.line_buffering, out.write_through)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # letters that an ASCII or Latin-1 terminal does not have
@@ -63,6 +46,7 @@ def main() -> None:
     try:
         app = application(next((word for word in words if not word.startswith("-")), ""))
         status = app(words or ["--help"], exit_on_error=False, print_error=False)
+        sys.stdout.flush()  # a full disk is an error of the command
     except InputError as error:
         _fail(error, 2)
     except CycloptsError as error:
@@ -91,6 +75,3 @@ def main() -> None:
 def _fail(error: Exception | str, status: int) -> NoReturn:
     print(f"stiffbeam: {error}", file=sys.stderr)
     raise SystemExit(status) from None
-
-
-__all__ = ["main"]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import platform
-import re
 import shutil
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import fields
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +16,7 @@ from cyclopts import App, Parameter
 from ..basics.progress import progress
 from ..basics.resources import cores
 from ..basics.storage import make_folder
-from ..basics.validation import InputError
+from ..basics.validation import InputError, near
 from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 from .comparison import compare
 from .output import (
@@ -29,14 +27,12 @@ from .output import (
     Step,
     asked_case,
     check_json,
-    console,
     default_folder,
     say,
     write_json,
 )
 
 if TYPE_CHECKING:
-    from ..basics.progress import Show
     from ..studies.base import Study
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
@@ -232,18 +228,16 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     Parameters
     ----------
     show
-        Print one case as TOML, as a start for your own file.
+        Print one of them as TOML, as a start for your own file.
     """
     from ..files.paper import case_blocks, paper_entries, paper_text
 
     check_json(json)
     if show is not None:
-        text = case_blocks(paper_text()).get(show)
-        if text is None:
-            from ..files.cases import case_text  # loads SciPy
-
-            text = case_text(show)
-        say(text.rstrip())
+        blocks = case_blocks(paper_text())
+        if show not in blocks:
+            raise InputError("--show", show, "be a table of the paper", near(show, blocks))
+        say(blocks[show].rstrip())
         return
     names = ("name", "title", "cells", "dt", "t_end", "runs")
     rows: list[dict[str, Any]] = [
@@ -252,80 +246,36 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     ]
     if write_json("cases", {"cases": rows}, json):
         return
-    from rich import box
-    from rich.table import Table
-
-    table = Table("case", "title", "cells", "dt", "t_end", "runs", box=box.SIMPLE_HEAD, pad_edge=False)
     for row in rows:
-        table.add_row(*(str(row[x]) for x in names[:-1]), "\n".join(row["runs"]))
-    console().print(table)
+        grid = f"{row['cells']} cells, dt = {row['dt']}, t_end = {row['t_end']}"
+        say(f"{row['name']:<8} {row['title']}: {grid}, {', '.join(row['runs'])}")
     say("t_end and other inferred values carry their reason in `stiffbeam cases --show NAME`.")
 
 
 def doctor(*, json: Json = None) -> int:
-    """Print versions and cache folders, and test every solver on a small problem."""
-    check_json(json)
-    with progress() as show:
-        installed, places, solvers = _installed(), _places(), _solvers(show)
-    report = {"installed": installed, "places": places, "solvers": solvers}
-    if not write_json("doctor", report, json):
-        lines = {name: str(value) for name, value in (installed | places).items()}
-        lines |= {x["name"]: f"{'works' if x['agrees'] else 'fails'}, {x['said']}" for x in solvers}
-        width = max(map(len, lines))
-        for name, value in lines.items():
-            say(f"{name:<{width}}  {value}")
-    return 0 if all(solver["agrees"] for solver in solvers) else 1
-
-
-def _installed() -> dict[str, str]:
-    """Versions of Python, of this package and of what it depends on."""
-    import sksundae
-
-    versions = {"python": f"{platform.python_version()} on {platform.platform()}"}
-    needed = [
-        re.split(r"[^\w.-]", text, maxsplit=1)[0] for text in requires("stiffbeam") or [] if "extra ==" not in text
-    ]
-    for name in ["stiffbeam", *needed]:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "missing"
-    return versions | {"SUNDIALS": str(sksundae.SUNDIALS_VERSION)}
-
-
-def _places() -> dict[str, Any]:
-    """Cache, threads, devices."""
-    from ..basics.resources import cores
+    """Print versions and the cache folder, and test every solver on a small problem."""
     from ..basics.storage import directory
-    from ..references.adaptive.diffrax import jax_devices
-
-    cache = directory()
-    size = sum(file.stat().st_size for file in cache.rglob("*") if file.is_file())
-    try:
-        devices = ", ".join(str(device) for device in jax_devices())
-    except InputError as error:
-        devices = str(error)
-    return {
-        "cache": f"{cache}, {size / 1e6:.0f} MB",
-        "threads": cores(),
-        "JAX devices": devices,
-    }
-
-
-def _solvers(show: Show) -> list[dict[str, Any]]:
-    """Results of every reference and a scheme on a mass that meets a stop, a problem with a known answer."""
-    from ..references.registry import METHODS
     from ..testset.score import score
 
-    rows = []
-    for i, name in enumerate(["SDIRK", *METHODS]):
-        show(name, i, 1 + len(METHODS))
-        begun, row = time.perf_counter(), {"name": name, "agrees": False}
-        try:
-            (entry,) = score(name, "bilinear-oscillator").entries
-            row |= {"agrees": bool(entry.runs and not entry.flagged), "error": entry.best.get("tip_error")}
-            row["said"] = entry.reason or f"tip error {row['error']:.1e} in {time.perf_counter() - begun:.2g} s"
-        except Exception as failure:  # whatever is broken here is what the command is asked to say
-            row["said"] = f"{type(failure).__name__}: {failure}"
-        rows.append(row)
-    return rows
+    check_json(json)
+    versions = {"python": f"{platform.python_version()} on {platform.platform()}", "stiffbeam": version("stiffbeam")}
+    versions |= {name: version(name) for name in ("numpy", "scipy", "pandas", "xarray", "matplotlib")}
+    for method in REFERENCES.values():
+        versions |= method.versions()
+    solvers = list[dict[str, Any]]()
+    with progress() as show:
+        for i, name in enumerate(["SDIRK", *REFERENCES]):
+            show(name, i, 1 + len(REFERENCES))
+            try:
+                (entry,) = score(name, "bilinear-oscillator").entries
+                found = entry.reason or f"tip error {entry.best['tip_error']:.1e}"
+                solvers.append({"name": name, "agrees": bool(entry.runs and not entry.flagged), "found": found})
+            except Exception as failure:  # whatever is broken here is what the command reports
+                solvers.append({"name": name, "agrees": False, "found": f"{type(failure).__name__}: {failure}"})
+    report = {"installed": versions, "cache": str(directory()), "threads": cores(), "solvers": solvers}
+    if not write_json("doctor", report, json):
+        lines = versions | {"cache": report["cache"], "threads": report["threads"]}
+        lines |= {x["name"]: f"{'works' if x['agrees'] else 'fails'}, {x['found']}" for x in solvers}
+        for name, value in lines.items():
+            say(f"{name:<{max(map(len, lines))}}  {value}")
+    return 0 if all(solver["agrees"] for solver in solvers) else 1

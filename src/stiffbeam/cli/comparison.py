@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.text import Text
 
 from ..basics.progress import progress
 from ..basics.storage import make_folder, write_whole
@@ -24,7 +21,6 @@ from .output import (
     Step,
     asked_case,
     check_json,
-    console,
     default_folder,
     file_name,
     json_text,
@@ -33,13 +29,11 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
-    from ..files.cases import Case as CaseFile
     from ..measures.rates import ContactRates
     from ..measures.report import Report
     from ..studies.comparison import CaseComparison
-    from ..trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +68,12 @@ def compare(
     out
         Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
     """
-    from ..measures.report import WIDTH
+    from ..schemes.labels import split_runs
     from ..studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
-    schemes = _schemes(chosen, options.schemes)
+    schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
     check_json(json)
     for flag, listed in (("--schemes", schemes), ("--references", names)):
@@ -87,24 +81,21 @@ def compare(
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget, options.cache)
-    terminal, written = console(WIDTH, quiet=str(json) == "-"), list[Path]()
+    tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:
-            told = _follow(result, result.run(schemes, names), terminal, case, folder, written)
-        except KeyboardInterrupt:
-            if result.comparisons:  # what is printed is written too
+            _follow(result, schemes, names, tell, folder, written)
+        finally:  # an interrupt loses only what is running
+            if written:
+                _print_tables(tell, result, case)
                 _write(result, folder, written)
-            raise
-        for line in _report(result).failed()[told:]:
-            terminal.print(line)
         rated = _rates(result) if options.rates else []
         for label, each in rated:
-            terminal.print(f"\n{label}, rates with 95 % intervals\n{each}", soft_wrap=True)
+            tell(f"\n{label}, rates with 95 % intervals\n{each}")
         # The answer comes first: to load matplotlib and to draw takes as long again.
         show("drawing", 0, 0)
         written += _draw(result, folder)
         written += _rate_table(rated, folder)
-        _write(result, folder, written)
     records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json):
         say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
@@ -113,58 +104,40 @@ def compare(
     return int(bool(failed_runs) or not result.references)
 
 
-def _schemes(case: CaseFile, schemes: str | None) -> list[Any] | None:
-    """The integrators that are asked for, None for those of the case. A bare ``hht`` has the parameters that it has in
-    the case."""
-    from ..integrators import integrator
-    from ..schemes.labels import split_runs
-
-    if schemes is None:
-        return None
-    own = {scheme.name: scheme for scheme, _ in reversed(case.runs)}
-    asked = [(text, integrator(text)) for text in split_runs(schemes)]
-    bare = [x.kind == "scheme" and "(" not in text and ".printed" not in text for text, x in asked]
-    return [own.get(x.source.name, x) if plain else x for (_, x), plain in zip(asked, bare, strict=True)]
-
-
 def _follow(
-    result: CaseComparison, solutions: Iterator[Trajectory], terminal: Console, case: str, folder: Path,
-    written: list[Path],
-) -> int:  # fmt: skip
-    """Print and save each run and reference as soon as it is there: an interrupt loses only the one that is running.
-
-    The tables are printed when all schemes are compared. Returns the number of failures that they have.
-    """
+    result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
+    folder: Path, written: list[Path],
+) -> None:  # fmt: skip
+    """Print a line of each run and reference and save it as soon as it is there."""
     from ..measures.report import largest, short
 
-    mains, told = list[str](), 0
-    for solution in solutions:
+    for solution in result.run(schemes, names):
         if not written:
             make_folder(folder)
             name, title = result.case.name, result.case.title
-            terminal.print(Text.assemble((name, "bold"), "" if title == name else f"  {title}"))
-        if result.references and not mains:
-            mains, told = [one.label for one in result.references], len(result.failures)
-            _print_result(terminal, result, case)
+            tell(name if title == name else f"{name}  {title}")
         written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-        if not mains and solution.work.steps:
-            name = short(solution.label.partition("@")[0])
-            terminal.print(f"{name}: {largest(solution)} ({solution.work.seconds:.2g} s)", soft_wrap=True)
-        elif mains and solution.label not in mains:
-            _print_line(terminal, result, solution)
-    if not mains:
-        told = len(result.failures)
-        _print_result(terminal, result, case)
-    return told
+        work = ", ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
+        tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
+
+
+def _report(result: CaseComparison) -> Report:
+    from ..measures.report import report
+
+    return report(result.comparisons, result.references, result.failures, result.refused)
+
+
+def _print_tables(tell: Callable[[str], object], result: CaseComparison, case: str) -> None:
+    """Print the tables of what has been compared."""
+    tell(f"\n{_report(result)}")
+    if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+        command = f"stiffbeam ensemble {shlex.quote(case)}"
+        tell(f"\nStatistics past the horizon, over many runs: {command}")
 
 
 def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
     """Tables and records as files, after those that are ``written``."""
-    from ..measures.report import WIDTH
-
-    text = StringIO()
-    Console(file=text, width=WIDTH, markup=False, emoji=False).print(_report(result).rich())
-    written.append(write_whole(folder / "comparison.txt", text.getvalue()))
+    written.append(write_whole(folder / "comparison.txt", f"{_report(result)}\n"))
     records = result.to_dict() | {"files": [path.name for path in written]}
     written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
 
@@ -190,47 +163,15 @@ def _rate_table(rated: list[tuple[str, ContactRates]], folder: Path) -> list[Pat
 
 def _draw(result: CaseComparison, folder: Path) -> list[Path]:
     """The picture."""
-    from ..figures.chart import save_figure
+    from ..figures.chart import heading, save_figure
     from ..figures.runs import comparison_panels
     from ..measures.report import verdict
 
     if not result.references:
         return []
-    labels = {run.label for run in result.runs}
+    case, labels = result.case, {run.label for run in result.runs}
     own = [c for c in result.comparisons if c.label in labels]
-    form, case = result.references[0].provenance["form"], result.case
-    details = ", ".join(filter(None, [form, f"dt = {case.dt:g}", case.grid]))
-    named = list(dict.fromkeys([case.name, case.title]))
-    heads = [named[0], *([verdict(own)] if own else [])]
-    title = "\n".join([": ".join(heads), ", ".join([*named[1:], details])])
-    figure = comparison_panels(title.replace("$", r"\$"), result.runs, result.references, result.comparisons)
+    details = f"{result.references[0].provenance['form']}, dt = {case.dt:g}, {case.grid}"
+    title = f"{heading(case, verdict(own) if own else case.title)}\n{details}"
+    figure = comparison_panels(title, result.runs, result.references, result.comparisons)
     return [save_figure(figure, folder / "comparison.png")]
-
-
-def _report(result: CaseComparison) -> Report:
-    from ..measures.report import report
-
-    return report(result.comparisons, result.references, result.failures, result.refused)
-
-
-def _print_result(terminal: Console, result: CaseComparison, case: str) -> None:
-    """Print the tables of the schemes and the main reference."""
-    terminal.print()
-    terminal.print(_report(result).rich())
-    if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-        command = f"stiffbeam ensemble {shlex.quote(case)}"
-        terminal.print(f"\nStatistics past the horizon, over many runs: {command}", soft_wrap=True)
-
-
-def _print_line(terminal: Console, result: CaseComparison, solution: Trajectory) -> None:
-    """Print how far a further reference agrees with the main one."""
-    from ..measures.report import percent, short, verdict
-
-    line = "not compared"
-    for found in (c for c in result.comparisons if c.label == solution.label):
-        line = verdict([found])
-        if found.matched_until >= found.window and found.contacts:
-            line = f"all impacts right as far as it is known, to t = {found.window:.3g}, tip error "
-            line += f"{percent(found.tip_error_matched)} rms"
-    work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-    terminal.print(f"{short(solution.provenance['method'])}: {line} ({work})", soft_wrap=True)

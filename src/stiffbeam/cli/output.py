@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import version
@@ -19,8 +18,6 @@ from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path, positive
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from ..files.cases import Case
 
 # Options that several commands have.
@@ -40,18 +37,6 @@ def asked_case(case: str, dt: float | None, t_end: float | None) -> Case:
     given = {"dt": dt, "t_end": t_end}
     asked = {name: positive(f"--{name.replace('_', '-')}", x) for name, x in given.items() if x is not None}
     return replace(find_case(case), **asked)
-
-
-def console(width: int | None = None, quiet: bool = False) -> Console:
-    """The terminal, silent with --quiet; ``width``: for piped output, which a bar on stderr does not catch. Names and
-    messages may contain [/]."""
-    from rich.console import Console
-
-    piped = not sys.stdout.isatty()
-    return Console(
-        file=sys.stdout if piped else None, width=width if piped else None, quiet=TALK.quiet or quiet, highlight=False,
-        markup=False, emoji=False,
-    )  # fmt: skip
 
 
 def say(text: str) -> None:

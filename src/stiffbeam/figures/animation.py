@@ -64,7 +64,7 @@ def _system(runs: Sequence[Trajectory]) -> System:
         raise InputError("runs", f"{len(runs)} runs", "be of one system", "make every run with the same System object")
     system = next((run.system for run in runs if run.system is not None), None)
     if system is None:
-        raise InputError("runs", "loaded files", "have their system", "read them with it: sb.load(file, system)")
+        raise InputError("runs", "loaded files", "have their system", "integrate again")
     return system
 
 

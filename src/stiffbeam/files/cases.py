@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ..basics.storage import regular_text
 from ..basics.text import several
@@ -22,7 +22,7 @@ from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
-from .paper import case_blocks, paper_text
+from .paper import paper_text
 from .reader import Line, Reader, located
 
 
@@ -36,9 +36,10 @@ class Case:
     Parameters
     ----------
     name, title : str
-    problem : BeamProblem
+    problem : BeamProblem or None
+        None for a system of matrices.
     cells : int
-        Cells of the grid.
+        Cells of the grid, 0 without one.
     dt, t_end : float
     runs : sequence of (Scheme, form)
     published : dict
@@ -47,6 +48,8 @@ class Case:
         What is inferred rather than stated in the source, each with its reason.
     uncertain : mapping of path to (low, high)
         Ranges of parameters, from which ``doubt`` draws.
+    matrices : System, optional
+        In place of a problem and its grid.
 
     Examples
     --------
@@ -58,7 +61,7 @@ class Case:
 
     name: str
     title: str
-    problem: BeamProblem
+    problem: BeamProblem | None
     cells: int
     dt: float
     t_end: float
@@ -66,23 +69,25 @@ class Case:
     published: dict[str, dict[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    matrices: ClassVar[System | None] = None
+    matrices: System | None = None
 
     @property
-    def beam(self) -> BeamProblem | None:
-        """The problem; None for a system of matrices."""
-        return self.problem if self.matrices is None else None
+    def beam(self) -> BeamProblem:
+        """The problem. Raises InputError for a system of matrices, since mesh refinement needs a beam."""
+        if self.problem is None:
+            found = f"{self.name}, a system of matrices"
+            raise InputError("case", found, "be a beam with a grid here", "describe it as a beam")
+        return self.problem
 
     @property
     def units(self) -> Units:
         """The units of the problem, or of the matrices."""
-        return (self.matrices or self.problem).units
+        return (self.matrices or self.beam).units
 
     @property
     def has_stops(self) -> bool:
         """Return True if there is a stop."""
-        return bool(self.problem.all_stops if self.matrices is None else self.matrices.contacts)
+        return bool(self.beam.all_stops if self.matrices is None else self.matrices.contacts)
 
     @property
     def grid(self) -> str:
@@ -92,38 +97,18 @@ class Case:
     @property
     def forms(self) -> tuple[str, ...]:
         """The forms that studies look at by default, the first where one is enough."""
-        problem = self.problem
+        if self.matrices is not None:
+            return (self.matrices.form,)
+        problem = self.beam
         # Elements where beam or runs need them; else the paper's, the second without damping and tip mass.
         if problem.for_elements or {form for _, form in self.runs} == {"hermite"}:
             return ("hermite",)
         return FORMS if problem.viscosity == problem.tip_mass == problem.mass_damping == 0.0 else FORMS[:1]
 
     def system(self, form: str | None = None) -> System:
-        """The semi-discrete system in this form, by default the first of ``forms``."""
-        return semidiscretise(self.problem, self.cells, form or self.forms[0])
-
-
-@dataclass(frozen=True)
-class SystemCase(Case):
-    """A case of a System. ``problem`` and ``cells`` raise InputError, because mesh refinement needs a beam."""
-
-    problem: BeamProblem = field(init=False, repr=False, compare=False)
-    cells: int = field(init=False, repr=False, compare=False)
-    matrices: System = field(kw_only=True)  # type: ignore[misc]
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("problem", "cells"):
-            remedy = "describe it as a beam"
-            raise InputError("case", f"{self.name}, a system of matrices", "be a beam with a grid here", remedy)
-        raise AttributeError(name)
-
-    @property
-    def forms(self) -> tuple[str, ...]:
-        """The one form that the matrices are in."""
-        return (self.matrices.form,)
-
-    def system(self, form: str | None = None) -> System:
-        """The system itself; InputError for another form."""
+        """The semi-discrete system in this form, by default the first of ``forms``. Matrices have one form."""
+        if self.matrices is None:
+            return semidiscretise(self.beam, self.cells, form or self.forms[0])
         if form not in (None, self.matrices.form):
             raise InputError("form", form, "be that of the system", near(form or "", self.forms))
         return self.matrices
@@ -152,10 +137,11 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
         if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case
-    return SystemCase(name, name, float(dt), float(t_end), runs, matrices=system)
+    return Case(name, name, None, 0, float(dt), float(t_end), runs, matrices=system)
 
 
-MOST_BYTES, MOST_LINE, MOST_DOTS = 1 << 20, 1 << 16, 50  # of a case file; letters of a line, dots of a key in it
+MOST_BYTES = 1 << 20  # of a case file
+DOTTED = re.compile(r"(?:\.[ \t]*[\w\"'-]+[ \t]*){50}")  # a key, which takes memory by the square of its length
 
 
 def paper_case(table: int) -> Case:
@@ -194,9 +180,8 @@ def find_case(name: str) -> Case:
     if name in known:
         return known[name]
     file_path("case", name, "table1 to table17, or a TOML file")
-    file = case_file(name)
-    # The case behind the file and a colon.
-    wanted = name[len(file) + 1 :]
+    head, colon, wanted = name.partition(".toml:")
+    file = f"{head}.toml" if colon else name
     if file.endswith(".toml") or Path(file).is_file():
         cases = load_cases(file)
         if wanted:
@@ -209,23 +194,10 @@ def find_case(name: str) -> Case:
     raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
 
 
-def case_file(name: str) -> str:
-    """The file in ``file.toml`` or ``file.toml:case``."""
-    head, separator, _ = name.partition(".toml:")
-    return head + ".toml" if separator else name
-
-
 @cache
 def paper_cases() -> dict[str, Case]:
     """The paper's tables by name, in order."""
     return _parse(_toml(paper_text()), "paper.toml")
-
-
-def case_text(name: str) -> str:
-    """The case as the text of a TOML file; ``name`` as in ``find_case``."""
-    case = find_case(name)
-    text = paper_text() if name in paper_cases() else Path(case_file(name)).read_text(encoding="utf-8")
-    return case_blocks(text)[case.name]
 
 
 def parse_case(text: str, source: str) -> Case:
@@ -274,7 +246,9 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     if not file.exists():
         remedy = "stiffbeam cases --show table10 prints one to start from"
         raise InputError("case file", str(file), "exist", remedy)
-    text = _bounded(file)
+    text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it").replace("\r\n", "\n")
+    if DOTTED.search(text):
+        raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
         data = _toml(text)
     except ValueError as error:
@@ -282,21 +256,6 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
     return _parse(data, str(file), file.parent)
-
-
-def _bounded(file: Path) -> str:
-    """The text of a case file. Raises InputError for one of a size that no case has: a dotted key takes memory
-    in proportion to the square of its length."""
-    text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it")
-    for number, line in enumerate(text.split("\n"), 1):
-        if len(line) > MOST_LINE:
-            remedy = "break lists over lines"
-            raise InputError(f"{file}: line {number}", f"{len(line)} letters", f"have at most {MOST_LINE}", remedy)
-        # Dots in quotes nest nothing.
-        key = re.sub(r'"[^"]*"|\'[^\']*\'', "", line).partition("=")[0]
-        if key.count(".") > MOST_DOTS:
-            raise InputError(f"{file}: line {number}", "a key of many dots", f"have at most {MOST_DOTS}", "use tables")
-    return text.replace("\r\n", "\n")
 
 
 def compared(case: Case, form: str) -> list[Scheme]:
@@ -352,9 +311,8 @@ class Entry:
         if self.system is not None:
             if self.cells is not None:
                 raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
-            case = SystemCase(matrices=self.system, **common)
+            case = Case(problem=None, cells=0, matrices=self.system, **common)
         else:
-            assert self.problem is not None
             case = Case(problem=self.problem, cells=integer("cells", self.cells, 4), **common)
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:
@@ -385,8 +343,8 @@ class Entry:
         return {path: (float(ends[0]), float(ends[1])) for path, ends in self.uncertain.items()}
 
 
-def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:
-    """folder: where the files that a case names are; None for a text that has to hold everything itself."""
+def _parse(data: dict[str, Any], source: str, folder: Path = Path()) -> dict[str, Case]:
+    """The cases by name. folder: where the files are that a case names."""
     cases: dict[str, Case] = {}
     entries = data.get("case")
     if not isinstance(entries, list) or not entries:

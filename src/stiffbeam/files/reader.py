@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
@@ -21,7 +20,7 @@ from ..basics.units import SI, Units, units_labels
 from ..basics.validation import InputError, exact_float, near
 from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
-from ..model.problem import BeamProblem, DistributedLoad, Load, PointLoad, PolynomialProfile, Profile
+from ..model.problem import DistributedLoad, Load, PointLoad, PolynomialProfile, Profile
 from ..model.reduction import reduce_model
 from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction
@@ -65,9 +64,7 @@ def read_matrix(file: Path) -> Any:
 Line = NewType("Line", str)  # a text for one line of a terminal, a page or a file name
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
-Record = NewType("Record", object)  # samples of a file, or a table of them
 RowLoad = tuple[Row, LoadFunction]
-LARGE = 2000  # unknowns, from which on it is worth a warning before their dense matrices are made
 KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
 WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
@@ -101,23 +98,23 @@ class Matrices:
 
 
 @dataclass
-class Samples:
-    """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
-
-    sampled: Record
-    kind: str = "linear"
-    column: str | None = None
-    dt: float | None = None
-    time_factor: float | None = None
-    start: float | None = None
-
-
-@dataclass
 class Points:
     """Samples written into a case file."""
 
     t: Sequence[float]
     values: Sequence[float]
+
+
+@dataclass
+class Samples:
+    """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
+
+    sampled: str | Points
+    kind: str = "linear"
+    column: str | None = None
+    dt: float | None = None
+    time_factor: float | None = None
+    start: float | None = None
 
 
 @dataclass
@@ -136,18 +133,18 @@ def _units(value: Any, _: Any) -> Units:
 
 
 class Reader:
-    """Converter of the tables of a case file. ``folder``: that of the files which the case names; None for a text
-    that has to hold everything itself."""
+    """Converter of the tables of a case file. ``folder``: that of the files which the case names."""
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path = Path()) -> None:
         self.folder, self.size = folder, 0
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
             Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
-            System: self._system, BeamProblem: self._beam, RowLoad: self._row_load, Load: self._load,
-            Contact: self._contact, Record: self._record,
+            System: self._system, RowLoad: self._row_load, Load: self._load,
+            Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: _polynomial,
+            str | Points: lambda value, _: self.read(value, Points if isinstance(value, dict) else str),
             Stops | Sequence[Stops] | None: lambda value, _: self.read(value, Sequence[Stops]),
         }  # fmt: skip
         # By class, which comes before the conversions that cattrs has for these.
@@ -187,17 +184,9 @@ class Reader:
         make = make_mapping_structure_fn(kind, self.convert)
         return lambda value, _: make(_kind(value, dict), kind)
 
-    def _beam(self, value: Any, _: Any) -> BeamProblem:
-        """A beam in the names of its class."""
-        _table(value, [x.name for x in fields(BeamProblem)])
-        return make_dict_structure_fn(BeamProblem, self.convert)(value, BeamProblem)
-
     def _system(self, value: Any, _: Any) -> System:
         self.size = 0
-        matrices = self.read(value, Matrices)
-        if self.size > LARGE and matrices.modes is None:
-            warnings.warn(f"{self.size} unknowns take minutes: modes = 40 keeps the slowest", stacklevel=2)
-        return matrices.system()
+        return self.read(value, Matrices).system()
 
     def _time(self, value: Any, _: Any, own: tuple[str, ...] = ()) -> TimeFunction:
         """The sum, samples, constant or harmonic function of a table; ``own`` are others in it."""
@@ -215,14 +204,10 @@ class Reader:
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
-        source: Any = record.sampled
-        if isinstance(source, Points):
-            return Sampled(np.array(source.t), np.array(source.values), record.kind)
+        if isinstance(record.sampled, Points):
+            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-        return Sampled(*read_samples(self._beside("sampled", source), **options), record.kind)
-
-    def _record(self, value: Any, _: Any) -> Any:
-        return self.read(value, Points) if isinstance(value, dict) else _kind(value, str)
+        return Sampled(*read_samples(self.folder / record.sampled, **options), record.kind)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
@@ -245,14 +230,14 @@ class Reader:
     def _matrix(self, value: Any, _: Any = None) -> Any:
         """A matrix; a vector is the diagonal of one."""
         _kind(value, (str, list))
-        matrix = read_matrix(self._beside("", value)) if isinstance(value, str) else _array(value)
+        matrix = read_matrix(self.folder / value) if isinstance(value, str) else _array(value)
         matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
         self.size = matrix.shape[0]
         return matrix
 
     def _row(self, value: Any, _: Any = None) -> Array:
         if isinstance(_kind(value, (list, str, dict)), str):
-            content = read_matrix(self._beside("", value))
+            content = read_matrix(self.folder / value)
             return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
         if isinstance(value, list):
             return _array(value)
@@ -265,11 +250,6 @@ class Reader:
                 raise InputError(unknown, x, f"be of an unknown from 0 to {self.size - 1}", "the first is 0")
             row[int(unknown)] = _number(x)
         return row
-
-    def _beside(self, field: str, name: str) -> Path:
-        if self.folder is None:
-            raise InputError(field, name, "need no other file here", "write its numbers into the case")
-        return self.folder / name
 
 
 SEQUENCES = (list, tuple, Sequence)

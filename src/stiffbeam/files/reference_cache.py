@@ -8,25 +8,22 @@ import platform
 import warnings
 from importlib.metadata import version
 from inspect import signature
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.arrays import Array
 from ..basics.progress import TALK, Show
 from ..basics.validation import InputError, numbers, positive
 from ..model.system import System, require_system
 from ..model.time_functions import require_closed_form
 from ..references import reference
-from ..references.registry import REFERENCES, method_of
+from ..references.registry import method_of
 from ..trajectory.trajectory import Reference
 from . import store
 
 MOST = 1 << 30  # bytes of references that are kept
-OPTIONS = ("rtol", "atol", "breakpoints", "max_step")  # that a solver's answer depends on
 
 
 def cached_reference(
@@ -44,9 +41,9 @@ def cached_reference(
     compute the same reference leave one good file. Files that have not been used for longest are deleted when the cache
     exceeds a gigabyte.
 
-    A multiprecision reference that is confirmed to t_end can be evaluated at any time. The
-    others are loaded without states: with outputs, impacts, energy, horizon, work and provenance, as
-    ``provenance["kept"]`` states. "exact" is solved again, which takes no longer than reading a file.
+    A multiprecision reference that is confirmed to t_end can be evaluated at any time. The others are loaded without
+    states: with outputs, impacts, energy, horizon, work and provenance, as ``provenance["kept"]`` states. "exact" is
+    solved again, which takes no longer than reading a file.
 
     Parameters
     ----------
@@ -70,10 +67,20 @@ def cached_reference(
     """
     times = None if t_eval is None else numbers("t_eval", t_eval)
     given = signature(reference).bind(system, t_end, method, times, progress=progress, **options)
-    method_of(method)
+    entry = method_of(method)
     if method == "exact":
         return reference(*given.args, **given.kwargs)
-    file = _file(system, t_end, method, times, options)
+    require_system(system)
+    positive("t_end", t_end)
+    # A bare callable has no content to make a key of.
+    require_closed_form(system.time_functions, "a cached reference", "sample it: Sampled(t, values, 'cubic')")
+    given.apply_defaults()
+    settings = {name: x for name, x in given.arguments.items() if name not in ("system", "progress", "seconds")}
+    # Another version may round differently, or compute something else.
+    versions = [platform.python_version(), storage.source_hash(), *map(version, ("stiffbeam", "numpy", "scipy"))]
+    key = json.dumps([system.fingerprint, settings, versions, entry.versions()],
+                     default=lambda x: np.asarray(x).tolist())  # fmt: skip
+    file = storage.directory() / "references" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.nc"
     if file.is_file():
         try:
             result = store.load(file, system, times)
@@ -99,28 +106,3 @@ def cached_reference(
             raise
         warnings.warn(f"a reference is not kept: {error}", stacklevel=2)  # the cache's disk may be full
     return result
-
-
-def _file(system: System, t_end: float, method: str, t_eval: Array | None, options: dict[str, Any]) -> Path:
-    require_system(system)
-    # A bare callable has no content to make a key of.
-    require_closed_form(system.time_functions, "a cached reference", "sample it: Sampled(t, values, 'cubic')")
-    names = ("digits",) if method == "multiprecision" else OPTIONS
-    settings = {name: options.get(name, signature(reference).parameters[name].default) for name in names}
-    anytime = settings.get("digits") == "auto"  # frozen, it answers at any time
-    key = {
-        "fingerprint": system.fingerprint,
-        "t_end": positive("t_end", t_end),
-        "method": method,
-        "settings": settings,
-        "t_eval": None if anytime else t_eval,
-        # Another version may round differently, or compute something else.
-        "versions": [
-            platform.python_version(),
-            storage.source_hash(),
-            *map(version, ("stiffbeam", "numpy", "scipy")),
-            REFERENCES[method].versions(),
-        ],
-    }
-    name = hashlib.sha256(json.dumps(key, default=lambda x: np.asarray(x).tolist()).encode()).hexdigest()[:32]
-    return storage.directory() / "references" / f"{name}.nc"

@@ -1,6 +1,6 @@
-"""Read saved trajectories and stored references, and store a multiprecision solution.
+"""Read saved trajectories and frozen references.
 
-A stored ("frozen") reference is a small file from which float64 computes the solution at any time. It has every event
+A frozen reference is a small file from which float64 computes a multiprecision solution at any time. It has every event
 time, and the full state at some of the events. From one of these states to the next float64 loses only a few digits.
 Integrating again between them gives the solution at any time within the stated bound, past the float64 horizon too.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -22,52 +21,57 @@ from ..basics.arrays import Array
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers
-from ..march.integrate import Plan
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import solve
 from ..references.exact.motion import Motion, Solver, fresh_after, joined
 from ..references.exact.solution import reference_of
-from ..schemes.labels import scheme_at_hand
 from ..trajectory.records import ContactRecord, Impacts, Ledger
 from ..trajectory.schema import FORMAT, IMPACT_FIELDS, LEDGER_FIELDS
-from ..trajectory.trajectory import Pieces, Reference, Trajectory, Work
+from ..trajectory.trajectory import Reference, Trajectory, Work
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FROZEN_FORMAT = 1
-BOUND = 1e-9  # of max |u| and of the times: the accuracy that re-marching may lose
+EVERY = 8  # events from one stored state to the next
+KEPT = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
+        "python-flint", "numpy")  # fmt: skip
+BOUND = 1e-9  # of max |u| and of the times: the accuracy that integrating again may lose
 
 
-def can_freeze(reference: Reference) -> bool:
-    """Return True if the solution is multiprecision and confirmed to its end."""
-    t_end = float(reference.provenance["t_end"])
-    return reference.provenance["method"] == "multiprecision" and reference.horizon >= t_end
+def can_freeze(solution: Reference) -> bool:
+    """True for a multiprecision solution that is confirmed to its end."""
+    notes = solution.provenance
+    return notes["method"] == "multiprecision" and solution.horizon >= float(notes["t_end"])
 
 
-def freeze(reference: Reference, file: str | Path) -> Path:
-    """Write a multiprecision ``reference`` to a file, which is read together with its system.
+def freeze(solution: Reference, file: str | Path) -> Path:
+    """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
+    the state at every eighth event. Raises InputError where the solution is not confirmed to its end."""
+    import xarray as xr
 
-    So many states are stored that the file, read back, gives the reference within a tenth of ``BOUND``; that is tried
-    before anything is written. Raises InputError where the reference is not confirmed to its end.
-    """
-    t_end = float(reference.provenance["t_end"])
-    if not can_freeze(reference):
-        raise InputError("reference", reference.label, "be multiprecision and confirmed to t_end", "give more digits")
-    assert reference.system is not None
-    solution: Motion = reference.solution
-    # Fewer segments from one state to the next, until what float64 loses between them is small.
-    for every in (32, 16, 8, 4, 2, 1):
-        data = _arrays(reference, solution, t_end, np.arange(0, len(solution.times), every))
-        deviation = _deviation(data, solution, reference)
-        if deviation <= 0.1 * BOUND:
-            break
-    if deviation > BOUND:
-        raise InputError("reference", f"{deviation:.1e} off", f"be re-marched to {BOUND:g}", "report this case")
-    # Attributes of the trial, then the hash of the whole.
-    data.attrs["bound"] = BOUND
-    data.attrs["deviation"] = deviation
+    notes, motion = solution.provenance, solution.solution
+    if not can_freeze(solution):
+        raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
+    stored, sides = np.arange(0, len(motion.times), EVERY), motion.sides.astype(np.int8)
+    sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
+    q, v = motion.states_in(motion.times[stored], stored)
+    variables = {
+        "switch_time": (("switch",), motion.times, "start of every segment"),
+        "side": (("switch", "contact")[: sides.ndim], sides, "+1 upper stop, -1 lower, 0 free"),
+        "stored_switch": (("stored",), stored.astype(np.int32), "the segment a state belongs to"),
+        "q": (("stored", "node"), q, "displacement v = u - phi (1 - (x/L)^2) at the nodes"),
+        "q_rate": (("stored", "node"), v, "its rate"),
+    }
+    data = xr.Dataset({name: (*entry[:2], {"long_name": entry[2]}) for name, entry in variables.items()}, attrs={
+        "title": f"stiffbeam frozen reference, {notes['form']} form", "stiffbeam_frozen": FROZEN_FORMAT,
+        "source": f"stiffbeam {version('stiffbeam')}", "form": notes["form"], "t_end": float(notes["t_end"]),
+        "fingerprint": solution.fingerprint, "provenance": json.dumps({key: notes[key] for key in KEPT}),
+        "bound": BOUND,
+    })  # fmt: skip
+    assert solution.system is not None
+    _march(solution.system, data, str(file))  # raises InputError where float64 loses an event between two states
     data.attrs["hash"] = content_hash(data)
     return write_netcdf(data, file, compression=9)
 
@@ -82,41 +86,8 @@ def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Ar
         rule = "be read together with its system"
         raise InputError("file", str(path), rule, "it holds events and states: stiffbeam.load(file, system)")
     t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
-    # The integration that was tried when the file was made.
     solution = _march(system, data, str(path))
     return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
-
-
-def _arrays(reference: Reference, solution: Motion, t_end: float, stored: Array) -> xr.Dataset:
-    """Event times, and states at the start of the segments ``stored``."""
-    assert reference.system is not None
-    sides = solution.sides.astype(np.int8)
-    # A single contact needs no second dimension.
-    sides = sides[:, 0] if sides.shape[1] == 1 else sides
-    q, v = solution.states_in(solution.times[stored], stored)
-    keep = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
-            "python-flint", "numpy")  # fmt: skip
-    attributes = {
-        "title": f"stiffbeam frozen reference, {reference.provenance['form']} form",
-        "stiffbeam_frozen": FROZEN_FORMAT,
-        "source": f"stiffbeam {version('stiffbeam')}",
-        "form": reference.provenance["form"],
-        "t_end": t_end,
-        "fingerprint": reference.fingerprint,
-        "provenance": json.dumps({key: reference.provenance[key] for key in keep}),
-    }
-    variables = {
-        "switch_time": (("switch",), solution.times, "start of every piece"),
-        "side": (("switch", "contact")[: sides.ndim], sides, "+1 upper stop, -1 lower, 0 free"),
-        "stored_switch": (("stored",), stored.astype(np.int32), "the switch a state belongs to"),
-        "q": (("stored", "node"), q, "displacement v = u - phi (1 - (x/L)^2) at the nodes"),
-        "q_rate": (("stored", "node"), v, "its rate"),
-    }
-    import xarray as xr
-
-    return xr.Dataset(
-        {name: (*entry[:2], {"long_name": entry[2]}) for name, entry in variables.items()}, attrs=attributes
-    )
 
 
 def _march(system: System, data: xr.Dataset, source: str) -> Motion:
@@ -143,25 +114,6 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
     return joined(parts)  # with the times re-marched, to which the coefficients belong
 
 
-def _deviation(data: xr.Dataset, a: Motion, reference: Reference) -> float:
-    """Largest difference in position of a contact or the tip over max |u|, in the middle of every segment, between
-    ``a`` and the motion from the file; infinite if the events differ."""
-    assert reference.system is not None
-    try:
-        b = _march(reference.system, data, "the file to be")
-    except InputError:
-        return float("inf")
-    # In the middle of segments, farthest from the events.
-    t = 0.5 * (a.times + np.append(a.times[1:], float(reference.provenance["t_end"])))
-    difference = np.abs(_positions(reference.system, a, t) - _positions(reference.system, b, t))
-    return float(np.max(difference) / np.max(np.abs(reference.tip)))
-
-
-def _positions(system: System, solution: Motion, t: Array) -> Array:
-    """Positions of every channel, (times, channels)."""
-    return np.stack([solution.observed(t, row)[0] for row, _ in system.channels], axis=-1)
-
-
 def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | None = None) -> Trajectory:
     """Return the run of a file that ``save`` has written, or of a frozen reference.
 
@@ -169,9 +121,8 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     ----------
     file : path
     system : System, optional
-        The system that the run is of. With it a scheme's run and an exact solution have states and the field over x
-        again: they are computed anew. So an exact solution answers ``at`` any time. Without it a trajectory has what
-        the file holds; a frozen reference needs it.
+        The system that the run is of. With it an exact solution is computed anew: it has states and the field over x
+        again, and answers ``at`` any time. Any other run has what the file holds; a frozen reference needs its system.
     t_eval : array (k,), optional
         Output times of a frozen reference, which answers at any time.
 
@@ -268,26 +219,10 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
             solved = solve(system, provenance["t_end"], "exact", common["t"], 0.0, None)
             return replace(solved, horizon=horizon, work=common["work"], provenance=provenance)
         run = Reference(**common, horizon=horizon)
-    else:  # its states are computed on first use
-        run = Trajectory(**common, pieces=None if system is None else _pieces_of(system, common["provenance"]))
+    else:
+        run = Trajectory(**common)
     energies = {field: data[name].values for field, name in LEDGER_FIELDS.items() if name in data}
     # The cached property is filled in: without states nothing could compute it.
     if energies:
         run.__dict__["energy"] = Ledger(run.t, **energies)
     return run
-
-
-def _pieces_of(system: System, notes: dict[str, Any]) -> Pieces | None:
-    """The states of a scheme's run, integrated again; None for arrays of another program and for a scheme that its
-    label does not define."""
-    if notes.get("source") == "arrays":
-        return None
-    scheme = scheme_at_hand(notes["method"])
-    if scheme is None:
-        return None
-
-    def pieces() -> Iterator[tuple[Array, Array, Array, Array]]:
-        plan = Plan(system, scheme, notes["dt"], notes["t_end"], notes["contact"])
-        return plan.states(system)
-
-    return pieces

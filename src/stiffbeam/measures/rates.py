@@ -19,8 +19,8 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
-COARSEST, MOST_NODES = 27, 2_000_000  # cells of a contact, of all contacts
-CLOSE = 1e-4  # change of the works from a third of the cells to all of them, which is more than the error of these
+CELLS, MOST_NODES = 243, 2_000_000  # nodes of the quadrature over a contact, a multiple of 3; over all contacts
 RATES = {
     "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
     "force_rms": "force",
@@ -56,14 +55,16 @@ Nodes = tuple[Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean of a stationary series with the ends of its 95 % interval, its effective sample size and its standard
-    deviation sqrt(V)."""
+    """Mean of a stationary series with the ends of its 95 % interval, and its effective sample size."""
 
     value: float
     low: float
     high: float
     effective: float
-    deviation: float
+
+    def within(self, low: float, high: float = np.inf) -> Mean:
+        """The mean with its interval cut at the bounds of what is possible."""
+        return Mean(self.value, float(np.maximum(low, self.low)), float(np.minimum(high, self.high)), self.effective)
 
 
 def stationary_mean(series: ArrayLike) -> Mean:
@@ -80,7 +81,7 @@ def stationary_mean(series: ArrayLike) -> Mean:
     off = x - mean
     # A constant series has no scatter.
     if not np.any(off):
-        return Mean(mean, mean, mean, float(n), 0.0)
+        return Mean(mean, mean, mean, float(n))
     # Autocovariance by FFT of twice the length, so that the ends do not wrap; an even number of lags, for pairs.
     covariance = np.fft.irfft(np.abs(np.fft.rfft(off, 2 * n)) ** 2)[: n - n % 2] / n
     lags, effective, variance = np.arange(len(covariance)), float(n), 0.0
@@ -94,7 +95,7 @@ def stationary_mean(series: ArrayLike) -> Mean:
         variance = gamma[0] / effective
     # Parts that alternate have an effective number above n; the degrees of freedom stay below n.
     half = float(student.ppf(0.975, min(effective, n) - 1.0) * np.sqrt(variance)) if effective > 2.0 else np.inf
-    return Mean(mean, mean - half, mean + half, effective, float(np.sqrt(variance)))
+    return Mean(mean, mean - half, mean + half, effective)
 
 
 @dataclass(frozen=True)
@@ -189,37 +190,37 @@ def contact_rates(
     rates, sources = [], []
     for i, contact in enumerate(run.contacts):
         # Rigid stops have impulses, no forces. An impulse belongs to the part in which its contact begins.
-        source, window = "impacts", np.full((5, len(edges) - 1), np.nan)
+        source, integrals = "impacts", np.full((5, len(edges) - 1), np.nan)
         if contact.stops.rigid:
             listed, _ = contact.impacts.listed()
             if np.all(listed.ends - listed.times <= width):
-                window[0] = np.histogram(listed.times, edges, weights=listed.impulses)[0]
+                integrals[0] = np.histogram(listed.times, edges, weights=listed.impulses)[0]
         else:
-            window[:] = 0.0
             source, pieces = _nodes(run, i, rows[i], edges)
-            for nodes in pieces:
-                _add(window, edges, *nodes)
+            integrals = sum((_integrals(edges, *nodes) for nodes in pieces), np.zeros_like(integrals))
         sources.append(source)
         if rows[i] is None:
-            window[3] = np.nan
-        integrals = zip(list(RATES)[1:], window, strict=True)
-        means = {"impact": _rate_of(contact.impacts.times, edges)} | {name: _rate(x / width) for name, x in integrals}
-        share = means["contact"]  # of the time: at most all of it
-        means |= {"contact": replace(share, high=float(np.minimum(1.0, share.high)))}
-        rates.append(means | {"force_rms": _root(means["force_rms"])})
+            integrals[3] = np.nan
+        means = {"impact": _rate_of(contact.impacts.times, edges)}
+        for name, series in zip(list(RATES)[1:], integrals / width, strict=True):
+            known = bool(np.all(np.isfinite(series)))
+            mean = stationary_mean(series) if known else Mean(*4 * (float("nan"),))
+            means[name] = mean.within(0.0, 1.0 if name == "contact" else np.inf)
+        square = means["force_rms"]
+        means["force_rms"] = Mean(square.value**0.5, square.low**0.5, square.high**0.5, square.effective)
+        rates.append(means)
     return ContactRates(float(since), end, tuple(rates), tuple(sources), run)
 
 
-def _add(totals: Array, edges: Array, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> None:
-    """Add the nodes of a quadrature in time to the integrals over the parts between the edges: impulse, time in
-    contact, normal and sliding work and F^2, (5, parts)."""
+def _integrals(edges: Array, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> Array:
+    """Impulse, time in contact, normal and sliding work and the integral of F^2 over the parts between the edges, by
+    the nodes of a quadrature in time; (5, parts)."""
     size, parts = weights * np.abs(force), len(edges) - 1
     columns = (size, np.where(force != 0.0, weights, 0.0), size * np.abs(v), size * np.abs(sliding),
                size * np.abs(force))  # fmt: skip
     # Entry 0 of the sums, nodes before the first edge, is cut off.
     place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
-    for total, column in zip(totals, columns, strict=True):
-        total += np.bincount(place + 1, column, parts + 1)[1:]
+    return np.array([np.bincount(place + 1, column, parts + 1)[1:] for column in columns])
 
 
 def windows(system: System | None, since: float, end: float) -> Array:
@@ -229,14 +230,6 @@ def windows(system: System | None, since: float, end: float) -> Array:
     return np.linspace(since, end, min(max(parts, LEAST), MOST) + 1)
 
 
-def _rate(series: Array) -> Mean:
-    """Mean of a series without negative entries, so that its interval ends at zero at the latest."""
-    if not np.all(np.isfinite(series)):
-        return Mean(*5 * (float("nan"),))
-    mean = stationary_mean(series)
-    return replace(mean, low=max(0.0, mean.low))
-
-
 def _rate_of(times: Array, edges: Array) -> Mean:
     """Rate of events at these times, from their counts between the edges; of fewer than LEAST by Poisson's law."""
     from scipy.stats import chi2
@@ -244,54 +237,40 @@ def _rate_of(times: Array, edges: Array) -> Mean:
     counts, span = np.histogram(times, edges)[0], float(edges[-1] - edges[0])
     count = int(np.sum(counts))
     if count >= LEAST:
-        return _rate(counts / np.diff(edges))
+        return stationary_mean(counts / np.diff(edges)).within(0.0)
     low = 0.5 * float(chi2.ppf(0.025, 2 * count)) if count else 0.0
     high = 0.5 * float(chi2.ppf(0.975, 2 * count + 2))
-    return Mean(count / span, low / span, high / span, float(count), max(count, 1) ** 0.5 / span)
-
-
-def _root(mean: Mean) -> Mean:
-    """Square root of a mean, with the roots of its ends; the deviation to first order."""
-    value = mean.value**0.5
-    deviation = 0.5 * mean.deviation / value if value else 0.0
-    return Mean(value, mean.low**0.5, mean.high**0.5, mean.effective, deviation)
+    return Mean(count / span, low / span, high / span, float(count))
 
 
 def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> list[Array | None]:
+    """The rows of the sliding velocities, one a contact."""
     if tangents is None:
         return [None] * len(run.contacts)
-    rule, remedy = f"have one entry for each of {len(run.contacts)} contacts", "give None for a contact without sliding"
-    given = sequence("tangents", tangents, rule, remedy)
-    if len(given) != len(run.contacts):
-        raise InputError("tangents", len(given), rule, remedy)
-    rows = [None if row is None else numbers("tangents", row) for row in given]
     size = run.states[1].shape[1]
-    for row in rows:
-        if row is not None and row.shape != (size,):
-            remedy = "one for each unknown of the system; of a reduced model pass row @ model.basis"
-            raise InputError("tangents", row.shape, f"be rows of {size} numbers", remedy)
+    given = sequence("tangents", tangents, f"have one entry for each of {len(run.contacts)} contacts")
+    rows = [None if row is None else numbers("tangents", row) for row in given]
+    if len(rows) != len(run.contacts) or not all(row is None or row.shape == (size,) for row in rows):
+        rule = f"be a row of {size} numbers, or None, for each of {len(run.contacts)} contacts"
+        raise InputError("tangents", tangents, rule, "of a reduced model pass row @ model.basis")
     return rows
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterable[Nodes]]:
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterator[Nodes]]:
     """Source of the forces of contact i, and the nodes of an integral over time, in pieces of the run."""
     contact, every = run.contacts[i], int(run.provenance.get("every", 1))
-    # Quadrature between the events of a reference, every step of a scheme, else the output times.
     if isinstance(run, Reference):
         if run.evaluate is not None and contact.impacts.kind == "event":
-            try:
-                source, nodes = _between_events(run, i, tangent, edges)
-                return source, [nodes]
-            except InputError:  # a saved reference that answers at its outputs only
-                pass
-    elif every > 1 and run.pieces is not None and run.system is not None:
+            return _between_events(run, i, tangent, edges)
+    elif run.pieces is not None and run.system is not None and (every > 1 or tangent is not None):
         return "every step", _steps(run, i, tangent)
     source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
-    sliding = np.full(len(run.t), np.nan) if tangent is None else _sliding(run.states[1], tangent)
-    return source, [(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)]
+    sliding = np.full(len(run.t), np.nan) if tangent is None else run.states[1] @ tangent
+    return source, iter([(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)])
 
 
 def _trapezoidal(t: Array) -> Array:
+    """Weights of the trapezoidal rule."""
     steps = np.diff(t)
     return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
 
@@ -304,17 +283,11 @@ def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
         u, v = channel_motion(*run.system.channels[i], t, q, rate)
         # A force that jumps is that of the node, others follow from the state.
         force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
-        yield t, _trapezoidal(t), force, v, _sliding(rate, tangent)
+        yield t, _trapezoidal(t), force, v, np.full(len(v), np.nan) if tangent is None else rate @ tangent
 
 
-def _sliding(v: Array, tangent: Array | None) -> Array:
-    """Velocity along the tangent, NaN without tangent."""
-    return np.full(len(v), np.nan) if tangent is None else v @ tangent
-
-
-def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
-    """Midpoints of equal cells of every contact, of which there are three times as many until the works no longer
-    change."""
+def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterator[Nodes]]:
+    """Midpoints of equal cells of every contact; the source states by how much a third of them changes the works."""
     listed, _ = run.contacts[i].impacts.listed()
     ends = np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     # Contacts are cut at the edges of the parts of the run.
@@ -323,23 +296,18 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     closed = ((last >= 0) & (corners < np.append(ends, -np.inf)[last]))[:-1]
     left, width = corners[:-1][closed], np.diff(corners)[closed]
     if not len(left):
-        none = np.zeros(0)
-        return "events", (none, none, none, none, none)
-    cells = COARSEST
-    while True:
-        cells *= 3
-        t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
-        u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
-        force, slid = run.contacts[i].stops.force(u, v), np.full(t.shape, np.nan)
-        if tangent is not None:
-            assert run.state_at is not None
-            slid = _sliding(run.state_at(t.ravel())[1], tangent).reshape(t.shape)
-        # The midpoints of a third of the cells are among those of all: another solve would differ by more than they do.
-        works = np.abs(force * np.array([v] if tangent is None else [v, slid]))
-        whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
-        change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
-        if change <= CLOSE or 3 * t.size > MOST_NODES:
-            break
+        return "events", iter(())
+    cells = min(CELLS, 3 * max(1, MOST_NODES // (3 * len(left))))
+    t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
+    u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
+    force, sliding = run.contacts[i].stops.force(u, v), np.full(t.shape, np.nan)
+    if tangent is not None:
+        assert run.state_at is not None
+        sliding = (run.state_at(t.ravel())[1] @ tangent).reshape(t.shape)
+    # The midpoints of a third of the cells are among those of all.
+    works = np.abs(force * np.array([v] if tangent is None else [v, sliding]))
+    whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
+    change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
     weights = np.broadcast_to(width[:, None] / cells, t.shape)
-    nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), slid.ravel()
-    return f"events, quadrature to {change:.0e}", nodes
+    nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), sliding.ravel()
+    return f"events, quadrature to {change:.0e}", iter([nodes])

@@ -1,11 +1,11 @@
-"""Tables of comparisons: texts in DataFrames, which rich prints and pandas writes as HTML and LaTeX."""
+"""Tables of comparisons: texts in DataFrames, which pandas writes as text, HTML and LaTeX."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,14 +18,11 @@ from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
-WIDTH = 80  # columns of a table that goes to a file; a terminal keeps its own
-LINE = 100  # columns of a sentence on a wide terminal: longer lines are hard to follow
+WIDTH = 80  # letters of a line of notes
 
 
 def short(label: str) -> str:
@@ -108,49 +105,18 @@ class Report:
     notes: tuple[str, ...]
     failures: tuple[tuple[str, str, str], ...] = ()  # "failed" or "refused", label, message
 
-    def rich(self) -> RenderableType:
-        """The tables for a terminal or a file."""
-        from rich import box
-        from rich.console import Console, Group
-        from rich.constrain import Constrain
-        from rich.measure import Measurement
-        from rich.table import Table
-        from rich.text import Text
-
-        parts: list[RenderableType] = [Text(remark) for remark in self.remarks]
-        wide = Console(width=10 * WIDTH, force_jupyter=False)
-        for title, frame in self.tables:
-            table = Table(
-                box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", padding=(0, 1, 0, 0),
-                show_edge=False,
-            )  # fmt: skip
-            table.add_column("run", overflow="fold", min_width=12)
-            for head in frame.columns[1:]:
-                table.add_column(str(head).replace(" ", "\n", 1), justify="right", no_wrap=True)
-            for name, *cells in frame.itertuples(index=False):
-                table.add_row(name, *cells, style="bold" if name.startswith(("exact", frame.run[0])) else "")
-            # Narrower gaps where it would not fit a file or an ordinary terminal.
-            table.padding = 0 if Measurement.get(wide, wide.options, table).maximum > WIDTH else table.padding
-            parts += [table, ""]
-        if self.notes:
-            parts.append(Constrain(Text("\n".join(self.notes), style="dim"), LINE))
-        return Group(*parts, *self.failed())
-
-    def failed(self) -> list[Any]:
-        """A line for each failure."""
-        from rich.text import Text
-
-        styles = {"failed": "bold red", "refused": "bold"}
-        return [
-            Text.assemble((f"{word}  ", styles[word]), (who, "bold"), f"  {why}") for word, who, why in self.failures
-        ]
-
     def __str__(self) -> str:
-        from rich.console import Console
+        """The tables as text: heads of columns in two lines, names to the left."""
+        import pandas
 
-        stream = io.StringIO()
-        Console(file=stream, width=WIDTH, color_system=None, force_jupyter=False).print(self.rich())
-        return stream.getvalue()
+        parts = list(self.remarks)
+        for title, frame in self.tables:
+            heads = [head.split(" ", 1) if " " in head else ["", head] for head in frame]
+            shown = frame.assign(run=frame.run.str.ljust(frame.run.str.len().max()))
+            shown.columns = pandas.MultiIndex.from_tuples(map(tuple, heads))
+            parts.append(f"{title}\n{shown.to_string(index=False)}\n")
+        parts += [fill(note, WIDTH) for note in self.notes]
+        return "\n".join([*parts, *("  ".join(failure) for failure in self.failures)])
 
     def html(self) -> str:
         """The tables for a notebook."""
@@ -178,7 +144,8 @@ def report(
 
     refused: the labels of those failures that the case does not allow.
     """
-    tables = (_to_horizon(comparisons), _to_end(comparisons)) if comparisons else ()
+    tables = tuple(zip(_titles(comparisons), (_frame(comparisons, x) for x in (False, True)), strict=True)
+                   if comparisons else ())  # fmt: skip
     heads = " ".join(str(head) for _, frame in tables for head in frame)
     return Report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
@@ -193,39 +160,10 @@ def method_of(label: str) -> str:
     return short(label.partition("@")[0])
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A line of a table: of a run or its reference as a whole, with its only contact, or of one of several contacts."""
-
-    name: str
-    of: Comparison
-    run: bool
-    contact: ContactComparison | None
-    whole: bool = True
-    several: bool = False  # its contacts have lines of their own
-
-    def counts(self, measures: ContactMeasures | None) -> dict[str, str]:
-        """Impacts at the time steps, share of the time, peak and impulse; empty where the lines of contacts follow."""
-        force, impulse = (with_unit(self.of.units, *name) for name in (("peak force", "force"), ("impulse", "impulse")))
-        if measures is None and self.several:
-            return dict.fromkeys(("impacts", "contact time", force, impulse), "")
-        x = measures or ContactMeasures(0, 0, 0.0, 0.0, 0.0)
-        return {
-            "impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction),
-            force: number(x.peak_force, 4), impulse: number(x.impulse, 4),
-        }  # fmt: skip
-
-
-def _lines(comparisons: Sequence[Comparison], main: str) -> Iterator[_Line]:
-    """The lines of the reference, called ``main``, and of every run with one reference."""
-    touched = _touched(comparisons)
+def _names(comparisons: Sequence[Comparison]) -> list[str]:
+    """Short names of the runs, whole ones where two are alike."""
     names = [method_of(c.label) for c in comparisons]
-    names = [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
-    runs, several = [(name, c, True) for name, c in zip(names, comparisons, strict=True)], len(touched) > 1
-    for name, c, run in [(main, comparisons[0], False), *runs]:
-        yield _Line(name, c, run, c.contacts[touched[0]] if len(touched) == 1 else None, several=several)
-        for i in touched if several else ():
-            yield _Line(f"  {c.contacts[i].name}", c, run, c.contacts[i], whole=False)
+    return [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
 
 
 def _touched(comparisons: Sequence[Comparison]) -> list[int]:
@@ -239,56 +177,72 @@ def _touched(comparisons: Sequence[Comparison]) -> list[int]:
     return [i for i in contacts if len(contacts) == 1 or any(touches(c.contacts[i]) for c in comparisons)]
 
 
-def _frame(rows: Sequence[Mapping[str, str]]) -> Any:
-    """The rows as a DataFrame without the columns that say nothing."""
+NONE = ContactMeasures(0, 0, 0.0, 0.0, 0.0)  # of a run that touches nothing
+
+
+def _frame(comparisons: Sequence[Comparison], to_end: bool) -> Any:
+    """A line for the reference and each run, with its only contact, or with a line for each of several contacts.
+
+    to_end: totals and cost of the whole runs, else the measures to the horizon. Empty columns are left out.
+    """
     import pandas
 
-    frame: Any = pandas.DataFrame(list(rows))
-    return frame.loc[:, [any(cell not in (DASH, "") for cell in frame[head]) for head in frame]]
+    first, touched, common = comparisons[0], _touched(comparisons), common_window(comparisons)
+    lag, delay, force, impulse = (
+        with_unit(first.units, *name)
+        for name in (("lag", "time"), ("impact delay", "time"), ("peak force", "force"), ("impulse", "impulse"))
+    )
 
+    def of_run(c: Comparison) -> dict[str, str]:
+        if to_end:
+            return {"ns per step": number(c.ns_per_step), "energy lost": percent(c.totals_energy_lost)}
+        return {
+            "tip error": percent(c.tip_error_to(min(common, c.window))), lag: number(c.phase.lag, 2),
+            "energy lost": percent(c.energy_lost), "impacts right to": _until(c.matched_until, c.window, first.window),
+        }  # fmt: skip
 
-def _to_horizon(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """The measures on [0, horizon]; errors while the impacts of all of them match."""
-    first, common = comparisons[0], common_window(comparisons)
-    lag, delay = with_unit(first.units, "lag", "time"), with_unit(first.units, "impact delay", "time")
-    rows = []
-    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
-        c, one, known = line.of, line.contact, line.run and (line.contact is None or line.contact.run.impacts >= 0)
-        counts = line.counts(one and (one.run if line.run else one.reference))
-        until = c.matched_until if line.whole else one.matching.matched_until if one and known else np.nan
-        errors = line.run and line.whole
-        rows.append({
-            "run": line.name,
-            "tip error": percent(c.tip_error_to(min(common, c.window))) if errors else DASH,
-            lag: number(c.phase.lag, 2) if errors else DASH,
-            delay: number(one.matching.median_delay, 2) if one and known else DASH,
-            "energy lost": percent(c.energy_lost) if errors else DASH,
-            "impacts right to": _until(until, c.window, first.window) if line.run else DASH,
-            "impacts": counts["impacts"],
-            "contact time": counts["contact time"],
-        })  # fmt: skip
-    return f"To the horizon t = {number(first.window)}, {first.reference.partition('@')[2]} form", _frame(rows)
-
-
-def _to_end(comparisons: Sequence[Comparison]) -> tuple[str, Any]:
-    """Cost and totals of the whole runs; the adaptive solvers ended at the horizon."""
-    first = comparisons[0]
-    end = max(c.t_end for c in comparisons)
-    # Past the horizon, or where impacts have parted, the title says that single runs differ by chance.
-    beyond = first.window < end * (1 - 1e-9)
-    said = ": one realisation each, compare statistically" if beyond else ""
-    parted = min((c.matched_until for c in comparisons if not np.isnan(c.matched_until)), default=first.window)
-    if not beyond and parted < first.window:
-        said = f"; impacts differ from t = {number(parted)} on"
+    def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
+        x = NONE
+        if contact is not None and to_end:
+            x = contact.run_totals if run else contact.reference_totals
+        elif contact is not None:
+            x = contact.run if run else contact.reference
+        row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
+        if to_end:
+            return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}
+        if contact is None or not run or contact.run.impacts < 0:
+            return row
+        until = _until(contact.matching.matched_until, c.window, first.window)
+        return row | {delay: number(contact.matching.median_delay, 2), "impacts right to": until}
 
     rows = list[dict[str, str]]()
-    for line in _lines(comparisons, f"{method_of(first.reference)} (reference)"):
-        c, one = line.of, line.contact
-        speed, lost = (c.ns_per_step, c.totals_energy_lost) if line.run and line.whole else (np.nan, np.nan)
-        if c.steps or not line.run:
-            counts = line.counts(one and (one.run_totals if line.run else one.reference_totals))
-            rows.append({"run": line.name, "ns per step": number(speed), **counts, "energy lost": percent(lost)})
-    return f"To t = {end:g}, {first.reference.partition('@')[2]} form{said}", _frame(rows)
+    lines = [(f"{method_of(first.reference)} (reference)", first, False)]
+    lines += [(name, c, True) for name, c in zip(_names(comparisons), comparisons, strict=True)]
+    for name, c, run in lines:
+        if run and to_end and not c.steps:
+            continue  # the adaptive solvers end at the horizon
+        own = dict.fromkeys(("impacts", "contact time", force, impulse), "")
+        if len(touched) < 2:
+            own = of_contact(c, run, c.contacts[touched[0]] if touched else None)
+        rows.append({"run": name} | own | (of_run(c) if run else {}))
+        for i in touched if len(touched) > 1 else ():
+            rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
+    order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
+             "contact time", force, impulse]  # fmt: skip
+    frame: Any = pandas.DataFrame(rows).fillna(DASH)
+    return frame[[head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]]
+
+
+def _titles(comparisons: Sequence[Comparison]) -> tuple[str, str]:
+    """Titles of the two tables. Past the horizon, or where impacts differ, single runs differ by chance."""
+    first, end = comparisons[0], max(c.t_end for c in comparisons)
+    form, said = first.reference.partition("@")[2], ""
+    parted = min((c.matched_until for c in comparisons if c.matched_until < c.window), default=first.window)
+    if first.window < end * (1 - 1e-9):
+        said = ": one realisation each, compare statistically"
+    elif parted < first.window:
+        said = f"; impacts differ from t = {number(parted)} on"
+    return f"To the horizon t = {number(first.window)}, {form} form", f"To t = {end:g}, {form} form{said}"
 
 
 def _until(until: float, window: float, horizon: float) -> str:

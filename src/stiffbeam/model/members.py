@@ -174,7 +174,7 @@ def perturbed_members(
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
     >>> many = sb.integrate_ensemble(system, sb.HHT(alpha=-0.1), 1e-4, 0.5, sb.perturbed_members(system, 16))
-    >>> many.impact_count.shape
+    >>> many.contacts[0].impact_count.shape
     (16,)
     """
     require_system(system)

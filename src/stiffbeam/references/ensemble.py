@@ -62,7 +62,7 @@ def reference_ensemble(
     --------
     >>> import stiffbeam as sb
     >>> system = sb.paper_case(10).system()
-    >>> sb.reference_ensemble(system, 0.2, sb.perturbed_members(system, 4)).impact_count.shape
+    >>> sb.reference_ensemble(system, 0.2, sb.perturbed_members(system, 4)).contacts[0].impact_count.shape
     (4,)
     """
     begun = perf_counter()

@@ -198,7 +198,7 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
 def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float, float]]:
     """The system on a finer mesh, and what times the distance to it is the error of the mesh: the value and the ends of
     its bracket. None for matrices."""
-    if case.beam is None:
+    if case.problem is None:
         return None, (1.0, 1.0, 1.0)
     if form == "hermite" or case.system(form).rigid:
         power = 2.0 ** ORDERS[form]

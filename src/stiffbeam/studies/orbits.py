@@ -140,7 +140,7 @@ class Orbits(Study):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
-        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
         panel_legend(above)

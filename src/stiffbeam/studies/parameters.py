@@ -77,9 +77,9 @@ def quantity_of(case: Case, parameter: str) -> str:
         return AT_STOP[last] if linear else ""  # a force per length to the exponent
     if last != "amplitude":
         return QUANTITIES.get(last, "")
-    if at_stop or (case.beam is not None and case.problem.base is not None):
+    if at_stop or (case.problem is not None and case.problem.base is not None):
         return "length"
-    loads = () if case.beam is None else case.problem.loads
+    loads = () if case.problem is None else case.problem.loads
     point = {isinstance(load, PointLoad) for load in loads if isinstance(load.time, Harmonic)}
     return "force" if point == {True} else "force per length" if point == {False} else ""
 

@@ -63,7 +63,7 @@ class Rigid(Study):
                 "stops", "moving ones", "be at rest for rigid stops", "their limit is known without motion"
             )
         if system.damped:
-            viscosity = 0.0 if case.beam is None else case.beam.viscosity
+            viscosity = 0.0 if case.problem is None else case.problem.viscosity
             name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
             raise InputError(name, value, "be 0 for rigid stops", "their limit is known without it")
         return [{"factor": float(factor)} for factor in self.factors or ()]

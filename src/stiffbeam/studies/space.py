@@ -54,7 +54,7 @@ class Space(Study):
         """Every grid in every form: frequencies, the linear response to a moving base, the first impacts."""
         grids, forms = self.cells or (10, 14, 20, 28, 40, 56, 80), self.forms or case.forms
         kinds = ["frequency"]
-        if isinstance(case.problem.base, Harmonic) and not case.problem.loads:
+        if isinstance(case.beam.base, Harmonic) and not case.beam.loads:
             kinds.append("response")
         plan: list[Row] = [{"kind": kind, "form": f, "cells": n} for kind in kinds for f in forms for n in grids]
         if case.has_stops:
@@ -160,17 +160,17 @@ def _frequencies(case: Case, form: str, count: int) -> list[Row]:
     assert basis is not None
     return [
         {"quantity": f"frequency {i + 1}", "value": float(w), "error": float(abs(w / exact - 1.0))}
-        for i, (w, exact) in enumerate(zip(basis.omega, natural_frequencies(case.problem, count), strict=False))
+        for i, (w, exact) in enumerate(zip(basis.omega, natural_frequencies(case.beam, count), strict=False))
     ]
 
 
 def _response(case: Case, form: str) -> list[Row]:
     """The amplitude of u(1, t) per amplitude of the base in the steady motion."""
-    system, base = without_contact(case.system(form)), case.problem.base
+    system, base = without_contact(case.system(form)), case.beam.base
     assert isinstance(base, Harmonic)
     y, _ = steady_state(system)
     sine, cosine = (y @ system.channels[system.tip_channel][0])[1:3]
     # u = sine sin(a t) + cosine cos(a t) = Im((sine + i cosine) e^{i a t}).
     ratio = complex(sine, cosine) / (base.amplitude * np.exp(1j * base.phase))
-    exact = tip_response(case.problem)
+    exact = tip_response(case.beam)
     return [{"quantity": "tip response", "value": abs(ratio), "error": abs(ratio - exact) / abs(exact)}]

@@ -209,7 +209,7 @@ class Sweep(Study):
         dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
         alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
         axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
-        tip = with_unit(case.units, f"{tip_name(case.beam)} {tip_symbol(case.beam, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:

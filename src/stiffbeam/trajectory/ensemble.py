@@ -84,8 +84,6 @@ def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
 class Ensemble:
     """Runs of M members of an ensemble.
 
-    The arrays over the members of the first contact are attributes of the ensemble itself, such as ``impact_count``.
-
     Parameters
     ----------
     tip, tip_velocity : array (M, k)
@@ -182,39 +180,6 @@ class Ensemble:
         """Write it in the format that the suffix names: .nc or .json (all of ``to_xarray``) or .csv
         (``to_dataframe``), whole or not at all. Raises InputError for any other."""
         return save(self, file)
-
-    @property
-    def contact(self) -> ContactStatistics:
-        """The first contact's record; InputError without contact."""
-        if not self.contacts:
-            remedy = "give the system contacts"
-            raise InputError("contact", "a system without contacts", "be asked of one with stops", remedy)
-        return self.contacts[0]
-
-    @property
-    def impact_count(self) -> NDArray[np.int64]:
-        """(M,) at the first contact."""
-        return self.contact.impact_count
-
-    @property
-    def contact_fraction(self) -> Array:
-        """(M,) share of the steps in contact, of the time for an exact ensemble."""
-        return self.contact.fraction
-
-    @property
-    def peak_force(self) -> Array:
-        """(M,) max |sigma|."""
-        return self.contact.peak_force
-
-    @property
-    def impulse(self) -> Array:
-        """(M,) integral of |sigma|."""
-        return self.contact.impulse
-
-    @property
-    def impacts(self) -> Impacts:
-        """All impacts at the first contact, one member after the other, see ``contact.offsets``."""
-        return self.contact.impacts
 
 
 def record_from(since: float, t_end: float) -> float:

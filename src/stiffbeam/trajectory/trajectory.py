@@ -226,10 +226,8 @@ class Trajectory:
     def states(self) -> tuple[Array, Array]:
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
-            arrays, remedy = self.provenance.get("source") == "arrays", "read it with its system: sb.load(file, system)"
-            if self.system is not None and not arrays:
-                remedy = f"import the module of {self.provenance['method']} and load it then, or integrate again"
-            raise InputError("states", NO_STATES if arrays else "a loaded file", "come from a run", remedy)
+            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+            raise InputError("states", reason, "come from a run", "integrate again, or pass states")
         wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
         q, v, first = [], [], 0
         for times, q_piece, v_piece, _ in self.pieces():
@@ -286,9 +284,7 @@ class Trajectory:
 
     def _beam(self, wanted: str) -> System:
         if self.system is None:
-            raise InputError(
-                wanted, "a loaded file", "be asked of a run", "read it with its system: sb.load(file, system)"
-            )
+            raise InputError(wanted, "a loaded file", "be asked of a run", "integrate again")
         return self.system
 
     def plot(self) -> Figure:
