@@ -84,10 +84,9 @@ def compare(
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:
-            _follow(result, schemes, names, tell, folder, written)
+            _follow(result, schemes, names, tell, case, folder, written)
         finally:  # an interrupt loses only what is running
             if written:
-                _print_tables(tell, result, case)
                 _write(result, folder, written)
         rated = _rates(result) if options.rates else []
         for label, each in rated:
@@ -106,19 +105,31 @@ def compare(
 
 def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
-    folder: Path, written: list[Path],
+    case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each run and reference and save it as soon as it is there."""
-    from ..measures.report import largest, short
+    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference."""
+    from ..measures.report import largest, percent, short, verdict
 
+    told = 0  # failures
     for solution in result.run(schemes, names):
         if not written:
             make_folder(folder)
             name, title = result.case.name, result.case.title
             tell(name if title == name else f"{name}  {title}")
         written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-        work = ", ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-        tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
+        said = largest(solution)
+        for c in result.comparisons if solution in result.references[1:] else ():
+            if c.label == solution.label:
+                right = c.contacts and c.matched_until >= c.window
+                said = f"all impacts right as far as it is known, to t = {c.window:.3g}, tip error " if right else ""
+                said += f"{percent(c.tip_error_matched)} rms" if right else verdict([c])
+        work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
+        tell(f"{short(solution.provenance['method'])}: {said} ({work})")
+        if len(result.references) == 1 and solution is result.references[0]:
+            told = len(result.failures)
+            _print_tables(tell, result, case)
+    for label, message in result.failures[told:]:
+        tell(f"{'refused' if label in result.refused else 'failed'}  {short(label)}  {message}")
 
 
 def _report(result: CaseComparison) -> Report:
