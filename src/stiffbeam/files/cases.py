@@ -343,8 +343,8 @@ class Entry:
         return {path: (float(ends[0]), float(ends[1])) for path, ends in self.uncertain.items()}
 
 
-def _parse(data: dict[str, Any], source: str, folder: Path = Path()) -> dict[str, Case]:
-    """The cases by name. folder: where the files are that a case names."""
+def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:
+    """The cases by name. folder: of the files that a case names; None for a text that has to hold everything."""
     cases: dict[str, Case] = {}
     entries = data.get("case")
     if not isinstance(entries, list) or not entries:

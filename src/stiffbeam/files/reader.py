@@ -133,9 +133,10 @@ def _units(value: Any, _: Any) -> Units:
 
 
 class Reader:
-    """Converter of the tables of a case file. ``folder``: that of the files which the case names."""
+    """Converter of the tables of a case file. ``folder``: that of the files which the case names, None for a text that
+    has to hold everything itself."""
 
-    def __init__(self, folder: Path = Path()) -> None:
+    def __init__(self, folder: Path | None) -> None:
         self.folder, self.size = folder, 0
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
@@ -207,7 +208,7 @@ class Reader:
         if isinstance(record.sampled, Points):
             return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-        return Sampled(*read_samples(self.folder / record.sampled, **options), record.kind)
+        return Sampled(*read_samples(self._beside(record.sampled), **options), record.kind)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
@@ -227,17 +228,22 @@ class Reader:
         stops = self.read({name: x for name, x in value.items() if name in names}, Stops)
         return Contact(row, stops, self._time(value["offset"], None) if "offset" in value else None)
 
+    def _beside(self, name: str) -> Path:
+        if self.folder is None:
+            raise InputError("file", name, "be left out here", "write its numbers into the text")
+        return self.folder / name
+
     def _matrix(self, value: Any, _: Any = None) -> Any:
         """A matrix; a vector is the diagonal of one."""
         _kind(value, (str, list))
-        matrix = read_matrix(self.folder / value) if isinstance(value, str) else _array(value)
+        matrix = read_matrix(self._beside(value)) if isinstance(value, str) else _array(value)
         matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
         self.size = matrix.shape[0]
         return matrix
 
     def _row(self, value: Any, _: Any = None) -> Array:
         if isinstance(_kind(value, (list, str, dict)), str):
-            content = read_matrix(self.folder / value)
+            content = read_matrix(self._beside(value))
             return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
         if isinstance(value, list):
             return _array(value)

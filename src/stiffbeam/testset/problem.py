@@ -108,7 +108,7 @@ def system_of(name: str, data: Mapping[str, Any]) -> System:
     table |= {x: matrix(table[x]).tolist() for x in ("mass", "stiffness", "damping") if x in table}
     table["loads"] = [_load(load) for load in table.get("loads", [])]
     try:
-        return Reader().read(table, System)
+        return Reader(None).read(table, System)
     except Exception as error:
         raise located(error, f"{name}: system") from None
 
