@@ -85,7 +85,6 @@ def random_system(index: int, **values: float) -> tuple[sb.System, float, dict[s
 SEEN = {
     "tip": (lambda r: r.tip, lambda d: d.tip),
     "velocity": (lambda r: r.tip_velocity, lambda d: d.tip_velocity),
-    "impact times": (lambda r: r.impacts.times, lambda d: d.impact_times[0]),
 }
 
 
@@ -97,16 +96,11 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
     parameter.
     """
     system, t_end, parameters = random_system(index)
-    t = np.linspace(0.0, t_end, 6)[1:]
+    t = np.linspace(0.0, t_end, 12)[1:]
     reference = solve_exact(system, t_end, t)
     paths = np.random.default_rng(index).permutation(list(parameters))[:count].tolist()
     change = reference.derivative(paths)
     worst, beyond, compared = 0.0, 0.0, 0
-    fast = np.ones(reference.impacts.count, bool)
-    if system.contacts[0].stops.rigid:  # the last impacts of a chatter have few digits, see the guide
-        impacts = reference.impacts
-        rebounds = impacts.ends == impacts.times
-        fast = rebounds & (impacts.impulses > 1e-3 * np.max(impacts.impulses[rebounds], initial=0.0))
     for p, path in enumerate(paths):
         value = parameters[path]
         scale = max(abs(value), 0.1)
@@ -116,15 +110,13 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
             runs = {k: solve_exact(random_system(index, **{path: value + k * h})[0], t_end, t) for k, _ in ORDER_4}
             for name, (read, _) in SEEN.items():
                 arrays = {k: np.asarray(read(run), float) for k, run in runs.items()}
-                if all(x.shape == np.shape(read(reference)) for x in arrays.values()):  # as many impacts
+                if all(run.impacts.count == reference.impacts.count for run in runs.values()):
                     differences[name].append(sum(weight * arrays[k] for k, weight in ORDER_4) / h)
         for name, (read, ours) in SEEN.items():
             if len(differences[name]) < 2:
                 continue
             found, wanted, here = np.array(differences[name]), ours(change)[:, p], np.asarray(read(reference), float)
-            known = (
-                np.isfinite(wanted) & (fast if name == "impact times" else True) & np.all(np.isfinite(found), axis=0)
-            )
+            known = np.isfinite(wanted) & np.all(np.isfinite(found), axis=0)
             if np.any(known):
                 found, wanted, here = found[:, known], wanted[known], np.abs(here[known])
                 size = max(np.max(np.abs(wanted)), 1e-3 * np.max(here) / scale, 1e-300)
@@ -157,7 +149,6 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     change = reference.derivative(["initial_velocity", "stops.upper", "stops.stiffness"])
     half = np.pi * np.sqrt(m / kappa)
     assert change.wrt == ("v0[0]", "stops.upper", "stops.stiffness")
-    assert np.allclose(change.impact_times[0], [[-g / v**2, 1.0 / v, 0.0]], rtol=1e-12, atol=1e-14)
     # afterwards x = g - v (t - g/v - half)
     assert np.allclose(change.tip[-1], [-1.9 + half, 2.0, v * -half / (2.0 * kappa)], rtol=1e-12)
     assert np.allclose(change.tip_velocity, [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], atol=1e-12)
@@ -165,7 +156,6 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     assert np.isinf(change.exists_until)
     along = reference.derivative([("mass", [[1.0]])])
     assert along.wrt == ("mass along a direction",)
-    assert np.allclose(along.impact_times[0], 0.0, atol=1e-14)
     assert np.allclose(along.tip[-1], v * half / (2.0 * m), rtol=1e-12)
 
 
@@ -198,18 +188,24 @@ def test_a_tip_that_no_wave_has_reached_does_not_end_the_horizon():
 
 
 def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
-    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a)."""
+    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a); behind it x = v_n s - a s^2/2, v_n = e^n a t_1."""
     h, a, e = 1.0, 9.81, 0.6
     system = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=e), load=sb.Constant(-a), q=h)
     reference = sb.reference(system, 3.0)
-    change = reference.derivative(["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"])
+    paths = ["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"]
+    change = reference.derivative(paths)
     first, n = np.sqrt(2.0 * h / a), np.arange(6)
     times = first * (2.0 * np.cumsum(e**n) - 1.0)
     by_e = 2.0 * first * np.cumsum(n * e ** np.maximum(n - 1.0, 0.0))
     assert np.allclose(reference.impacts.times[:6], times, rtol=1e-12)
-    assert np.allclose(change.impact_times[0][:6, 0], times / (2.0 * h), rtol=1e-10)
-    assert np.allclose(change.impact_times[0][:6, 1], by_e, rtol=1e-10)
-    assert np.allclose(change.impact_times[0][:6, 2], times / (2.0 * a), rtol=1e-10)  # level = -a
+    speeds, s = e ** (n + 1) * a * first, 0.5 * np.diff(times)  # halfway to the next impact
+    late, faster = (
+        [times / (2.0 * h), by_e, times / (2.0 * a)],
+        [1.0 / (2.0 * h), (n + 1) / e, -1.0 / (2.0 * a) + 0 * n],
+    )
+    for p, own in enumerate([0.0, 0.0, 0.5 * s**2]):  # level = -a
+        by = (speeds * faster[p])[:-1] * s - (speeds[:-1] - a * s) * late[p][:-1] + own
+        np.testing.assert_allclose(reference.derivative(paths, times[:-1] + s).tip[:, p], by, rtol=1e-10, atol=1e-13)
     end = first * (1.0 + e) / (1.0 - e)
     assert abs(change.exists_until - end) < 1e-9
     assert "chatter" in change.reason
@@ -350,17 +346,17 @@ def test_a_motion_that_just_fails_to_touch_has_no_derivative(stops):
     assert np.isinf(sb.reference(apart, 3.0).derivative(["v0[0]"]).exists_until)
 
 
-def test_a_released_contact_has_a_derivative_of_its_release():
+def test_a_released_contact_moves_with_its_load():
     """A mass on a rigid stop, pulled by a sin(w t) - p: it leaves where a sin(w t) = p."""
     a, p, w = 3.0, 1.0, 2.0
     contact = sb.Contact(np.ones(1), sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.0))
     loads = [(np.ones(1), sb.Harmonic(a, w)), (np.ones(1), sb.Constant(-p))]
     system = sb.System.from_matrices([[1.0]], [[0.0]], loads=loads, contacts=[contact])
-    change = sb.reference(system, 0.4).derivative(["loads[0].time.amplitude", "loads[0].time.frequency"])
-    leaves = np.arcsin(p / a) / w
-    np.testing.assert_allclose(change.events[0], leaves, rtol=1e-12)
-    slopes = [-np.tan(leaves * w) / (a * w), -leaves / w]
-    np.testing.assert_allclose(change.event_times[0], slopes, rtol=1e-10)
+    t, leaves = np.array([0.1, 0.4]), np.arcsin(p / a) / w
+    change = sb.reference(system, 0.4).derivative(["loads[0].time.amplitude"], t)
+    # x'' = a sin(w t) - p from rest: nothing depends on the time of the release.
+    moved = (np.sin(w * leaves) - np.sin(w * t) + w * (t - leaves) * np.cos(w * leaves)) / w**2
+    np.testing.assert_allclose(change.tip[:, 0], np.where(t < leaves, 0.0, moved), rtol=1e-10)
 
 
 def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
@@ -374,7 +370,6 @@ def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
 
     change = moved(2.0).derivative(["loads[0].time.amplitude"])
     assert np.isinf(change.exists_until)
-    assert len(change.events) >= 3
     difference = sum(weight * moved(2.0 + k * 1e-3).tip for k, weight in ORDER_4) / 1e-3
     np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)
 
@@ -406,14 +401,6 @@ def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
     system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact(np.ones(1), stops)])
     with pytest.raises(sb.InputError, match="be left out for rigid stops"):
         slopes(system, ["stops.damping"])
-
-
-def test_a_graze_has_no_derivative_of_its_time() -> None:
-    """u = a sin(w t) reaches the stop at u = a with no speed: the time is NaN, the state's derivative stays."""
-    system = one_mass(4.0, sb.Stops(upper=0.5, stiffness=100.0), v=1.0)
-    d = sb.reference(system, 1.2, t_eval=[0.0, 1.2]).derivative(["v0[0]"], [1.2])
-    assert np.all(np.isnan(d.event_times))
-    np.testing.assert_allclose(d.state[0, :, 0], [0.5 * np.sin(2.4), np.cos(2.4)], rtol=1e-6)
 
 
 @pytest.mark.parametrize("path", ["stops[0].upper", "base.amplitude", "base.frequency"])

@@ -105,36 +105,6 @@ class Derivative:
         return self.reference.system
 
     @cached_property
-    def _events(self) -> list[tuple[int, int]]:
-        """(segment, contact) of every opening and closing, in order."""
-        return [(int(k) + 1, int(contact)) for k, contact in zip(*np.nonzero(self.tangent.path.changed), strict=True)]
-
-    @property
-    def events(self) -> Array:
-        """Times at which a contact opens or closes, (events,)."""
-        return self.tangent.path.times[[segment for segment, _ in self._events]]
-
-    @cached_property
-    @working("differentiating events")
-    def event_times(self) -> Array:
-        """Derivative of ``events``, (events, p); NaN at a graze."""
-        slopes = [self.tangent.event_slope(segment, contact) for segment, contact in self._events]
-        return self._masked(self.events, np.reshape(slopes, (len(slopes), len(self.wrt))))
-
-    @property
-    def impact_times(self) -> tuple[Array, ...]:
-        """Derivatives of ``contacts[i].impacts.times``, (impacts, p) for every contact; NaN at a graze."""
-        found, events = [], self.events
-        for i, contact in enumerate(self.reference.contacts):
-            times = contact.impacts.times
-            slopes = np.full((len(times), len(self.wrt)), np.nan)
-            # Impacts and segments take their times from one number: equality is exact. The first closes the contact.
-            for row in reversed([row for row, (_, of) in enumerate(self._events) if of == i]):
-                slopes[times == events[row]] = self.event_times[row]
-            found.append(slopes)
-        return tuple(found)
-
-    @cached_property
     @working("differentiating a copy for the horizon")
     def horizon(self) -> float:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""

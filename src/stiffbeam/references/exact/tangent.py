@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,11 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...model.system import System
-from .motion import Motion, switched_by_force
+from .motion import Motion
 from .variation import RADIANS, TERMS, Regime, Series, Variation
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
-TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
 CHUNK = 1_000_000  # numbers of a series at once
 
 
@@ -96,7 +94,6 @@ class Tangent:
         segments = np.arange(len(path.times))
         self.z = self.states(path.times, segments)
         self.z_end = self.states(path.ends, segments)
-        self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
         self.ties: list[float] = []  # rigid: times of impacts together that have none
         start = np.zeros((variation.P, 2 * n))
@@ -112,7 +109,7 @@ class Tangent:
         driven = np.zeros((len(t), self.count, 2 * n))
         if variation.P:
             driven = self._later(driven, np.arange(len(t)), h)[:, 1:]
-        self.dz, self.ends = self._follow(start, driven)  # at the starts of steps, and at the ends of segments
+        self.dz, self.end = self._follow(start, driven)  # at the starts of steps, and at the end
 
     def into(self, directions: Array) -> Array:
         """Derivatives (D, 2n) in modes of directions (2n, D) of q, q'."""
@@ -120,9 +117,9 @@ class Tangent:
         return np.hstack([directions[:n].T @ into, directions[n:].T @ into])
 
     def _follow(self, dz: Array, driven: Array) -> tuple[Array, Array]:
-        """Derivatives at the starts of all steps and at the ends of all segments."""
+        """Derivatives at the starts of all steps and at the end of the path."""
         (owner, _, h, _), n = self.steps, self.variation.n
-        starts, ends = np.zeros((len(owner), *dz.shape)), np.zeros((len(self.regimes), *dz.shape))
+        starts = np.zeros((len(owner), *dz.shape))
         first = np.searchsorted(owner, np.arange(len(self.regimes) + 1))
         for i, regime in enumerate(self.regimes if len(dz) else ()):
             if i:
@@ -132,8 +129,7 @@ class Tangent:
             for k in steps:
                 starts[k] = dz
                 dz = (regime.flow(tau, dz) if flow is None else dz @ flow) + driven[k]
-            ends[i] = dz
-        return starts, ends
+        return starts, dz
 
     def states(self, t: Array, segment: IntArray) -> Array:
         """Motion (k, 2n) in modes at times t (k,), as the given segments have it."""
@@ -192,19 +188,9 @@ class Tangent:
         """The segment that each time lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
 
-    def at_end(self, i: int, dz: Array | None = None) -> Series:
+    def _at_end(self, i: int, dz: Array) -> Series:
         """Series at the end of segment i."""
-        if dz is None:
-            return self._at_ends[i]
         return self._series(self.regimes[i], i, float(self.path.ends[i]), self.z_end[i], dz)
-
-    @cached_property
-    def _at_ends(self) -> dict[int, Series]:
-        """Series at the ends of all segments."""
-        found, path = {}, self.path
-        for part, series in self.expanded(np.arange(len(path.times)), path.ends, self.z_end, self.ends, 4):
-            found |= {i: Series(*(x[:, k : k + 1] for x in series)) for k, i in enumerate(part.tolist())}
-        return found
 
     def at_start(self, i: int) -> Series:
         """Series at the start of segment i, behind the event there."""
@@ -219,12 +205,6 @@ class Tangent:
         gap = series.u[..., contact].copy()
         gap[0] = self.variation.gap(series.u[0][..., [contact]], [contact], [side])[..., 0]
         return gap
-
-    def pressure(self, series: Series, contact: int, side: int) -> Array:
-        """Coefficients (K, S, 1 + D) of kappa (u - g) + c u'."""
-        gap = self.gap(series, contact, side)
-        rate = np.arange(1.0, len(gap))[:, None, None] * gap[1:]
-        return self.variation.pressure(gap[:-1, ..., None], rate[..., None], [contact])[..., 0]
 
     def size(self, series: Series, contact: int, side: int) -> Array:
         """Sizes (S,) of the terms of a gap."""
@@ -241,7 +221,7 @@ class Tangent:
         for contact in np.flatnonzero((before == 0) & (after != 0) & (variation.data.c > 0.0)).tolist():
             # A neighbour enters later by -dh/h', without the force c h' until then.
             side = int(np.sign(after[contact]))
-            series = self.at_end(i - 1, dz)
+            series = self._at_end(i - 1, dz)
             h = self.gap(series, contact, side)[:, 0]
             if grazes(h[:, 0], float(self.size(series, contact, side)[0]), self.graze):
                 self.grazes.append(float(self.path.times[i]))
@@ -253,7 +233,7 @@ class Tangent:
         """dz behind impacts on rigid stops: one after the other where they do not change each other."""
         before, after, hits = self.path.sides[i - 1].copy(), self.path.sides[i], list(self.path.hits[i])
         # Free contacts one after the other, the fastest first; if all were held, the fastest alone.
-        speeds = np.abs(self.at_end(i - 1, dz).u[1, 0, 0])
+        speeds = np.abs(self._at_end(i - 1, dz).u[1, 0, 0])
         free = sorted((c for c in hits if not before[c]), key=lambda c: -speeds[c]) or [
             max(hits, key=lambda c: speeds[c])
         ]
@@ -315,7 +295,6 @@ class Tangent:
             kicks[:P] = impulse @ rows - kick @ slopes["mass"]
             right[:P] -= np.where(held, 0.0, slopes["restitution"][:, taking]) * arriving + rows @ kick
         kicks += (right - kicks @ H.T) @ inverse @ H
-        self.hit_slopes[i, hit] = late
         # Derivatives behind the blow, brought back to a fixed time.
         end = z + np.concatenate([np.zeros(n), kick]) if end is None else end
         then = self._series(regimes[1], i - 1, t, end, np.zeros((0, 2 * n)))
@@ -323,46 +302,11 @@ class Tangent:
         out[:, n:] += kicks
         return out, end
 
-    def event_slope(self, i: int, contact: int) -> Array:
-        """Derivative (D,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
-        unknown = np.full(self.count, np.nan)
-        if (i, contact) in self.hit_slopes:
-            return self.hit_slopes[i, contact]
-        if self.rigid and (i in self.path.hits or contact not in self.regimes[i - 1].held):
-            return unknown
-        # h of the event: the reaction of a held contact, the force of a damped stop, or the gap.
-        old, new = int(self.path.sides[i - 1][contact]), int(self.path.sides[i][contact])
-        side, force, series = int(np.sign(new or old)), switched_by_force(old, new), self.at_end(i - 1)
-        size = float(self.size(series, contact, side)[0])
-        if self.rigid:
-            h, size = series.force[..., contact][:, 0], self._reaction_size(i - 1, contact)
-        elif force:
-            h = self.pressure(series, contact, side)[:, 0]
-            size *= float(self.variation.data.kappa[contact])
-        else:
-            h = self.gap(series, contact, side)[:, 0]
-        if grazes(h[:, 0], size) or (force and self._jumps_with(i)):
-            return unknown
-        return -h[0, 1:] / h[1, 0]
-
-    def _reaction_size(self, i: int, contact: int) -> float:
-        """Size of the terms of a reaction at the end of segment i."""
-        regime, n = self.regimes[i], self.variation.n
-        inertia = np.abs(self.variation.free.w2 * self.z_end[i][:n])
-        return float((np.abs(regime.inverse) @ np.abs(regime.H) @ inertia)[regime.held.index(contact)])
-
-    def _jumps_with(self, i: int) -> bool:
-        """Return True where a damped stop is entered at the time at which segment i begins: its force jumps."""
-        times, sides = self.path.times, self.path.sides
-        at = [k for k in np.flatnonzero(np.abs(times - times[i]) <= TOGETHER * times[i]).tolist() if k]
-        entered = np.any([(sides[k - 1] == 0) & (sides[k] != 0) for k in at], axis=0)
-        return bool(np.any(entered & (self.variation.data.c > 0.0)))
-
     @property
     def monodromy(self) -> Array:
         """Derivative of q, q' at the end of the path in the directions of its start, (2n, D)."""
         X, n = self.variation.X, self.variation.n
-        return np.vstack([X @ self.ends[-1][:, :n].T, X @ self.ends[-1][:, n:].T])
+        return np.vstack([X @ self.end[:, :n].T, X @ self.end[:, n:].T])
 
 
 def grazes(h: Array, size: float, depth: float = GRAZE) -> bool:
