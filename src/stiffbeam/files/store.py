@@ -93,7 +93,7 @@ def _arrays(reference: Reference, solution: Motion, t_end: float, stored: Array)
     sides = solution.sides.astype(np.int8)
     # A single contact needs no second dimension.
     sides = sides[:, 0] if sides.shape[1] == 1 else sides
-    q, v = solution.states_in(solution.times[stored], stored)
+    q, v = solution.states(solution.times[stored], stored)
     keep = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
             "python-flint", "numpy")  # fmt: skip
     attributes = {
