@@ -11,7 +11,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.references.multiprecision.multiprecision import Piece, carry
+from stiffbeam.references.multiprecision.multiprecision import carry
+from stiffbeam.references.multiprecision.rational import carried
 
 DIGITS = 30
 mp.mp.dps = 60
@@ -69,15 +70,21 @@ def piecewise(system: sb.System, t_end: float, samples: int, digits: int = 70, g
 
 
 def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard: int) -> Truth:
-    solution, channels = carry(system, t_end, digits, guard), len(system.channels)
-    tip, stops = system.tip_channel, system.contacts[0].stops
+    solution, pieces = carry(system, t_end, digits, guard)
+    tip, stops, flow = system.tip_channel, system.contacts[0].stops, pieces[0].regime.flow
+    begun = np.array([float(piece.t) for piece in pieces])
 
     def at(t: Any, channel: int) -> tuple[list[Any], list[Any]]:
         """Position and velocity at times that are doubles, as mpf."""
         # flint writes what it knows; a little more than mpmath carries.
-        times, value = np.atleast_1d(t), lambda x: mp.mpf(x.mid().str(mp.mp.dps + 5, radius=False))
-        seen = solution.values(times, solution.piece_at(times), Piece.channels, value)
-        return list(seen[:, channel]), list(seen[:, channels + channel])
+        value = lambda x: mp.mpf(x.mid().str(mp.mp.dps + 5, radius=False))  # noqa: E731
+        times = np.atleast_1d(t)
+        of = np.maximum(np.searchsorted(begun, times, "right") - 1, 0)
+        states = [pieces[k].whole(when) for k, when in zip(of.tolist(), times.tolist(), strict=True)]
+        rows = flow.forms[channel], flow.rates[channel]
+        with carried(pieces[0].bits):
+            u, v = ([value((row * z)[0, 0]) for z in states] for row in rows)
+        return u, v
 
     def near(t: float) -> tuple[Any, Any, Any]:
         """Position, velocity and acceleration of the first contact at a double: what is sought is nearer than 1e-16."""

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.references import REFERENCES, solve
-from stiffbeam.references.adaptive import diffrax, intervals
+from stiffbeam.references.adaptive import intervals
 from stiffbeam.references.adaptive.intervals import smooth_intervals
 from stiffbeam.references.registry import Steps
 
@@ -56,17 +55,6 @@ def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
         within_reference((ref.t, 0.0 * ref.t), ref, tolerance=1e-3)
 
 
-def test_breakpoints_of_the_caller_show_a_short_load():
-    def load(t):
-        return pulse("sine", 500.0, 1.0 / 3.0, 2e-6)(t)
-
-    ends = (1.0 / 3.0, 1.0 / 3.0 + 2e-6)
-    stated = sb.reference(struck(1.0, load=load), 1.0, "cvode-adams", breakpoints=ends)
-    itself = sb.reference(struck(2e-6, start=1.0 / 3.0), 1.0, "cvode-adams")
-    assert np.max(np.abs(stated.tip)) > 0.0
-    assert stated.tip == pytest.approx(itself.tip, rel=1e-6, abs=1e-6 * np.max(np.abs(stated.tip)))
-
-
 def test_a_function_states_its_breakpoints_itself():
     load = pulse("sine", 500.0, 0.0, 2e-6)
     load.breakpoints = (1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6)
@@ -74,14 +62,6 @@ def test_a_function_states_its_breakpoints_itself():
     load.breakpoints = (np.nan,)
     with pytest.raises(sb.InputError, match="breakpoints"):
         parts(load)
-
-
-def test_each_side_of_a_cut_sees_its_own_values():
-    found = parts(pulse("box", 1.0, 0.3, 0.1))
-    assert [p.end for p in found] == pytest.approx([0.3, 0.35, 0.4, 1.0], abs=1e-15)
-    for before, after in pairwise(found):
-        assert before.end == after.start
-        assert before.last <= before.end < after.first
 
 
 def test_a_load_bounds_the_step():
@@ -169,23 +149,6 @@ def test_diffrax_stays_on_the_processor():
     assert set(done.stdout.split()) == {"cpu:0"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("viscosity", [0.0, 0.05])
-def test_kvaerno_solves_its_stages_by_eigenvectors_as_by_newtons_method(viscosity, monkeypatch):
-    """The viscous power is not linear in the states: Newton's method takes twice the steps with it."""
-    system = sb.semidiscretise(dataclasses.replace(sb.paper_case(10).problem, viscosity=viscosity), 8)
-    exact = sb.reference(system, 0.08)
-    steps = []
-    for worst in (diffrax.WORST, 0.0):
-        monkeypatch.setattr(diffrax, "WORST", worst)
-        run = sb.reference(system, 0.08, "kvaerno5", rtol=1e-7)
-        steps.append(run.work.counters["steps"])
-        assert run.impacts.times == pytest.approx(exact.impacts.times, abs=1e-6)
-        assert np.max(np.abs(run.tip - exact.tip)) < 1e-5 * np.max(np.abs(exact.tip))
-        assert np.max(np.abs(run.energy.viscous - exact.energy.viscous)) <= 1e-5 * np.max(exact.energy.viscous)
-    assert steps[0] < 1.1 * steps[1]
-
-
 class Jump:
     """A stop that is 1 further away from t = 1 on."""
 
@@ -239,32 +202,6 @@ def test_a_stop_that_jumps_lets_go_and_takes_its_energy_along(method, law):
     assert np.max(np.abs(run.energy.stop_dissipation)) < 1e-7
 
 
-class Polygon:
-    """A stop that recedes, waits, comes, and stands still at once at t = 4."""
-
-    corners, places = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0]), np.array([0.0, 0.0, -0.4, -0.4, 0.1, 0.1])
-
-    def value(self, t):
-        return np.interp(t, self.corners, self.places)
-
-    def rate(self, t):
-        side = np.searchsorted(self.corners, np.asarray(t, float), "right") - 1
-        return (np.diff(self.places) / np.diff(self.corners))[np.clip(side, 0, 4)]
-
-    def acceleration(self, t):
-        return 0.0 * np.asarray(t)
-
-
-@pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853"])
-def test_a_corner_at_the_end_takes_no_output_away(method):
-    """The force of the damper jumps at t_end: a root there ends the last phase before its output."""
-    stop = sb.Stops(upper=0.1, stiffness=4.0, damping=3.0)
-    system = one_mass(1.0, stop, load=sb.Constant(0.5), offset=Polygon(), q=0.2)
-    run = sb.reference(system, 4.0, method, t_eval=np.linspace(0.0, 4.0, 401))
-    assert run.states[0].shape == (401, 1)
-    assert abs(run.at(np.array([3.99999]))[0][0] - run.tip[-1]) < 1e-4
-
-
 def test_a_solve_for_further_times_that_is_interrupted_leaves_no_wrong_states():
     """The times of the interrupted solve counted as solved, with the states of the one before."""
     broken = []
@@ -297,33 +234,12 @@ def test_several_threads_ask_one_reference_for_further_times():
 
 # ---------------------------------------------------------------- peak forces
 
-# No peak may be less than the forces at the solver's own outputs.
-T = np.linspace(0.0, 3.0, 6001)
 PEAKED = [*PHASED, RADAU]
 
 
 def mass(load, *contacts, speed=0.0, stiffness=4.0):
     loads = [([1.0], load)]
     return sb.System.from_matrices([[1.0]], [[stiffness]], None, loads, contacts, initial_velocity=[speed])
-
-
-def at_least_the_outputs(run):
-    for contact in run.contacts:
-        largest = np.max(np.abs(contact.force))
-        assert largest * (1.0 - 1e-9) <= contact.peak_force <= largest * 1.01
-    return run
-
-
-@pytest.mark.fast(1)
-@pytest.mark.parametrize("method", PEAKED)
-def test_a_load_that_drops_turns_the_force_of_a_damped_stop(method):
-    def drop(t):
-        return np.where(np.asarray(t) < 0.2, 10.0, -5.0)
-
-    drop.breakpoints = (0.2,)
-    stop = sb.Contact([1.0], sb.Stops(upper=0.05, stiffness=10.0, damping=10.0))
-    run = at_least_the_outputs(sb.reference(mass(drop, stop, stiffness=1.0), 3.0, method, t_eval=T))
-    assert run.impacts.peaks[0] == pytest.approx(run.contacts[0].peak_force)
 
 
 def moved_by_a_record():

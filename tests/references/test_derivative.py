@@ -85,7 +85,6 @@ def random_system(index: int, **values: float) -> tuple[sb.System, float, dict[s
 SEEN = {
     "tip": (lambda r: r.tip, lambda d: d.tip),
     "velocity": (lambda r: r.tip_velocity, lambda d: d.tip_velocity),
-    "impact times": (lambda r: r.impacts.times, lambda d: d.impact_times[0]),
 }
 
 
@@ -97,16 +96,11 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
     parameter.
     """
     system, t_end, parameters = random_system(index)
-    t = np.linspace(0.0, t_end, 6)[1:]
+    t = np.linspace(0.0, t_end, 12)[1:]
     reference = solve_exact(system, t_end, t)
     paths = np.random.default_rng(index).permutation(list(parameters))[:count].tolist()
     change = reference.derivative(paths)
     worst, beyond, compared = 0.0, 0.0, 0
-    fast = np.ones(reference.impacts.count, bool)
-    if system.contacts[0].stops.rigid:  # the last impacts of a chatter have few digits, see the guide
-        impacts = reference.impacts
-        rebounds = impacts.ends == impacts.times
-        fast = rebounds & (impacts.impulses > 1e-3 * np.max(impacts.impulses[rebounds], initial=0.0))
     for p, path in enumerate(paths):
         value = parameters[path]
         scale = max(abs(value), 0.1)
@@ -116,15 +110,13 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
             runs = {k: solve_exact(random_system(index, **{path: value + k * h})[0], t_end, t) for k, _ in ORDER_4}
             for name, (read, _) in SEEN.items():
                 arrays = {k: np.asarray(read(run), float) for k, run in runs.items()}
-                if all(x.shape == np.shape(read(reference)) for x in arrays.values()):  # as many impacts
+                if all(run.impacts.count == reference.impacts.count for run in runs.values()):
                     differences[name].append(sum(weight * arrays[k] for k, weight in ORDER_4) / h)
         for name, (read, ours) in SEEN.items():
             if len(differences[name]) < 2:
                 continue
             found, wanted, here = np.array(differences[name]), ours(change)[:, p], np.asarray(read(reference), float)
-            known = (
-                np.isfinite(wanted) & (fast if name == "impact times" else True) & np.all(np.isfinite(found), axis=0)
-            )
+            known = np.isfinite(wanted) & np.all(np.isfinite(found), axis=0)
             if np.any(known):
                 found, wanted, here = found[:, known], wanted[known], np.abs(here[known])
                 size = max(np.max(np.abs(wanted)), 1e-3 * np.max(here) / scale, 1e-300)
@@ -137,7 +129,7 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
 
 @pytest.mark.parametrize(
     ("first", "count", "parameters"),
-    [(0, 6, 1), pytest.param(0, 40, 1, marks=pytest.mark.slow), pytest.param(0, 2000, 2, marks=pytest.mark.campaign)],
+    [(24, 6, 1), pytest.param(0, 40, 1, marks=pytest.mark.slow), pytest.param(0, 2000, 2, marks=pytest.mark.campaign)],
 )
 def test_derivatives_are_those_of_differences_of_exact_flows(first, count, parameters):
     """Differences of order 4 lose rounding times the growth of neighbours over the width: most agree to 1e-9."""
@@ -157,7 +149,6 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     change = reference.derivative(["initial_velocity", "stops.upper", "stops.stiffness"])
     half = np.pi * np.sqrt(m / kappa)
     assert change.wrt == ("v0[0]", "stops.upper", "stops.stiffness")
-    assert np.allclose(change.impact_times[0], [[-g / v**2, 1.0 / v, 0.0]], rtol=1e-12, atol=1e-14)
     # afterwards x = g - v (t - g/v - half)
     assert np.allclose(change.tip[-1], [-1.9 + half, 2.0, v * -half / (2.0 * kappa)], rtol=1e-12)
     assert np.allclose(change.tip_velocity, [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], atol=1e-12)
@@ -165,7 +156,6 @@ def test_a_free_mass_and_a_spring_in_closed_form():
     assert np.isinf(change.exists_until)
     along = reference.derivative([("mass", [[1.0]])])
     assert along.wrt == ("mass along a direction",)
-    assert np.allclose(along.impact_times[0], 0.0, atol=1e-14)
     assert np.allclose(along.tip[-1], v * half / (2.0 * m), rtol=1e-12)
 
 
@@ -198,18 +188,24 @@ def test_a_tip_that_no_wave_has_reached_does_not_end_the_horizon():
 
 
 def test_a_bouncing_ball_in_closed_form_until_its_chatter_ends():
-    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a)."""
+    """t_n = t_1 (1 + 2 e + ... + 2 e^(n-1)), t_1 = sqrt(2 h/a); behind it x = v_n s - a s^2/2, v_n = e^n a t_1."""
     h, a, e = 1.0, 9.81, 0.6
     system = one_mass(0.0, sb.Stops(lower=0.0, stiffness=np.inf, restitution=e), load=sb.Constant(-a), q=h)
     reference = sb.reference(system, 3.0)
-    change = reference.derivative(["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"])
+    paths = ["q0[0]", "contacts[0].stops.restitution", "loads[0].time.level"]
+    change = reference.derivative(paths)
     first, n = np.sqrt(2.0 * h / a), np.arange(6)
     times = first * (2.0 * np.cumsum(e**n) - 1.0)
     by_e = 2.0 * first * np.cumsum(n * e ** np.maximum(n - 1.0, 0.0))
     assert np.allclose(reference.impacts.times[:6], times, rtol=1e-12)
-    assert np.allclose(change.impact_times[0][:6, 0], times / (2.0 * h), rtol=1e-10)
-    assert np.allclose(change.impact_times[0][:6, 1], by_e, rtol=1e-10)
-    assert np.allclose(change.impact_times[0][:6, 2], times / (2.0 * a), rtol=1e-10)  # level = -a
+    speeds, s = e ** (n + 1) * a * first, 0.5 * np.diff(times)  # halfway to the next impact
+    late, faster = (
+        [times / (2.0 * h), by_e, times / (2.0 * a)],
+        [1.0 / (2.0 * h), (n + 1) / e, -1.0 / (2.0 * a) + 0 * n],
+    )
+    for p, own in enumerate([0.0, 0.0, 0.5 * s**2]):  # level = -a
+        by = (speeds * faster[p])[:-1] * s - (speeds[:-1] - a * s) * late[p][:-1] + own
+        np.testing.assert_allclose(reference.derivative(paths, times[:-1] + s).tip[:, p], by, rtol=1e-10, atol=1e-13)
     end = first * (1.0 + e) / (1.0 - e)
     assert abs(change.exists_until - end) < 1e-9
     assert "chatter" in change.reason
@@ -250,28 +246,6 @@ def test_what_a_derivative_refuses(table10):
         sb.reference(sb.semidiscretise(tip, 4), 0.02).derivative(["stops[0].position"])
 
 
-def test_beam_parameters_that_are_not_linear_in_its_matrices(table10):
-    """A tip's mass and the frequency of the base, against differences of exact flows."""
-    problem = replace(table10, tip_mass=0.05)
-    t = np.linspace(0.0, 0.04, 5)[1:]
-    paths = {"base.frequency": 10.0, "tip_mass": 0.05, "stiffness": 300.0}
-    change = sb.reference(sb.semidiscretise(problem, 6), 0.04, t_eval=t).derivative(list(paths))
-    assert np.all(change.bounds < 1e-12)
-    for p, (path, value) in enumerate(paths.items()):
-        h = 1e-5 * value
-
-        def tip(step: float, path: str = path) -> np.ndarray:
-            if path == "base.frequency":
-                base = replace(problem.base, frequency=10.0 + step)
-                other = replace(problem, base=base, initial_velocity=change_of_speed(problem, base))
-            else:
-                other = replace(problem, **{path: getattr(problem, path) + step})
-            return sb.reference(sb.semidiscretise(other, 6), 0.04, t_eval=t).tip
-
-        difference = sum(weight * tip(k * h) for k, weight in ORDER_4) / h
-        assert np.allclose(change.tip[:, p], difference, rtol=1e-6, atol=1e-6 * np.max(np.abs(difference)))
-
-
 @pytest.mark.parametrize("form", ["displacement", "velocity-curvature", "hermite"])
 def test_the_place_of_a_stop_beside_and_on_a_node(table10, form):
     """Rows of linear elements have a kink on a node, and no derivative there; those of cubic ones have one slope."""
@@ -293,41 +267,15 @@ def test_the_place_of_a_stop_beside_and_on_a_node(table10, form):
         assert abs(difference) > 0.1  # the stop is hit
 
 
-def change_of_speed(problem: sb.BeamProblem, base: sb.Harmonic) -> object:
-    """The initial velocity of a beam that starts with its base's."""
-    if problem.initial_velocity is None:
-        return None
-    return sb.PolynomialProfile((float(base.rate(0.0)),))
-
-
-def two_balls(height: float, e: float, coupling: float = 0.0, damping: float = 0.0) -> sb.System:
-    """Balls of mass 1 that fall on stops at 0, from ``height`` and from 1."""
-    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=e)
-    contacts = [sb.Contact(row, stops) for row in np.eye(2)]
-    K, C = (x * np.array([[2.0, -1.0], [-1.0, 2.0]]) for x in (coupling, damping))
-    load = (np.array([-1.0, -1.0]), sb.Constant(9.81))
-    return sb.System.from_matrices(np.eye(2), K, C, [load], contacts, initial_displacement=[height, 1.0])
-
-
-@pytest.mark.parametrize(("e", "coupling"), [(0.8, 0.0), (0.0, 0.0), (0.8, 1.0)])
-def test_impacts_at_one_time_move_each_for_itself(e, coupling):
-    """Against differences with the balls apart, whose own error is that of their width."""
-    change = sb.reference(two_balls(1.0, e, coupling), 0.6).derivative(["q0[0]"], [0.6]).state[0, :, 0]
-
-    def state(height: float) -> np.ndarray:
-        return np.concatenate([x[-1] for x in sb.reference(two_balls(height, e, coupling), 0.6).states])
-
-    h = 1e-5
-    difference = (state(1.0 + h) - state(1.0 - h)) / (2.0 * h)
-    np.testing.assert_allclose(change, difference, rtol=1e-4, atol=1e-4)
-    assert e == 0.0 or np.max(np.abs(change)) > 1.0
-
-
-def test_impacts_at_one_time_that_change_each_other_have_no_derivative():
-    """A damper between the balls: one that stops first slows the other."""
-    change = sb.reference(two_balls(1.0, 0.8, damping=0.1), 0.6).derivative(["q0[0]"])
+def test_impacts_at_one_time_have_no_derivative():
+    """Two balls fall from 1, with a damper between them: one that stops first slows the other."""
+    contacts = [sb.Contact(row, sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.8)) for row in np.eye(2)]
+    load, damping = ([-1.0, -1.0], sb.Constant(9.81)), np.array([[0.2, -0.1], [-0.1, 0.2]])
+    start = {"initial_displacement": [1.0, 1.0]}
+    balls = sb.System.from_matrices(np.eye(2), np.zeros((2, 2)), damping, [load], contacts, **start)
+    change = sb.reference(balls, 0.6).derivative(["q0[0]"])
     assert abs(change.exists_until - 0.455) < 1e-3
-    assert "change each other" in change.reason
+    assert "at one time" in change.reason
     assert np.all(np.isnan(change.tip[-1]))
 
 
@@ -340,65 +288,17 @@ def test_a_start_on_a_rigid_or_damped_stop_has_no_derivative(stops, path):
     assert "starts on its stop" in change.reason
 
 
-@pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 100.0, "damping": 5.0}])
-def test_a_motion_that_just_fails_to_touch_has_no_derivative(stops):
-    """x = sin t comes up to the stop at 1: harder starts hit it, softer ones do not."""
-    system = one_mass(1.0, sb.Stops(upper=1.0, **stops), v=1.0 - 1e-16)
-    change = sb.reference(system, 3.0).derivative(["v0[0]"])
-    assert abs(change.exists_until - np.pi / 2.0) < 1e-6
-    apart = replace(system, v0=np.array([1.0 - 1e-9]))
-    assert np.isinf(sb.reference(apart, 3.0).derivative(["v0[0]"]).exists_until)
-
-
-def test_a_released_contact_has_a_derivative_of_its_release():
+def test_a_released_contact_moves_with_its_load():
     """A mass on a rigid stop, pulled by a sin(w t) - p: it leaves where a sin(w t) = p."""
     a, p, w = 3.0, 1.0, 2.0
     contact = sb.Contact(np.ones(1), sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.0))
     loads = [(np.ones(1), sb.Harmonic(a, w)), (np.ones(1), sb.Constant(-p))]
     system = sb.System.from_matrices([[1.0]], [[0.0]], loads=loads, contacts=[contact])
-    change = sb.reference(system, 0.4).derivative(["loads[0].time.amplitude", "loads[0].time.frequency"])
-    leaves = np.arcsin(p / a) / w
-    np.testing.assert_allclose(change.events[0], leaves, rtol=1e-12)
-    slopes = [-np.tan(leaves * w) / (a * w), -leaves / w]
-    np.testing.assert_allclose(change.event_times[0], slopes, rtol=1e-10)
-
-
-def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
-    """Held with e = 0 by a stop that moves, and let go with no speed: against differences of order 4."""
-    record = sb.Sampled(np.linspace(0.0, 3.0, 7), np.array([0.0, 0.1, -0.1, 0.15, 0.0, 0.1, 0.0]), "cubic")
-    stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.0)
-
-    def moved(amplitude: float) -> sb.Reference:
-        system = one_mass(4.0, stops, damping=0.1, load=sb.Harmonic(amplitude, 2.3), offset=record, v=1.0)
-        return sb.reference(system, 3.0, t_eval=[1.1, 2.0, 3.0])
-
-    change = moved(2.0).derivative(["loads[0].time.amplitude"])
-    assert np.isinf(change.exists_until)
-    assert len(change.events) >= 3
-    difference = sum(weight * moved(2.0 + k * 1e-3).tip for k, weight in ORDER_4) / 1e-3
-    np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("stops", "names"),
-    [
-        (sb.Stops(-0.08, 0.1, stiffness=4e3, damping=8.0), ("lower", "upper", "stiffness", "damping")),
-        (sb.Stops(-0.08, 0.1, stiffness=4e3), ("upper", "stiffness", "damping")),
-        (sb.Stops(upper=0.1, stiffness=np.inf, restitution=1.0), ("upper", "restitution")),
-    ],
-)
-def test_numbers_of_stops_have_exact_slopes(stops: sb.Stops, names: tuple[str, ...]) -> None:
-    """Those of one contact and of all: one in their entry of the data."""
-    contacts = [sb.Contact(row, stops) for row in np.eye(2)]
-    system = sb.System.from_matrices(np.eye(2), np.eye(2), contacts=contacts)
-    for name in names:
-        for start in ("stops", "stops[1]", "contacts[0].stops"):
-            _, (column,), bounds = slopes(system, [f"{start}.{name}"])
-            unit = column.zeros()
-            entries = getattr(unit, {"stiffness": "kappa", "damping": "c"}.get(name, name))
-            entries[{"stops": [0, 1], "stops[1]": [1], "contacts[0].stops": [0]}[start]] = 1.0
-            np.testing.assert_allclose(column.vector(), unit.vector(), rtol=0, atol=1e-12)
-            assert bounds[0] < 1e-12
+    t, leaves = np.array([0.1, 0.4]), np.arcsin(p / a) / w
+    change = sb.reference(system, 0.4).derivative(["loads[0].time.amplitude"], t)
+    # x'' = a sin(w t) - p from rest: nothing depends on the time of the release.
+    moved = (np.sin(w * leaves) - np.sin(w * t) + w * (t - leaves) * np.cos(w * leaves)) / w**2
+    np.testing.assert_allclose(change.tip[:, 0], np.where(t < leaves, 0.0, moved), rtol=1e-10)
 
 
 def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
@@ -408,15 +308,7 @@ def test_a_rigid_stop_has_no_derivative_in_a_damping() -> None:
         slopes(system, ["stops.damping"])
 
 
-def test_a_graze_has_no_derivative_of_its_time() -> None:
-    """u = a sin(w t) reaches the stop at u = a with no speed: the time is NaN, the state's derivative stays."""
-    system = one_mass(4.0, sb.Stops(upper=0.5, stiffness=100.0), v=1.0)
-    d = sb.reference(system, 1.2, t_eval=[0.0, 1.2]).derivative(["v0[0]"], [1.2])
-    assert np.all(np.isnan(d.event_times))
-    np.testing.assert_allclose(d.state[0, :, 0], [0.5 * np.sin(2.4), np.cos(2.4)], rtol=1e-6)
-
-
-@pytest.mark.parametrize("path", ["stops[0].upper", "base.amplitude", "base.frequency"])
+@pytest.mark.parametrize("path", ["stops[0].upper", "base.amplitude", "base.frequency", "stiffness"])
 def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
     """Ten cells of Table 10's beam and ten events: an exponential that is not balanced errs by 3e-8 here."""
     end, beam = 0.06, sb.semidiscretise(sb.paper_case(10).problem, 10)

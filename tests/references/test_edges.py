@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from itertools import pairwise
 
 import mpmath
 import numpy as np
@@ -13,7 +12,6 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.references import solve
 from stiffbeam.references.ensemble import reference_ensemble
 from stiffbeam.references.exact.contacts import audit
 from stiffbeam.references.exact.motion import Solver
@@ -60,16 +58,6 @@ def test_stops_too_stiff_for_float64_are_a_failure_and_no_number(kappa, damping)
         for ask in (sb.reference, sb.lyapunov, lambda s, t: reference_ensemble(s, t, [s])):
             with pytest.raises(refusal, match=rule):
                 ask(system, 1.0)
-
-
-def test_a_damped_motion_over_many_lives_has_a_finite_exponent():
-    """x'' + 2 x' + 4 x = 0 shrinks like exp(-t): by exp(-500) between two samples."""
-    system = sb.System.from_matrices([[1.0]], [[4.0]], [[2.0]], observe=[1.0], initial_velocity=[1.0])
-    growth = sb.lyapunov(system, 1e5)
-    assert np.all(np.isfinite(growth.log_growth))
-    assert abs(growth.exponent + 1.0) < 1e-5
-    with pytest.raises(sb.SolverFailure, match="vanish"):
-        sb.lyapunov(system, 1e12)
 
 
 @pytest.mark.parametrize("t_eval", [[np.nan, 0.5], [0.1, np.nan], [0.1, np.inf], [0.1, 2.0]])
@@ -161,43 +149,6 @@ def test_a_span_too_short_for_output_times_is_refused():
 
 
 # ---------------------------------------------------------------- by events
-
-
-def test_impulses_with_several_contacts_are_cut_at_the_switches_of_all():
-    """A soft contact that stays closed while a stiff one beside it comes and goes: its force has kinks there."""
-    unit = np.eye(2)
-    contacts = [
-        sb.Contact(unit[0], sb.Stops(-1.0, -0.6, stiffness=30.0)),
-        sb.Contact(unit[0], sb.Stops(None, -0.55, stiffness=3e5)),
-    ]
-    system = sb.System.from_matrices(
-        np.eye(2), [[50.0, -20.0], [-20.0, 50.0]], loads=[(unit[1], sb.Harmonic(30.0, 5.0))], contacts=contacts,
-        initial_displacement=[-0.58, 0.0],
-    )  # fmt: skip
-    ref = solve(system, 0.4, "exact", None, 0.0, None)
-    times = np.unique(np.concatenate([ref.solution.times, [0.4]]))
-    nodes, weights = np.polynomial.legendre.leggauss(40)
-    exact = 0.0
-    for a, b in pairwise(times):  # a hundredth of the piece each, to rounding
-        left = np.linspace(a, b, 101)
-        half = 0.5 * np.diff(left)
-        t = (0.5 * (left[1:] + left[:-1])[:, None] + half[:, None] * nodes).ravel()
-        exact += np.sum(np.abs(contacts[0].stops.force(ref.at(t, contact=0)[0])) * np.outer(half, weights).ravel())
-    assert ref.contacts[1].impacts.count > 2
-    assert np.isclose(ref.contacts[0].impulse, exact, rtol=1e-13)
-
-
-def test_the_exact_row_of_a_comparison_is_by_events():
-    case = sb.paper_case(15)
-    system = sb.semidiscretise(case.problem, case.cells)
-    ref = sb.reference(system, 0.05)
-    run = sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-4, t_end=0.05)
-    comparison = sb.compare(run, ref)
-    totals = comparison.contacts[0].reference_totals
-    assert np.isclose(totals.peak_force, ref.contacts[0].peak_force, rtol=1e-12)
-    assert np.isclose(totals.impulse, ref.contacts[0].impulse, rtol=1e-12)
-    sampled = np.max(np.abs(ref.contacts[0].stops.force(ref.at(run.t)[0])))
-    assert totals.peak_force > sampled
 
 
 def test_the_largest_of_many_nearly_equal_peaks_is_found():

@@ -29,54 +29,6 @@ def beam() -> sb.System:
     return sb.semidiscretise(problem, cells=10)
 
 
-def oscillator(stiffness: float, amplitude: float) -> sb.System:
-    stops = sb.Stops(upper=0.5, stiffness=stiffness)
-    return one_mass(1.0, stops, load=sb.Harmonic(amplitude=amplitude, frequency=2.0))
-
-
-def tips_of_scipy(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Positions of the oscillator by DOP853 with restarts at the stop, in a few lines of their own."""
-    from scipy.integrate import solve_ivp
-
-    def gap(_t, y):
-        return y[0] - 0.5
-
-    gap.terminal = True
-    values, y, now, pressed = np.empty(len(t)), np.zeros(2), 0.0, False
-    while now < t[-1]:
-
-        def rate(time, y, closed=pressed):
-            return [y[1], theta[1] * np.sin(2.0 * time) - y[0] - theta[0] * (y[0] - 0.5) * closed]
-
-        gap.direction = -1.0 if pressed else 1.0
-        run = solve_ivp(rate, (now, t[-1]), y, "DOP853", events=gap, dense_output=True, rtol=1e-13, atol=1e-14)
-        for k in np.flatnonzero((t >= now) & (t <= run.t[-1])):
-            values[k] = run.sol(t[k])[0]
-        now, y, pressed = run.t[-1], run.y[:, -1], not pressed
-    return values
-
-
-@pytest.mark.slow
-def test_gradient_of_a_misfit_is_that_of_another_solver():
-    theta, t = np.array([40.0, 1.7]), np.linspace(0.0, 9.0, 19)
-    flow = sb.jax_flow(oscillator(*theta), ["stops.stiffness", "loads[0].time.amplitude"], t)
-    assert np.array_equal(flow.start, theta)
-    data = tips_of_scipy(np.array([44.0, 1.6]), t)
-    misfit = jax.jit(lambda x: 0.5 * ((flow(x) - data) ** 2).sum())
-    value, slope = jax.value_and_grad(misfit)(theta)
-
-    def witness(x):
-        return 0.5 * np.sum((tips_of_scipy(x, t) - data) ** 2)
-
-    assert value == pytest.approx(witness(theta), rel=1e-9)
-    for i, h in enumerate((1e-3, 1e-4)):
-        far, near = (
-            (witness(theta + width * h * np.eye(2)[i]) - witness(theta - width * h * np.eye(2)[i])) / (2.0 * width * h)
-            for width in (2.0, 1.0)
-        )
-        assert float(slope[i]) == pytest.approx((4.0 * near - far) / 3.0, rel=1e-6)
-
-
 @pytest.mark.slow
 def test_value_and_derivative_are_those_of_the_reference(beam):
     flow = sb.jax_flow(beam, PATHS, TIMES)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from systems import one_mass
@@ -93,36 +91,11 @@ def test_an_orbit_of_one_mass_on_a_damped_stop(damping):
     assert abs(run.tip[-1] - orbit.q[0]) < 1e-7
 
 
-@pytest.mark.slow
-def test_the_flip_of_the_beam_and_orbits_beyond_it():
-    """The multiplier -1 at w = 32.975300288681, computed once by a prototype that shares no code with this."""
-    from scipy.optimize import brentq
-
-    orbits = [sb.periodic_orbit(beam(33.0), 2.0 * np.pi / 33.0)]
-
-    def distance(frequency: float) -> float:
-        orbits.append(sb.periodic_orbit(beam(frequency), 2.0 * np.pi / frequency, orbits[-1]))
-        return float(np.min(orbits[-1].multipliers.real)) + 1.0
-
-    flip: Any = brentq(distance, 32.95, 33.0, xtol=1e-12)
-    assert abs(flip - 32.975300288681) < 1e-9
-    system, period = beam(24.0), 2.0 * np.pi / 24.0
-    mapping, z, leading = PeriodMap(system, period), np.concatenate([system.q0, system.v0]), []
-    for k in range(130):
-        z = mapping.flow(z)[0]
-        if k % 9 == 8:
-            try:
-                leading.append(sb.periodic_orbit(system, period, (z[:8], z[8:])).multipliers[0].real)
-            except sb.SolverFailure:
-                continue
-    assert len({round(x, 3) for x in leading if abs(x) > 1.0}) >= 2
-
-
 def test_what_a_periodic_orbit_refuses():
     system, period, start = impact_oscillator()
     with pytest.raises(sb.InputError, match=r"be a multiple of 2 pi/2\.8"):
         sb.periodic_orbit(system, 1.1 * period, start)
-    with pytest.raises(sb.InputError, match="be an Orbit, a Trajectory, or a pair"):
+    with pytest.raises(sb.InputError, match="be an Orbit or a pair"):
         sb.periodic_orbit(system, period, [1.0, 2.0, 3.0])
     record = sb.Sampled(np.array([0.0, 3.0]), np.array([0.0, 1.0]))
     driven = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], record)], observe=[1.0])
@@ -162,22 +135,6 @@ def test_an_orbit_at_a_fold_closes_or_raises(fold, z, inside):
         assert orbit.closure < 1e-13
         gaps.append(1.0 - orbit.multipliers[0].real)
     assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
-
-
-@pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])
-def test_an_orbit_that_grazes_has_no_multipliers(stops):
-    """The amplitude of the response without contact is the gap: neighbours hit, or do not."""
-    w = 0.5
-    response = 1.0 / (1.0 - w**2 + 0.1j * w)
-    start = [response.imag], [w * response.real]
-    for gap, grazes in ((abs(response), True), (abs(response) * 1.001, False)):
-        system = one_mass(1.0, sb.Stops(upper=gap, **stops), damping=0.1, load=sb.Harmonic(1.0, w))
-        if grazes:
-            with pytest.raises(sb.SolverFailure, match="grazes its stop"):
-                sb.periodic_orbit(system, 2.0 * np.pi / w, start)
-        else:
-            orbit = sb.periodic_orbit(system, 2.0 * np.pi / w, start)
-            np.testing.assert_allclose(np.abs(orbit.multipliers), np.exp(-0.05 * 2.0 * np.pi / w), rtol=1e-9)
 
 
 def test_an_equilibrium_is_an_orbit():

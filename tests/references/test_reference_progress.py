@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
-import numpy as np
 import pytest
 import threadpoolctl
 
 import stiffbeam as sb
 from stiffbeam.basics import progress
-
-STOP = sb.Contact(np.ones(1), sb.Stops(upper=0.5, stiffness=4.0))
 
 
 @pytest.mark.parametrize("colour", ["", "1"])  # to rich, standard error is then a terminal
@@ -74,17 +70,3 @@ def test_a_study_shows_its_points(capsys):
     again = sb.study("modes", case, progress=True, **options)  # neither a terminal nor a notebook
     assert again.table.equals(study.table)
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_printed_reference_states_its_error():
-    units = ("mm", "ms", "N")
-    system = sb.System.from_matrices([[1.0]], [[4.0]], contacts=[STOP], initial_velocity=[2.0], units=units)
-    exact = sb.reference(system, 3.0)
-    first, statement = str(exact).splitlines()
-    assert first == repr(exact)
-    tolerance = exact.provenance["horizon_tolerance"]
-    assert statement.startswith(f"Valid to t = 3: {tolerance}. Compared with 8 copies of the problem")
-    assert str(sb.reference(system, 3.0, "dop853")).endswith(". Compared with the exact solution.")
-    more = str(sb.reference(system, 3.0, "multiprecision"))
-    assert " the same events. Compared with itself with " in more
-    assert str(replace(exact, horizon=float("nan"))).endswith("Its error is not known: it was compared with nothing.")

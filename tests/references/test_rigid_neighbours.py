@@ -141,26 +141,3 @@ def test_contacts_that_throw_each_other_off_come_to_rest(seed):
     for J, record in zip(gave, run.contacts, strict=True):
         if len(set(record.impacts.stops)) < 2:
             assert record.impulse == pytest.approx(abs(J), rel=1e-9)
-
-
-def test_a_blow_at_the_start_is_no_impact_and_leaves_the_horizon():
-    stops = sb.Stops(lower=-0.1, stiffness=np.inf, restitution=0.5)
-    start = {"initial_displacement": [-0.1], "initial_velocity": [-1.0]}
-    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], **start)
-    run = sb.reference(system, 8.0)
-    assert run.horizon == 8.0
-    assert run.impacts.times[0] == pytest.approx(np.pi + 2.0 * np.arctan(0.2), abs=1e-12)  # x = -0.1 cos t + 0.5 sin t
-    assert run.contacts[0].impulse == pytest.approx(1.5 + np.sum(run.impacts.impulses), rel=1e-12)
-
-
-@pytest.mark.slow
-def test_contacts_that_throw_each_other_off_at_one_time_come_to_rest_together():
-    """Moreau and Jean's scheme has both blows in one step: it converges to the exact motion with the order 1."""
-    system, times = rigid_witness.random_system(THROWN), np.linspace(0.0, 3.0, 61)
-    exact = sb.reference(system, 3.0, t_eval=times)
-    runs = [sb.integrate(system, sb.MoreauJean(), 3.0 / n, 3.0, every=n // 60) for n in (30_000, 300_000, 1_500_000)]
-    off = np.array([np.max(np.abs(run.tip - exact.tip)) for run in runs]) / np.max(np.abs(exact.tip))
-    assert np.all(off[1:] < 0.2 * off[:-1])
-    assert off[-1] < 1e-4
-    for mine, other in zip(exact.contacts, runs[-1].contacts, strict=True):
-        assert mine.impulse == pytest.approx(other.impulse, rel=1e-5)

@@ -71,13 +71,6 @@ def test_the_horizon_of_table_10_is_what_perturbed_runs_show(table10):
     assert abs(time_tolerance(system) - 1.03e-4) < 1e-6
 
 
-@pytest.mark.slow
-def test_the_horizon_of_an_adaptive_solver_grows_with_its_tolerance(table10):
-    system = sb.semidiscretise(table10, 12)
-    horizons = [sb.reference(system, 0.5, "cvode-adams", rtol=rtol).horizon for rtol in (1e-4, 1e-7, 1e-10)]
-    assert horizons[0] < horizons[1] < horizons[2]
-
-
 def test_the_time_to_which_impact_sequences_match():
     def impacts(times, stops):
         return Impacts.at(times, stops, "event")
@@ -89,14 +82,6 @@ def test_the_time_to_which_impact_sequences_match():
     assert impacts_match_until(a, impacts([1.0, 2.0, 3.0], [1, 1, 1]), 1e-4, 5.0) == np.nextafter(2.0, 0.0)
     assert impacts_match_until(a, impacts([1.0, 2.0], [1, -1]), 1e-4, 5.0) == 3.0
     assert impacts_match_until(impacts([1.0], [1]), impacts([1.0, 4.99999], [1, 1]), 1e-4, 5.0) == 5.0
-
-
-@pytest.mark.slow
-def test_a_reference_without_an_exact_partner_is_held_against_itself(table10):
-    pushed = dataclasses.replace(table10, viscosity=2.0, loads=(sb.PointLoad(0.5, lambda t: np.cos(9.0 * t)),))
-    ref = sb.reference(sb.semidiscretise(pushed, 8), 0.1, "cvode", rtol=1e-9)
-    assert "itself" in ref.provenance["horizon_against"]
-    assert ref.horizon == 0.1
 
 
 @pytest.mark.fast(1)

@@ -84,26 +84,6 @@ def test_tangent_vectors_grow_as_perturbed_motions_part(which):
         assert np.max(np.abs(measured - logs[:, j])[linear]) < error
 
 
-def test_the_exponents_of_two_motions_of_a_chaotic_table_agree_within_their_scatter():
-    """Past the horizon the two motions have nothing in common but the system."""
-    system = table(10)
-    windows = np.linspace(0.5, 5.0, 19)
-    means, errors = [], []
-    for seed, factor in ((0, 1.0), (1, 1.0 + 1e-9)):
-        growth = sb.lyapunov(dataclasses.replace(system, v0=factor * system.v0), 5.0, seed)
-        logs = np.interp(windows, growth.t, growth.log_growth[:, 0])
-        rates = np.diff(logs) / np.diff(windows)
-        means.append(np.mean(rates))
-        errors.append(np.std(rates, ddof=1) / np.sqrt(len(rates)))
-    # 26 to 39 digits per time unit, each mean known to its error
-    assert all(60.0 - 3.0 * error < mean < 90.0 + 3.0 * error for mean, error in zip(means, errors, strict=True))
-    assert all(error < 0.1 * mean for mean, error in zip(means, errors, strict=True))
-    assert abs(means[0] - means[1]) < 3.0 * np.hypot(*errors)
-    # After a while every vector has turned into the direction that grows fastest.
-    rates = np.diff(growth.log_growth[[growth.t.searchsorted(0.5), -1]], axis=0)[0] / 4.5
-    assert np.ptp(rates) < 0.01 * np.mean(rates)
-
-
 @pytest.mark.slow
 def test_the_digits_that_multiprecision_starts_from_suffice(table10):
     system = sb.semidiscretise(table10, 25)
@@ -120,4 +100,4 @@ def test_the_digits_that_multiprecision_starts_from_suffice(table10):
 
 def _digits(system):
     growth = sb.lyapunov(system, 2.0)
-    return growth.t, growth.largest / np.log(10.0)
+    return growth.t, np.maximum.accumulate(np.max(growth.log_growth, axis=1)) / np.log(10.0)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FROZEN_FORMAT = 1
-EVERY = 8  # events from one stored state to the next
+EVERY = 2  # events from one stored state to the next
 KEPT = ("digits", "digits_confirmed_with", "horizon", "horizon_against", "horizon_tolerance", "parameters",
         "python-flint", "numpy")  # fmt: skip
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that integrating again may lose
@@ -48,7 +48,7 @@ def can_freeze(solution: Reference) -> bool:
 
 def freeze(solution: Reference, file: str | Path) -> Path:
     """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
-    the state at every eighth event. Raises InputError where the solution is not confirmed to its end."""
+    the state at every second event. Raises InputError where the solution is not confirmed to its end."""
     import xarray as xr
 
     notes, motion = solution.provenance, solution.solution
@@ -56,7 +56,7 @@ def freeze(solution: Reference, file: str | Path) -> Path:
         raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
     stored, sides = np.arange(0, len(motion.times), EVERY), motion.sides.astype(np.int8)
     sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
-    q, v = motion.states_in(motion.times[stored], stored)
+    q, v = motion.states(motion.times[stored], stored)
     variables = {
         "switch_time": (("switch",), motion.times, "start of every segment"),
         "side": (("switch", "contact")[: sides.ndim], sides, "+1 upper stop, -1 lower, 0 free"),
@@ -71,7 +71,12 @@ def freeze(solution: Reference, file: str | Path) -> Path:
         "bound": BOUND,
     })  # fmt: skip
     assert solution.system is not None
-    _march(solution.system, data, str(file))  # raises InputError where float64 loses an event between two states
+    again = _march(solution.system, data, str(file))  # raises InputError where float64 loses an event
+    off = np.max(np.abs(reference_of(again, float(notes["t_end"]), solution.t, 0.0, "exact", notes).tip - solution.tip))
+    if not off <= BOUND * np.max(np.abs(solution.tip)):
+        raise InputError(
+            "reference", f"{off:.1e} off", f"come out of its file to {BOUND:g} of the motion", "end it earlier"
+        )
     data.attrs["hash"] = content_hash(data)
     return write_netcdf(data, file, compression=9)
 

@@ -667,11 +667,6 @@ class Drive:
         # The empty array is for systems without records: an empty list cannot be concatenated.
         return np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
 
-    def next_edge(self, t: float, t_end: float) -> float:
-        """The first edge after t, or ``t_end`` where that comes before."""
-        k = int(np.searchsorted(self.edges, t, side="right"))
-        return min(float(self.edges[k]), t_end) if k < len(self.edges) else t_end
-
     @cached_property
     def order(self) -> int:
         """P, the number of coefficients of a record between two edges."""

@@ -319,11 +319,6 @@ class PerturbationGrowth:
         )
 
     @property
-    def largest(self) -> Array:
-        """The largest growth of the vectors so far, ln, (k,)."""
-        return np.maximum.accumulate(np.max(self.log_growth, axis=1))
-
-    @property
     def exponent(self) -> float:
         """The finite-time Lyapunov exponent, mean over the vectors of ln(|Phi z|/|z|)/t at the last time."""
         return float(np.mean(self.log_growth[-1]) / self.t[-1])
@@ -331,7 +326,7 @@ class PerturbationGrowth:
     @property
     def digits(self) -> float:
         """Decimal digits that the motion loses on the way to the last time."""
-        return float(self.largest[-1] / np.log(10.0))
+        return float(np.max(self.log_growth) / np.log(10.0))
 
 
 @working("following neighbours")
@@ -376,7 +371,9 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
             audit(solution, t_end)
         tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
         # Vectors that held contacts leave nothing of drop out.
-        dz = _unit(tangent, _on_stops(tangent, 0, _vectors(tangent, rng)))
+        dz = _on_stops(tangent, 0, _vectors(tangent, rng))
+        size = _norm(tangent, dz)
+        dz = dz[size > 0.0] / size[size > 0.0, None]
         if not len(dz):
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
         times = tangent.path.times
@@ -388,8 +385,12 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
             # Several events may come between two edges, at one time.
             for new in range(last + 1, k + 1):
                 dz = _on_stops(tangent, new, tangent.across(new, dz))
-            last = k
-            dz, logs[i + 1] = _carried(tangent, k, tau, dz, logs[i], float(edges[i]))
+            last, dz = k, tangent.regimes[k].flow(tau, dz)
+            # Unit vectors again: the logarithms add up where the vectors would overflow.
+            size = _norm(tangent, dz)
+            if not np.all((size > LEAST) & np.isfinite(size)):
+                raise SolverFailure("lyapunov", float(edges[i]), MERGED, "shorten t_end")
+            dz, logs[i + 1] = dz / size[:, None], logs[i] + np.log(size)
         return PerturbationGrowth(edges, logs)
 
 
@@ -407,23 +408,6 @@ def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
     return np.hstack(parts)
 
 
-def _carried(tangent: Tangent, segment: int, tau: float, dz: Array, log: Array, t: float) -> tuple[Array, Array]:
-    """Unit vectors and the ln of their growth after tau more; in ever shorter parts where damping leaves
-    nothing of them that float64 can hold."""
-    # Unit vectors again after every part: the logarithms add up where the vectors would underflow.
-    for parts in (1, 10, 100, 1000):
-        z, total = dz, log
-        for _ in range(parts):
-            z = tangent.regimes[segment].flow(tau / parts, z)
-            size = _norm(tangent, z)
-            if not np.all((size > LEAST) & np.isfinite(size)):
-                break
-            z, total = z / size[:, None], total + np.log(size)
-        else:
-            return z, total
-    raise SolverFailure("lyapunov", t, MERGED, "shorten t_end")
-
-
 def _vectors(tangent: Tangent, rng: Rng) -> Array:
     """Tangent vectors (vectors, 2n) in modes: random with the energy spread over all of them, and (q', q'')."""
     omega = np.sqrt(tangent.variation.free.w2)
@@ -433,12 +417,6 @@ def _vectors(tangent: Tangent, rng: Rng) -> Array:
     scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * np.max(omega)), slowest)
     eta = tangent.at_start(0).eta[:, 0, 0]
     return np.vstack([np.hstack([noise[0].T / scale, noise[1].T]), np.append(eta[1], 2.0 * eta[2])])
-
-
-def _unit(tangent: Tangent, dz: Array) -> Array:
-    """Vectors (D, 2n) of size 1, without those of none."""
-    size = _norm(tangent, dz)
-    return dz[size > 0.0] / size[size > 0.0, None]
 
 
 def _norm(tangent: Tangent, dz: Array) -> Array:

@@ -8,21 +8,16 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.validation import InputError, positive
-from ...model.right_hand_side import RightHandSide, state_space
-from ...model.system import System
+from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
 from .restarts import Outcome, Phase, Root, Watch, refuse_endless
 
-STABLE = 6.8  # |z| of the farthest z with Re z <= 0 and |R(z)| <= 1 of DOP853's stability function R
-MOST_STEPS = 500_000  # that stability may ask for: a minute in Python
 IMPLICIT = ("LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
 BETWEEN = 256  # steps between two looks at the clock
 NO_TIMES = np.empty(0)
-POLISH = 4  # of Newton's method for the time of a root, each with a step of the full order
 
 
 def solve(request: Request) -> Reference:
@@ -31,8 +26,7 @@ def solve(request: Request) -> Reference:
     Outputs between steps are dense output, for Radau of order 3, so that it is stepped from output to output. A root is
     found by dense output; where it ends a phase, a step of the full order leads to it. Radau's error estimate is of
     order 3 only: its steps are as short as rtol^(1/4) asks, 50 000 of them at rtol 1e-10 for 90 periods, half a minute.
-    DOP853's are no longer than stability allows, however smooth the motion; raises InputError where that makes too
-    many.
+    DOP853's are no longer than stability allows, however smooth the motion.
 
     LSODA of ODEPACK takes Adams orders 1-12 with functional iteration, or BDF orders 1-5 with Newton's method and the
     analytic Jacobian, and changes between the two by itself, by which of them allows the longer step. It shares no
@@ -43,8 +37,6 @@ def solve(request: Request) -> Reference:
 
     method = request.method
     name = REFERENCES[method].solver
-    if name == "DOP853":
-        refuse_stiff(request.system, request.t_end)
     library: Any = getattr(scipy.integrate, name)
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
@@ -95,9 +87,9 @@ class Stepping:
                 dense = stepper.dense_output()
                 found = _located(stepper, dense, watch, np.flatnonzero(crossed))
                 root = next((x for x in found if watch.ends([x])), None)
-                # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for it.
+                # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for its state.
                 if root is not None and root.which < watch.count:
-                    root = self._polished(stepper, left, dense, watch, root)
+                    root = root._replace(z=self._stepped(stepper, left, root.time))
             stop = stepper.t if root is None else root.time
             due = phase.times[len(states) : int(phase.times.searchsorted(stop, "right"))]
             if len(due) and due[0] < stepper.t:
@@ -109,38 +101,16 @@ class Stepping:
         t, z = (phase.end, stepper.y) if root is None else (root.time, root.z)
         return Outcome(t, z, states, ended_by, self.counters)
 
-    def _polished(self, stepper: Any, left: Array, dense: Any, watch: Watch, root: Root) -> Root:
-        """A gap's root by steps of the solver from ``left``, where the step it lies in starts."""
-        t, short = root.time, 1e-4 * (stepper.t - stepper.t_old)
-        behind, ahead = (float(watch.values(t + s, dense(t + s))[root.which]) for s in (-short, short))
-        rate = (ahead - behind) / (2.0 * short)
-        for _ in range(POLISH):
-            # The root lies at the start of the step, whose state is known.
-            if t - stepper.t_old <= SAME * abs(t):
-                return root._replace(time=stepper.t_old, z=left)
-            z = self._stepped(stepper, left, t)
-            if z is None:
-                break
-            root = root._replace(time=t, z=z)
-            gap = float(watch.values(t, z)[root.which])
-            new = t - gap / rate if rate else t
-            # Newton's method has converged to rounding, or left the step: the last time and state stand.
-            if not stepper.t_old < new <= stepper.t or abs(new - t) <= 4.0 * np.finfo(float).eps * t:
-                break
-            t = new
-        # Time and state of one step, also where it has not converged: a gap of rounding size has no rate.
-        return root
-
-    def _stepped(self, stepper: Any, left: Array, t: float) -> Array | None:
-        """The state at t by steps of the full order from ``left``, where the last step starts; None if they fail."""
-        if t == stepper.t:
-            return stepper.y
+    def _stepped(self, stepper: Any, left: Array, t: float) -> Array:
+        """The state at t by steps of the full order from ``left``, where the last step starts."""
+        if t - stepper.t_old <= SAME * abs(t):
+            return left
         # The whole way is proposed as one step; error control may still divide it.
         short = self.start(stepper.t_old, left, t, max_step=np.inf, first_step=t - stepper.t_old)
         while short.status == "running":
             short.step()
         self._count(short)
-        return None if short.status == "failed" else short.y
+        return stepper.dense_output()(t) if short.status == "failed" else short.y
 
     def _count(self, stepper: Any) -> None:
         """Add what a stepper has counted."""
@@ -149,18 +119,6 @@ class Stepping:
         }  # fmt: skip
         for name, count in counted.items():
             self.counters[name] = self.counters.get(name, 0) + count
-
-
-def refuse_stiff(system: System, t_end: float) -> None:
-    """Raise InputError if an explicit method needs more than MOST_STEPS steps for the fastest rate |lambda| of the free
-    system, with steps of at most STABLE/|lambda|."""
-    rate = float(np.max(np.abs(np.linalg.eigvals(state_space(system).matrix)), initial=0.0))
-    steps = rate * positive("t_end", t_end) / STABLE
-    if steps > MOST_STEPS:
-        raise InputError(
-            "method", "dop853", f"not need more than {MOST_STEPS} steps to be stable (it would take {steps:.2g}: the "
-            f"fastest rate of the system is {rate:.3g}, t_end {t_end:.3g})", "use the solver cvode or radau",
-        )  # fmt: skip
 
 
 def _located(stepper: Any, dense: Any, watch: Watch, changed: Array) -> list[Root]:

@@ -88,7 +88,7 @@ def _rigid_record(
     others, counts with that impact.
     """
     times, ends, sides, marks = _struck(solution, i, t_end)
-    (spans, _), blows = solution.presses(i, since, t_end), solution.blows
+    spans, blows = _presses(solution, i, since, t_end), solution.blows
     mine = (blows.contact == i) & (blows.t >= since)
     struck, at = blows.outward[mine], blows.mark[mine]
     # The impact that a blow belongs to: its own, or the one after which the contact is held.
@@ -110,6 +110,16 @@ def _rigid_record(
     t, position, velocity = seen
     reaction = solution.reactions(t)[:, i]
     return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
+
+
+def _presses(solution: Motion, i: int, since: float, t_end: float) -> list[tuple[float, float, float]]:
+    """Segments (from, to, impulse) in which a rigid stop holds contact i after ``since``, and presses it."""
+    ends = np.append(solution.times[1:], t_end)
+    held = np.flatnonzero((solution.sides[:, i] != 0) & (ends > np.maximum(solution.times, since)))
+    starts = np.maximum(solution.times[held], since)
+    impulses = np.abs(solution.press(i, starts, ends[held])[1])
+    spans = zip(starts.tolist(), ends[held].tolist(), impulses.tolist(), strict=True)
+    return [span for span in spans if span[2] > 0.0]
 
 
 def largest_momentum(solution: Motion, i: int) -> float:
@@ -230,7 +240,7 @@ def audit(solution: Motion, t_end: float) -> None:
     """
     _answered(solution, t_end)
     system, segments = solution.system, np.arange(len(solution.times))
-    q, v = solution.states_in(solution.times, segments)
+    q, v = solution.states(solution.times, segments)
     kinetic, elastic = system.free_energies(q, v)
     energy = kinetic + elastic
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
@@ -293,7 +303,7 @@ def withheld(solution: Motion, t_end: float) -> tuple[float, Array]:
     rises from zero is looked at where the last stretch ends, too."""
     system, segments = solution.system, np.arange(len(solution.times))
     times, segments = np.append(solution.times, t_end), np.append(segments, segments[-1])
-    q, v = solution.states_in(np.append(solution.times, solution.times[-1]), segments)
+    q, v = solution.states(np.append(solution.times, solution.times[-1]), segments)
     force = system.load(times) - q @ system.stiffness - v @ system.damping
     acceleration = np.linalg.solve(system.mass, force.T).T
     # From rest a force f does the work f a t^2/2 in a stretch t.
@@ -306,7 +316,7 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
     """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
     or displacement, also at the times t (k,)."""
     times, worst = solution.times, 0.0
-    (q, v), (q_between, _) = solution.states_in(times, np.arange(len(times))), solution.states(t)
+    (q, v), (q_between, _) = solution.states(times, np.arange(len(times))), solution.states(t)
     for contact in solution.system.contacts:
         shift, stops = offset_values(contact.offset, times), contact.stops
         u = q @ contact.row + shift

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.progress import working
@@ -21,8 +20,6 @@ from .motion import Motion, Solver
 from .tangent import GRAZE, Tangent, path_of_solution
 from .variation import Variation
 
-LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
-HALVINGS = 45  # of the part in which a peak is
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 # As large as the perturbations of the copies of a horizon.
 COPY = 4.0 * float(np.finfo(float).eps)
@@ -74,7 +71,8 @@ class Derivative:
         """Derivatives of the observed position and velocity, (k, 2, p)."""
         variation, (segments, z) = self.tangent.variation, self._at_outputs
         found = np.empty((len(self.t), 2, len(self.wrt)))
-        for part, series in self.tangent.expanded(segments, self.t, z[:, 0], z[:, 1:], 2):
+        for regime, part in self.tangent.parts(segments, 3 * z[0].size):
+            series = regime.series(self.t[part], self.tangent.since[segments[part]], z[part], 2)
             seen, eta = series.u[:2, :, 1:, 0], series.eta[:2]
             if self._system.observe is not None:
                 seen = eta[:, :, 1:] @ variation.data.observe + eta[:, :, 0] @ variation.slopes["observe"].T
@@ -105,36 +103,6 @@ class Derivative:
         return self.reference.system
 
     @cached_property
-    def _events(self) -> list[tuple[int, int]]:
-        """(segment, contact) of every opening and closing, in order."""
-        return [(int(k) + 1, int(contact)) for k, contact in zip(*np.nonzero(self.tangent.path.changed), strict=True)]
-
-    @property
-    def events(self) -> Array:
-        """Times at which a contact opens or closes, (events,)."""
-        return self.tangent.path.times[[segment for segment, _ in self._events]]
-
-    @cached_property
-    @working("differentiating events")
-    def event_times(self) -> Array:
-        """Derivative of ``events``, (events, p); NaN at a graze."""
-        slopes = [self.tangent.event_slope(segment, contact) for segment, contact in self._events]
-        return self._masked(self.events, np.reshape(slopes, (len(slopes), len(self.wrt))))
-
-    @property
-    def impact_times(self) -> tuple[Array, ...]:
-        """Derivatives of ``contacts[i].impacts.times``, (impacts, p) for every contact; NaN at a graze."""
-        found, events = [], self.events
-        for i, contact in enumerate(self.reference.contacts):
-            times = contact.impacts.times
-            slopes = np.full((len(times), len(self.wrt)), np.nan)
-            # Impacts and segments take their times from one number: equality is exact. The first closes the contact.
-            for row in reversed([row for row, (_, of) in enumerate(self._events) if of == i]):
-                slopes[times == events[row]] = self.event_times[row]
-            found.append(slopes)
-        return tuple(found)
-
-    @cached_property
     @working("differentiating a copy for the horizon")
     def horizon(self) -> float:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""
@@ -152,24 +120,6 @@ class Derivative:
         wrong = np.flatnonzero(np.any(apart, axis=1) | (t >= self.exists_until))
         known = float(t[max(0, wrong[0] - 1)]) if len(wrong) else float(t[-1])
         return min(known, self.reference.horizon) if np.isfinite(self.reference.horizon) else known
-
-
-def maxima(p: Array, h: Array) -> tuple[IntArray, Array]:
-    """The inner maxima of polynomials p (K, S) on [0, h], h (S,): the number of each and its place."""
-    rate = np.arange(1.0, len(p))[:, None] * p[1:]
-
-    def rising(s: Array, which: Any) -> NDArray[np.bool_]:
-        return np.polynomial.polynomial.polyval(s, rate[:, which], tensor=False) > 0.0
-
-    edges = np.multiply.outer(np.linspace(0.0, 1.0, 1 + LOOKS), h)
-    up = np.array([rising(s, slice(None)) for s in edges])
-    part, which = np.nonzero(up[:-1] & ~up[1:])
-    low, high = edges[part, which], edges[part + 1, which]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        before = rising(middle, which)
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return which, high
 
 
 def chatter_ends(solution: Motion) -> list[float]:
@@ -215,41 +165,17 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
     Undamped compliant stops have none of these: their force is continuous, and so is the derivative of the flow.
     """
     ends = [(t, "a contact grazes its stop") for t in tangent.grazes]
-    ends += [(t, "two impacts at one time change each other") for t in tangent.ties]
+    ends += [(t, "two contacts are hit at one time") for t in tangent.ties]
     if system.rigid:
         ends += [(t, "the impacts of a chatter end") for t in chatter_ends(solution)]
         if 0 in tangent.path.hits:
             ends.append((0.0, "an impact at the start"))
-    # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
         if stops.rigid or stops.damping > 0.0:
             for side, _ in stops.sides:
-                ends += [(t, "a contact grazes its stop") for t in near_misses(tangent, contact, side)]
                 if starts_on_stop(tangent, contact, side):
                     ends.append((0.0, "a contact starts on its stop, which the parameter moves away or into it"))
     return ends
-
-
-def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
-    """Times at which an open contact reaches its stop to rounding and turns back."""
-
-    def near(owner: IntArray, t: Array) -> NDArray[np.bool_]:
-        found = np.zeros(len(t), bool)
-        for part, series in tangent.expanded(owner, t, tangent.states(t, owner), K=2):
-            depth, size = side * tangent.gap(series, contact, side)[0, :, 0], tangent.size(series, contact, side)
-            found[part] = depth > -tangent.graze * size
-        return found
-
-    segments = np.flatnonzero((tangent.path.sides[:, contact] == 0) & (tangent.lengths > 0.0))
-    owner, at, h, z = tangent.cut(segments)
-    tops, segment = [np.zeros(0)], [np.zeros(0, np.int64)]
-    for part, series in tangent.expanded(owner, at, z):
-        which, s = maxima(side * tangent.gap(series, contact, side)[:, :, 0], h[part])
-        tops.append(at[part[which]] + s)
-        segment.append(owner[part[which]])
-    top, own = np.concatenate(tops), np.concatenate(segment)
-    # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
-    return top[near(own, top) & ~near(own, 0.5 * (tangent.path.times[own] + top))].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:

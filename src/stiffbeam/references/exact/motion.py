@@ -299,13 +299,8 @@ class Motion:
         ends = np.append(self.first_mark[1:], len(self.marks.t))
         return np.clip(np.searchsorted(self.marks.t, t, "right") - 1, self.first_mark[piece], ends[piece] - 1)
 
-    def states(self, t: Array) -> tuple[Array, Array]:
-        """q, q' (k, n) at any times."""
-        eta, rate, _ = self._read(t)
-        return eta @ self.made.X.T, rate @ self.made.X.T
-
-    def states_in(self, t: Array, piece: NDArray[np.int64]) -> tuple[Array, Array]:
-        """q, q' (k, n) as the given segments have them at times t, which may be the ends of those."""
+    def states(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
+        """q, q' (k, n) at any times, as the given segments have them, whose ends they may be."""
         eta, rate, _ = self._read(t, piece)
         return eta @ self.made.X.T, rate @ self.made.X.T
 
@@ -330,20 +325,6 @@ class Motion:
     def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
         return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends)
-
-    def presses(
-        self, contact: int, since: float, t_end: float
-    ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
-        """Segments (from, to, impulse) in which a rigid stop holds a contact after ``since``, and the impulses (time,
-        impulse) of all impacts, its own and those of others."""
-        ends = np.append(self.times[1:], t_end)
-        held = np.flatnonzero((self.sides[:, contact] != 0) & (ends > np.maximum(self.times, since)))
-        starts = np.maximum(self.times[held], since)
-        impulses = self.press(contact, starts, ends[held])[1]
-        mine = self.blows.contact == contact
-        blows = zip(self.blows.t[mine].tolist(), self.blows.outward[mine].tolist(), strict=True)
-        spans = zip(starts.tolist(), ends[held].tolist(), np.abs(impulses).tolist(), strict=True)
-        return [span for span in spans if span[2] > 0.0], list(blows)  # what rests without a force presses nothing
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""

@@ -19,7 +19,7 @@ from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
 from ...model.time_functions import Harmonic, Sampled, parts_of
-from ...trajectory.trajectory import Reference, SolverFailure, Trajectory
+from ...trajectory.trajectory import Reference, SolverFailure
 from ..rigid_stops import require_rigid
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
@@ -101,10 +101,6 @@ class PeriodMap:
         self.variation = Variation(system)
         self.solver = None if system.rigid else Solver(system)
 
-    def path(self, z: Array) -> Path:
-        """Segments of a period from the state z (2n,)."""
-        return path_of_solution(self.system, self.solve(z), self.period)
-
     def solve(self, z: Array) -> Motion:
         """The exact motion over a period from the state z (2n,)."""
         n = self.system.size
@@ -128,13 +124,13 @@ class PeriodMap:
             z = np.concatenate([q[0], v[0]])
         return z
 
-    def flow(self, z: Array) -> tuple[Array, Array, Tangent]:
+    def flow(self, z: Array, graze: float = GRAZE) -> tuple[Array, Array, Tangent]:
         """State after a period, its derivative (2n, 2n), and the tangent along the way."""
-        path = self.path(z)
+        path = path_of_solution(self.system, self.solve(z), self.period)
         if 0 in path.hits:
             reason = "the period starts with an impact"
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase of the loads")
-        tangent = Tangent(self.variation, path, np.eye(len(z)))
+        tangent = Tangent(self.variation, path, np.eye(len(z)), graze)
         q, v = path.solution.states(np.array([self.period]))
         return np.concatenate([q[0], v[0]]), tangent.monodromy, tangent
 
@@ -144,7 +140,7 @@ def sizes(path: Path) -> Array:
 
     Where all starts are near zeros of one of them it counts as a share of what one turn in the period gives.
     """
-    turn, states = path.t_end / (2.0 * np.pi), path.solution.states_in(path.times, path.piece)
+    turn, states = path.t_end / (2.0 * np.pi), path.solution.states(path.times, path.piece)
     q, v = (float(np.max(np.abs(x))) for x in states)
     q = max(q, LEAST * turn * v, 1e-300)
     return np.repeat([q, max(v, q / turn)], states[0].shape[1])
@@ -160,9 +156,8 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
         Between linear stops, compliant, damped or rigid with restitution; loads repeat after ``period``.
     period : float
         A multiple of the periods of all loads and stop motions.
-    guess : Orbit, Trajectory, pair (q, v), or None
-        A neighbour; the end of a run, which has to end at a multiple of the period; a state at t = 0. None: the state
-        after 60 periods from the system's own start.
+    guess : Orbit, pair (q, v), or None
+        A neighbour; a state at t = 0. None: the state after 60 periods from the system's own start.
 
     Returns
     -------
@@ -190,10 +185,7 @@ def periodic_orbit(system: System, period: float, guess: Any = None) -> Orbit:
     period = float(period)
     with within_float64("periodic_orbit", period):
         mapping = PeriodMap(system, period)
-        z = _guessed(mapping, guess)
-        z, tangent, closure = shoot(mapping, z)
-        _isolated(mapping, z, closure)
-        return orbit_of(mapping, z, tangent, closure)
+        return _orbit(mapping, *shoot(mapping, _guessed(mapping, guess)))
 
 
 def require_periodic(system: System, period: float) -> None:
@@ -207,39 +199,33 @@ def require_periodic(system: System, period: float) -> None:
         refuse(system, period)
 
 
-def _isolated(mapping: PeriodMap, z: Array, closure: float) -> None:
-    """Raise SolverFailure for an orbit whose multipliers do not exist, or one of which is 1."""
-    system, solution = mapping.system, mapping.solve(z)
-    path = path_of_solution(system, solution, mapping.period)
+def _orbit(mapping: PeriodMap, z: Array, closure: float) -> Orbit:
+    """The Orbit that starts at z. Raises SolverFailure where its multipliers do not exist, or one of them is 1."""
+    system, n = mapping.system, mapping.system.size
     # The orbit is known to its closure only: so near to a graze it may be one.
-    tangent = Tangent(mapping.variation, path, np.eye(len(z)), max(GRAZE, NEAR_GRAZE * closure))
-    time, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
+    _, D, tangent = mapping.flow(z, max(GRAZE, NEAR_GRAZE * closure))
+    path = tangent.path
+    time, reason = min(ends_of(system, path.solution, tangent), default=(np.inf, ""))
     if np.isfinite(time):
-        raise SolverFailure(
-            "periodic_orbit", time, f"the orbit has no multipliers: {reason}", "change a parameter or a phase"
-        )
-    multipliers = np.linalg.eigvals(tangent.monodromy)
+        reason = f"the orbit has no multipliers: {reason}"
+        raise SolverFailure("periodic_orbit", time, reason, "change a parameter or a phase")
+    multipliers = np.asarray(np.linalg.eigvals(D), complex)
     # At a fold the defect is quadratic in the distance from the orbit, and the multiplier linear.
     if np.min(np.abs(multipliers - 1.0)) < max(ALONE, closure**0.5):
         raise SolverFailure("periodic_orbit", mapping.period, NOT_ALONE, FREE)
-
-
-def orbit_of(mapping: PeriodMap, z: Array, tangent: Tangent, closure: float) -> Orbit:
-    """An Orbit from its start z and the tangent along it."""
-    n, D, path = mapping.system.size, tangent.monodromy, tangent.path
-    multipliers = np.asarray(np.linalg.eigvals(D), complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
     events = np.repeat(path.times[1:], np.sum(path.changed, axis=1))
-    return Orbit(mapping.system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, events, path)
+    return Orbit(system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, events, path)
 
 
-def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
-    """A fixed point of the period map near z, the tangent along it, and its relative defect."""
-    end, D, tangent = mapping.flow(z)
-    scale = sizes(tangent.path)
-    defect = float(np.max(np.abs(end - z) / scale))
+def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, float]:
+    """A fixed point of the period map near z, and its relative defect."""
+    defect = np.inf
     # Newton's method, with steps halved until the defect falls.
     for iteration in range(NEWTON):
+        end, D, tangent = mapping.flow(z)
+        scale = sizes(tangent.path)
+        defect = float(np.max(np.abs(end - z) / scale))
         if defect < ROUNDING or (iteration >= HOPELESS and defect > ASTRAY):
             break
         # A rounding that grows so much is 2e-3 of the motion: too few digits for Newton's method.
@@ -266,13 +252,10 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, Tangent, float]:
         if best is None or (best[0] >= defect and defect < CLOSED):
             break
         z = best[1]
-        end, D, tangent = mapping.flow(z)
-        scale = sizes(tangent.path)
-        defect = float(np.max(np.abs(end - z) / scale))
     if not defect < CLOSED:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")
-    return z, tangent, defect
+    return z, defect
 
 
 def _repeats(system: System, period: float) -> None:
@@ -293,24 +276,13 @@ def _guessed(mapping: PeriodMap, guess: Any) -> Array:
     """The state (2n,) from which Newton's method starts."""
     system, n = mapping.system, mapping.system.size
     if guess is None:
-        z = np.concatenate([system.q0, system.v0])
-        return mapping.ahead(z, SETTLE)
-    if isinstance(guess, Orbit):
-        pair: Any = (guess.q, guess.v)
-    elif isinstance(guess, Trajectory):
-        turns = float(guess.t[-1]) / mapping.period
-        if abs(turns - round(turns)) > 1e-6:
-            rule = f"end at a multiple of the period {mapping.period!r}"
-            raise InputError("guess", float(guess.t[-1]), rule, "run it on, or take the pair (q, v)")
-        q, v = guess.states
-        pair = (q[-1], v[-1])
-    else:
-        pair = guess
+        return mapping.ahead(np.concatenate([system.q0, system.v0]), SETTLE)
     try:
+        pair = (guess.q, guess.v) if isinstance(guess, Orbit) else guess
         z = np.concatenate([np.asarray(x, float).ravel() for x in pair])
     except (TypeError, ValueError):
         z = np.zeros(0)
     if z.shape != (2 * n,) or not np.all(np.isfinite(z)):
-        rule = f"be an Orbit, a Trajectory, or a pair (q, v) of {n} finite numbers each"
+        rule = f"be an Orbit or a pair (q, v) of {n} finite numbers each"
         raise InputError("guess", guess, rule, "leave it out for the state after 60 periods")
     return z

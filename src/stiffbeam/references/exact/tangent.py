@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,10 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...model.system import System
-from .motion import Motion, switched_by_force
+from .motion import Motion
 from .variation import RADIANS, TERMS, Regime, Series, Variation
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
-APART = 1e-12  # of the compliances of two contacts: below it an impact on one leaves the other alone
-TOGETHER = 4.0 * float(np.finfo(float).eps)  # of a time: two events that are closer are one
 CHUNK = 1_000_000  # numbers of a series at once
 
 
@@ -96,9 +93,8 @@ class Tangent:
         segments = np.arange(len(path.times))
         self.z = self.states(path.times, segments)
         self.z_end = self.states(path.ends, segments)
-        self.hit_slopes: dict[tuple[int, int], Array] = {}  # rigid: of the times of impacts, by segment and contact
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
-        self.ties: list[float] = []  # rigid: times of impacts together that have none
+        self.ties: list[float] = []  # rigid: times at which several free contacts are hit
         start = np.zeros((variation.P, 2 * n))
         for p, column in enumerate(variation.columns):
             start[p, :n], start[p, n:] = column.q0, column.v0
@@ -106,13 +102,13 @@ class Tangent:
             start = self.into(directions)
         self.count = len(start)
         # Steps of the Taylor series; without parameters a segment is one step.
-        self.steps = self.cut(segments) if variation.P else (segments, path.times, self.lengths, self.z)
+        self.steps = self._cut() if variation.P else (segments, path.times, self.lengths, self.z)
         _, t, h, _ = self.steps
         afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + self.count) * n)
         driven = np.zeros((len(t), self.count, 2 * n))
         if variation.P:
             driven = self._later(driven, np.arange(len(t)), h)[:, 1:]
-        self.dz, self.ends = self._follow(start, driven)  # at the starts of steps, and at the ends of segments
+        self.dz, self.end = self._follow(start, driven)  # at the starts of steps, and at the end
 
     def into(self, directions: Array) -> Array:
         """Derivatives (D, 2n) in modes of directions (2n, D) of q, q'."""
@@ -120,9 +116,9 @@ class Tangent:
         return np.hstack([directions[:n].T @ into, directions[n:].T @ into])
 
     def _follow(self, dz: Array, driven: Array) -> tuple[Array, Array]:
-        """Derivatives at the starts of all steps and at the ends of all segments."""
+        """Derivatives at the starts of all steps and at the end of the path."""
         (owner, _, h, _), n = self.steps, self.variation.n
-        starts, ends = np.zeros((len(owner), *dz.shape)), np.zeros((len(self.regimes), *dz.shape))
+        starts = np.zeros((len(owner), *dz.shape))
         first = np.searchsorted(owner, np.arange(len(self.regimes) + 1))
         for i, regime in enumerate(self.regimes if len(dz) else ()):
             if i:
@@ -132,33 +128,22 @@ class Tangent:
             for k in steps:
                 starts[k] = dz
                 dz = (regime.flow(tau, dz) if flow is None else dz @ flow) + driven[k]
-            ends[i] = dz
-        return starts, ends
+        return starts, dz
 
     def states(self, t: Array, segment: IntArray) -> Array:
         """Motion (k, 2n) in modes at times t (k,), as the given segments have it."""
-        q, v = self.path.solution.states_in(t, self.path.piece[segment])
+        q, v = self.path.solution.states(t, self.path.piece[segment])
         return np.hstack([q @ self.variation.into, v @ self.variation.into])
 
-    def cut(self, segments: IntArray) -> tuple[IntArray, Array, Array, Array]:
-        """Steps of RADIANS at most in segments (k,): the segment, time, length and state of each."""
-        rates = np.array([self.regimes[i].fastest for i in segments.tolist()])
-        count = np.maximum(1, np.ceil(self.lengths[segments] * rates / RADIANS))
+    def _cut(self) -> tuple[IntArray, Array, Array, Array]:
+        """Steps of RADIANS at most: the segment, time, length and state of each."""
+        count = np.maximum(1, np.ceil(self.lengths * np.array([x.fastest for x in self.regimes]) / RADIANS))
         floats = 4.0 * float(np.sum(count)) * self.variation.n
         afford("t_end", self.path.t_end, "shorten t_end", floats=floats)
         count = count.astype(int)
-        h = np.repeat(self.lengths[segments] / count, count)
-        owner = np.repeat(segments, count)
+        h, owner = np.repeat(self.lengths / count, count), np.repeat(np.arange(len(count)), count)
         t = self.path.times[owner] + h * (np.arange(len(h)) - np.repeat(np.cumsum(count) - count, count))
         return owner, t, h, self.states(t, owner)
-
-    def expanded(
-        self, owner: IntArray, t: Array, z: Array, dz: Array | None = None, K: int = TERMS
-    ) -> Iterator[tuple[IntArray, Series]]:
-        """Parts of the times t (k,) in segments ``owner`` of one regime, with the series at these; dz: (k, D, 2n)."""
-        whole = z[:, None] if dz is None else np.concatenate([z[:, None], dz], axis=1)
-        for regime, part in self._parts(owner, (K + 1) * whole.shape[1] * self.variation.n):
-            yield part, regime.series(t[part], self.since[owner[part]], whole[part], K)
 
     def at(self, t: Array, segment: IntArray) -> Array:
         """Motion and derivatives (k, 1 + D, 2n) at increasing times t (k,) in the given segments."""
@@ -174,13 +159,13 @@ class Tangent:
         owner, t, _, z = (x[used] for x in self.steps)
         whole = np.concatenate([z[:, None], dz[used]], axis=1)
         found = np.empty((len(late), *whole.shape[1:]))
-        for regime, part in self._parts(owner, (TERMS + 1) * whole.shape[1] * self.variation.n):
+        for regime, part in self.parts(owner, (TERMS + 1) * whole.shape[1] * self.variation.n):
             here = np.flatnonzero(np.isin(step, used[part]))
             of = np.searchsorted(used[part], step[here])
             found[here] = regime.later(t[part], self.since[owner[part]], whole[part], of, late[here])
         return found
 
-    def _parts(self, owner: IntArray, size: int) -> Iterator[tuple[Regime, IntArray]]:
+    def parts(self, owner: IntArray, size: int) -> Iterator[tuple[Regime, IntArray]]:
         """Parts of the segments ``owner`` (k,) of one regime each, with ``size`` numbers for each, CHUNK at once."""
         regimes = np.array([id(x) for x in self.regimes])[owner]
         for one in dict.fromkeys(regimes.tolist()):
@@ -192,19 +177,9 @@ class Tangent:
         """The segment that each time lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
 
-    def at_end(self, i: int, dz: Array | None = None) -> Series:
+    def _at_end(self, i: int, dz: Array) -> Series:
         """Series at the end of segment i."""
-        if dz is None:
-            return self._at_ends[i]
         return self._series(self.regimes[i], i, float(self.path.ends[i]), self.z_end[i], dz)
-
-    @cached_property
-    def _at_ends(self) -> dict[int, Series]:
-        """Series at the ends of all segments."""
-        found, path = {}, self.path
-        for part, series in self.expanded(np.arange(len(path.times)), path.ends, self.z_end, self.ends, 4):
-            found |= {i: Series(*(x[:, k : k + 1] for x in series)) for k, i in enumerate(part.tolist())}
-        return found
 
     def at_start(self, i: int) -> Series:
         """Series at the start of segment i, behind the event there."""
@@ -219,12 +194,6 @@ class Tangent:
         gap = series.u[..., contact].copy()
         gap[0] = self.variation.gap(series.u[0][..., [contact]], [contact], [side])[..., 0]
         return gap
-
-    def pressure(self, series: Series, contact: int, side: int) -> Array:
-        """Coefficients (K, S, 1 + D) of kappa (u - g) + c u'."""
-        gap = self.gap(series, contact, side)
-        rate = np.arange(1.0, len(gap))[:, None, None] * gap[1:]
-        return self.variation.pressure(gap[:-1, ..., None], rate[..., None], [contact])[..., 0]
 
     def size(self, series: Series, contact: int, side: int) -> Array:
         """Sizes (S,) of the terms of a gap."""
@@ -241,7 +210,7 @@ class Tangent:
         for contact in np.flatnonzero((before == 0) & (after != 0) & (variation.data.c > 0.0)).tolist():
             # A neighbour enters later by -dh/h', without the force c h' until then.
             side = int(np.sign(after[contact]))
-            series = self.at_end(i - 1, dz)
+            series = self._at_end(i - 1, dz)
             h = self.gap(series, contact, side)[:, 0]
             if grazes(h[:, 0], float(self.size(series, contact, side)[0]), self.graze):
                 self.grazes.append(float(self.path.times[i]))
@@ -250,50 +219,19 @@ class Tangent:
         return dz
 
     def _struck(self, i: int, dz: Array) -> Array:
-        """dz behind impacts on rigid stops: one after the other where they do not change each other."""
-        before, after, hits = self.path.sides[i - 1].copy(), self.path.sides[i], list(self.path.hits[i])
-        # Free contacts one after the other, the fastest first; if all were held, the fastest alone.
-        speeds = np.abs(self.at_end(i - 1, dz).u[1, 0, 0])
-        free = sorted((c for c in hits if not before[c]), key=lambda c: -speeds[c]) or [
-            max(hits, key=lambda c: speeds[c])
-        ]
-        # Held contacts take part in every blow: those in ``hits`` and those that stay held.
-        taking = [c for c in hits if c not in free]
+        """dz (D, 2n) behind the impact on a rigid stop at which segment i begins, from that before it."""
+        variation, n, t = self.variation, self.variation.n, float(self.path.times[i])
+        before, after, hits = self.path.sides[i - 1], self.path.sides[i], list(self.path.hits[i])
+        now, z, end = self._at_end(i - 1, dz), self.z_end[i - 1], self.z[i]
+        # The fastest of the free contacts is hit; if all were held, the fastest of these.
+        free = [c for c in hits if not before[c]]
+        if len(free) > 1:
+            self.ties.append(t)
+        hit = max(free or hits, key=lambda c: abs(now.u[1, 0, 0, c]))
+        # Held contacts take part in the blow: those in ``hits`` and those that stay held.
+        taking = [hit, *(c for c in hits if c != hit)]
         taking += [c for c in np.flatnonzero(before & after).tolist() if c not in hits]
-        if len(free) > 1 and not self._apart(free, taking):
-            self.ties.append(float(self.path.times[i]))
-        # Between two blows at one time the contacts hit so far are in their state after it, for no time.
-        first, z = self.regimes[i - 1], self.z_end[i - 1]
-        for k, c in enumerate(free):
-            before[c] = after[c]
-            last = k == len(free) - 1
-            then = self.regimes[i] if last else self.variation.regime(before.tolist())
-            dz, z = self._blow(i, dz, z, [c, *taking], (first, then), self.z[i] if last else None)
-            first = then
-        return dz
-
-    def _apart(self, free: Sequence[int], taking: Sequence[int]) -> bool:
-        """Return True where blows on the ``free`` contacts change neither each other's speeds nor accelerations."""
-        rows, H = self.variation.free.rows[list(free)], self.variation.free.rows[list(taking)]
-        # Velocities that an impulse on each causes, while the others taking part stay held.
-        back = rows - rows @ H.T @ np.linalg.inv(H @ H.T) @ H
-        # Speeds change by M^-1, accelerations by the damping force of the changed speeds.
-        for coupled in (rows @ back.T, back @ self.variation.damped(back).T):
-            size = np.sqrt(np.abs(np.diag(coupled)))
-            if np.any(np.abs(coupled - np.diag(np.diag(coupled))) > APART * np.outer(size, size)):
-                return False
-        return True
-
-    def _blow(
-        self, i: int, dz: Array, z: Array, taking: Sequence[int], regimes: tuple[Regime, Regime], end: Array | None
-    ) -> tuple[Array, Array]:
-        """dz and z behind the impact of taking[0], in which the other contacts ``taking`` have a part.
-
-        regimes: before and after it. end: z there where it is known.
-        """
-        variation, n, t, hit = self.variation, self.variation.n, float(self.path.times[i]), taking[0]
-        P, slopes, held = variation.P if len(dz) else 0, variation.slopes, self.path.sides[i][taking] != 0
-        now = self._series(regimes[0], i - 1, t, z, dz)
+        held, slopes, P = after[taking] != 0, variation.slopes, variation.P if len(dz) else 0
         arriving, rates = now.u[1, 0, 0, taking], now.u[1, 0, 1:, taking].T
         side = int(np.sign(arriving[0])) or 1
         h = self.gap(now, hit, side)[:, 0]
@@ -315,54 +253,17 @@ class Tangent:
             kicks[:P] = impulse @ rows - kick @ slopes["mass"]
             right[:P] -= np.where(held, 0.0, slopes["restitution"][:, taking]) * arriving + rows @ kick
         kicks += (right - kicks @ H.T) @ inverse @ H
-        self.hit_slopes[i, hit] = late
         # Derivatives behind the blow, brought back to a fixed time.
-        end = z + np.concatenate([np.zeros(n), kick]) if end is None else end
-        then = self._series(regimes[1], i - 1, t, end, np.zeros((0, 2 * n)))
+        then = self._series(self.regimes[i], i - 1, t, end, np.zeros((0, 2 * n)))
         out = moved - np.outer(late, np.concatenate([end[n:], 2.0 * then.eta[2, 0, 0]]))
         out[:, n:] += kicks
-        return out, end
-
-    def event_slope(self, i: int, contact: int) -> Array:
-        """Derivative (D,) of the time at which segment i begins by an event of a contact; NaN at a graze."""
-        unknown = np.full(self.count, np.nan)
-        if (i, contact) in self.hit_slopes:
-            return self.hit_slopes[i, contact]
-        if self.rigid and (i in self.path.hits or contact not in self.regimes[i - 1].held):
-            return unknown
-        # h of the event: the reaction of a held contact, the force of a damped stop, or the gap.
-        old, new = int(self.path.sides[i - 1][contact]), int(self.path.sides[i][contact])
-        side, force, series = int(np.sign(new or old)), switched_by_force(old, new), self.at_end(i - 1)
-        size = float(self.size(series, contact, side)[0])
-        if self.rigid:
-            h, size = series.force[..., contact][:, 0], self._reaction_size(i - 1, contact)
-        elif force:
-            h = self.pressure(series, contact, side)[:, 0]
-            size *= float(self.variation.data.kappa[contact])
-        else:
-            h = self.gap(series, contact, side)[:, 0]
-        if grazes(h[:, 0], size) or (force and self._jumps_with(i)):
-            return unknown
-        return -h[0, 1:] / h[1, 0]
-
-    def _reaction_size(self, i: int, contact: int) -> float:
-        """Size of the terms of a reaction at the end of segment i."""
-        regime, n = self.regimes[i], self.variation.n
-        inertia = np.abs(self.variation.free.w2 * self.z_end[i][:n])
-        return float((np.abs(regime.inverse) @ np.abs(regime.H) @ inertia)[regime.held.index(contact)])
-
-    def _jumps_with(self, i: int) -> bool:
-        """Return True where a damped stop is entered at the time at which segment i begins: its force jumps."""
-        times, sides = self.path.times, self.path.sides
-        at = [k for k in np.flatnonzero(np.abs(times - times[i]) <= TOGETHER * times[i]).tolist() if k]
-        entered = np.any([(sides[k - 1] == 0) & (sides[k] != 0) for k in at], axis=0)
-        return bool(np.any(entered & (self.variation.data.c > 0.0)))
+        return out
 
     @property
     def monodromy(self) -> Array:
         """Derivative of q, q' at the end of the path in the directions of its start, (2n, D)."""
         X, n = self.variation.X, self.variation.n
-        return np.vstack([X @ self.ends[-1][:, :n].T, X @ self.ends[-1][:, n:].T])
+        return np.vstack([X @ self.end[:, :n].T, X @ self.end[:, n:].T])
 
 
 def grazes(h: Array, size: float, depth: float = GRAZE) -> bool:

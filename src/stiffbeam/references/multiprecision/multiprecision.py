@@ -11,27 +11,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import flint
 import numpy as np
 from flint import arb, arb_mat, ctx
-from numpy.typing import NDArray
 
 from ...basics.arrays import Array
 from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Drive
+from ...model.time_functions import Drive, Sampled, parts_of
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.motion import (
     NO_BLOWS,
     NO_EVENTS,
-    REMEDY,
+    NO_TIMES,
     Motion,
     Solver,
     fresh_after,
@@ -40,7 +39,7 @@ from ..exact.motion import (
 )
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
-from ..registry import Request
+from ..registry import Request, output_times
 from .linear_flow import LinearFlow, Split, by_float64
 from .rational import carried
 
@@ -58,11 +57,10 @@ def solve(request: Request) -> Reference:
 
     "auto" estimates the digits from the growth of tangent vectors along the float64 solution, and goes
     on until both runs agree to t_end. A fixed number gives the horizon to which both
-    agree. Positions and velocities at the output times are evaluated in that many digits and rounded
-    once, and so at any other time. Peaks, impulses and work are integrated in float64 from the rounded states at the
-    switches. Takes what the exact solution takes: any damping,
-    any number of contacts, time functions made of Harmonic, Constant and Sampled; raises InputError otherwise and for
-    rigid stops, SolverFailure where even ``MAX_DIGITS`` do not suffice.
+    agree. The states at the output times are evaluated in that many digits and rounded once. From these states and
+    those at the events float64 finds all others, and integrates peaks, impulses and work. Takes what the exact solution
+    takes but records: any damping, any number of contacts, time functions made of Harmonic and Constant; raises
+    InputError otherwise and for rigid stops, SolverFailure where even ``MAX_DIGITS`` do not suffice.
 
     Numbers: those of a case file, and in Python those given as texts, Fractions or Decimals, have their exact
     values. All others are doubles; provenance["parameters"] names the
@@ -75,6 +73,10 @@ def solve(request: Request) -> Reference:
     for contact in system.contacts:
         contact.stops.require_compliant("multiprecision")
     refuse(system, t_end)
+    for part in (x for function in system.time_functions for x in parts_of(function)):
+        if isinstance(part, Sampled):
+            rule = "be made of Harmonic and Constant for multiprecision"
+            raise InputError("time function", part, rule, "use the method exact")
     begun = clock()
     # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
@@ -88,7 +90,7 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution = carry(system, t_end, wanted, guard, known)
+        solution, _ = carry(system, t_end, wanted, guard, known, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
             horizon = _agreement(previous, run)
@@ -107,9 +109,11 @@ def solve(request: Request) -> Reference:
 
 
 def carry(
-    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None
-) -> PreciseMotion:
-    """The solution with ``digits`` at the start beside the ``guard`` bits that the outputs need.
+    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None,
+    outputs: Array = NO_TIMES,
+) -> tuple[Motion, list[Piece]]:  # fmt: skip
+    """The solution with ``digits`` at the start beside the ``guard`` bits that the ``outputs`` (k,) need, and its
+    pieces.
 
     Those also pay for cancellation: between modes, between the motion and its response to the drive, and
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
@@ -118,7 +122,9 @@ def carry(
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        return follow(PreciseSolver(system, t_end, full, guard, {} if known is None else known))
+        solver = PreciseSolver(system, t_end, full, guard, {} if known is None else known)
+        pieces = solver.follow()
+        return solver.motion(pieces, outputs), pieces
     finally:
         ctx.prec = before
 
@@ -172,23 +178,15 @@ class PreciseRegime:
             self.split = Split(self.G, *by_float64(flow, self.G), drives=2 * flow.n)
         known[contacts] = self.split
         self.rates = np.array([x for block in self.split.blocks for x in block.values])
-        self._rows: dict[tuple[int, int, bool], Any] = {}
-
-    @cached_property
-    def channels(self) -> Any:
-        """Rows of all channels and their rates on y (2 channels, N)."""
-        return self._seen(*self.flow.forms, *self.flow.rates)
+        self._gaps: dict[tuple[int, int, bool], Any] = {}
 
     def gap(self, contact: int, side: int, lagging: bool) -> Any:
         """Rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate on y (2, N)."""
         key = contact, side, lagging
-        if key not in self._rows:
+        if key not in self._gaps:
             form = self.flow.gap(contact, side, lagging)
-            self._rows[key] = self._seen(form, form * self.G)
-        return self._rows[key]
-
-    def _seen(self, *forms: Any) -> Any:
-        return (arb_mat([form.entries() for form in forms]) * self.split.V).mid()
+            self._gaps[key] = (arb_mat([x.entries() for x in (form, form * self.G)]) * self.split.V).mid()
+        return self._gaps[key]
 
 
 class Piece(NamedTuple):
@@ -201,62 +199,11 @@ class Piece(NamedTuple):
     state: Array
     sides: list[int]
 
-    def ahead(self, t: float) -> Any:
-        """y at time t."""
-        return self.regime.split.ahead(self.y, arb(t) - self.t)
-
     def whole(self, t: float) -> Any:
         """z (N, 1) at time t."""
-        return (self.regime.split.V * self.ahead(t)).mid()
-
-    def channels(self, t: float) -> Any:
-        """Positions of all channels at time t, and their velocities, (2 channels, 1)."""
-        return self.regime.channels * self.ahead(t)
-
-
-@dataclass(frozen=True, eq=False)
-class PreciseMotion(Motion):
-    """A motion with the states of its ``precise`` pieces, one of every mark: of what is read only the values are
-    rounded."""
-
-    precise: list[Piece] = field(default_factory=list)
-    sampled: list[Array] = field(default_factory=list)  # the last times of ``path``, and all channels there
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # In another process it is a motion in float64, from the same states behind the events.
-        return Motion, tuple(getattr(self, x.name) for x in fields(Motion))
-
-    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
-        # The last times that were read are kept, as those of other motions are.
-        if piece is None and self.last and np.array_equal(self.last[0][0], t):
-            return self.last[0][1:]
-        z = self.values(t, self.piece_at(t) if piece is None else piece, Piece.whole)
-        n = self.system.size
-        found = *self.made.start(z[:, :n], z[:, n : 2 * n]), np.zeros((len(t), len(self.system.contacts)))
-        if piece is None:
-            self.last[:] = [(np.array(t), *found)]
-        return found
-
-    def path(self, t: Array, channel: int) -> tuple[Array, Array]:
-        """Position and velocity of a channel at any times, (k,) each: no sum of float64 has cancelled in them."""
-        if not self.sampled or not np.array_equal(self.sampled[0], t):
-            self.sampled[:] = np.array(t), self.values(t, self.piece_at(t), Piece.channels)
-        seen = self.sampled[1]
-        return seen[:, channel], seen[:, len(self.system.channels) + channel]
-
-    def values(
-        self,
-        t: Array,
-        piece: NDArray[np.int64],
-        read: Callable[[Piece, float], Any],
-        value: Callable[[Any], Any] = float,
-    ) -> Array:
-        """Entries (k, ...) that ``read`` finds at times t (k,) in the given segments, each as ``value`` keeps it."""
-        found = []
-        for k, when in zip(self.mark_at(t, piece).tolist(), t.tolist(), strict=True):
-            with carried(self.precise[k].bits):
-                found.append([value(x) for x in read(self.precise[k], when).entries()])
-        return np.array(found)
+        with carried(self.bits):
+            split = self.regime.split
+            return (split.V * split.ahead(self.y, arb(t) - self.t)).mid()
 
 
 class PreciseSolver:
@@ -271,9 +218,37 @@ class PreciseSolver:
         self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], PreciseRegime] = {}
 
-    def begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
+    def follow(self) -> list[Piece]:
+        """The pieces of the solution from event to event."""
+        system, t_end, pieces = self.system, self.t_end, list[Piece]()
+        none = fresh = np.zeros(len(system.contacts), np.int64)
+        t, z, sides, resting = arb(0), self.flow.start(), list[int](), True
+        while True:
+            piece = self._begin(t, z, resting, sides)
+            pieces.append(piece)
+            begun, sides, split = float(t), piece.sides, piece.regime.split
+            in_time(begun)
+            afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (self.full / 32.0 + 20.0) * system.size)
+            # The next event by float64.
+            known_sides = None if resting else np.array(sides, np.int64)
+            found = self.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), t_end)
+            if found is None or found[0] >= t_end:
+                return pieces
+            start, contact, side = found
+            # Refine the event to all digits, and go on from there in the new regime.
+            when, shift, y = self._place(piece, start, contact, side)
+            if not resting and when == t and start > begun:  # back to where the sides are known: float64's rounding
+                t, z, fresh, resting = arb(start), piece.whole(start), none, False
+                continue
+            after = [side if i == contact else x for i, x in enumerate(sides)]
+            resting = when == t  # the state stays as it is: its rounding would bring the event back
+            if not resting:
+                z = (split.V * split.ahead(y, shift)).mid()
+            t, fresh, sides = when, fresh_after(system, sides, after), after
+
+    def _begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
         """The piece that begins with z at t. resting: a gap may be zero, and opens or closes."""
-        state, begun = np.array([float(x) for x in z.entries()[: 2 * self.flow.n]]), float(t)
+        state, begun = self._rounded(z), float(t)
         if resting:
             sides = self.solver.sides_at(begun, np.split(state, 2)).tolist()
         # The regime of these contacts, refined where it is first met.
@@ -286,7 +261,11 @@ class PreciseSolver:
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
         return Piece(regime, t, (regime.split.L * z).mid(), ctx.prec, state, sides)
 
-    def place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
+    def _rounded(self, z: Any) -> Array:
+        """q and q' (2n,) of z, each rounded once."""
+        return np.array([float(x) for x in z.entries()[: 2 * self.flow.n]])
+
+    def _place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
         """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
         last step of it with the coordinates there."""
         rates: Any = np.concatenate([x.rates for x in self.regimes.values()])
@@ -298,55 +277,23 @@ class PreciseSolver:
         tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
         return (piece.t + tau + shift).mid(), shift, y
 
-    def motion(self, pieces: list[Piece]) -> PreciseMotion:
-        """The motion of these pieces, whose marks float64 stores."""
-        times, states = np.array([float(x.t) for x in pieces]), np.array([x.state for x in pieces])
-        sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), len(self.system.contacts))
+    def motion(self, pieces: list[Piece], outputs: Array) -> Motion:
+        """The motion of these pieces as float64 reads it, from states behind every event and at every output."""
+        m, begun = len(self.system.contacts), np.array([float(x.t) for x in pieces])
+        of = np.maximum(np.searchsorted(begun, outputs, "right") - 1, 0)
+        seen = [self._rounded(pieces[k].whole(t)) for k, t in zip(of.tolist(), outputs.tolist(), strict=True)]
+        # Marks in order of time; those of one time in order of the pieces.
+        times, piece = np.concatenate([begun, outputs]), np.concatenate([np.arange(len(pieces)), of])
+        order = np.argsort(times, kind="stable")
+        states = self.solver.made.start(*np.split(np.array([*(x.state for x in pieces), *seen]), 2, axis=1))
+        sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
-        marks = Marks(times, *self.solver.made.start(*np.split(states, 2, axis=1)), sides)
-        return PreciseMotion(
-            self.system, self.solver.made, times[first], sides[first], first, marks, len(pieces),
-            NO_EVENTS, NO_BLOWS, precise=pieces,
+        times, (eta, rate) = times[order], (np.ascontiguousarray(x[order]) for x in states)
+        at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
+        return Motion(
+            self.system, self.solver.made, times[first], sides[first], first, Marks(times, eta, rate, sides),
+            len(pieces), NO_EVENTS, NO_BLOWS, at_outputs,
         )  # fmt: skip
-
-
-def follow(solver: PreciseSolver) -> PreciseMotion:
-    """The solution from event to event."""
-    system, t_end, pieces = solver.system, solver.t_end, list[Piece]()
-    none = fresh = np.zeros(len(system.contacts), np.int64)
-    t, z, sides, resting = arb(0), solver.flow.start(), list[int](), True
-    while True:
-        piece = solver.begin(t, z, resting, sides)
-        pieces.append(piece)
-        begun, sides, split = float(t), piece.sides, piece.regime.split
-        afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (solver.full / 32.0 + 20.0) * system.size)
-        # Next event before the next sample, by float64.
-        edge = solver.drive.next_edge(begun, t_end)
-        known_sides = None if resting else np.array(sides, np.int64)
-        found = solver.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), edge)
-        decided, resting = resting, False
-        if found is not None and found[0] < edge:
-            start, contact, side = found
-            in_time(begun)
-            # Refine the event to all digits, and go on from there in the new regime.
-            when, shift, y = solver.place(piece, start, contact, side)
-            if decided and when == t and start > begun:  # back to where the sides are known: float64's rounding
-                t, z, fresh = arb(start), piece.whole(start), none
-                continue
-            # With records the flow holds up to the sample only: an event refined past it belongs to the next segment.
-            if not solver.drive.records or t <= when < edge:
-                after = [side if i == contact else x for i, x in enumerate(sides)]
-                resting = when == t  # the state stays as it is: its rounding would bring the event back
-                if not resting:
-                    z = (split.V * split.ahead(y, shift)).mid()
-                t, fresh, sides = when, fresh_after(system, sides, after), after
-                continue
-            if when < t:
-                raise SolverFailure("multiprecision", begun, "an event at a sample that float64 cannot place", REMEDY)
-        # No event before the sample: the same regime goes on with the next polynomials of the records.
-        if edge >= t_end:
-            return solver.motion(pieces)
-        t, z, fresh = arb(edge), solver.flow.at_edge(piece.whole(edge), arb(edge)), none
 
 
 def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:

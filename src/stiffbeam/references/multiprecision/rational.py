@@ -19,26 +19,19 @@ from ...model.contact import Stops
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ...model.semidiscretisation import bending_stencil, curvature_stencil
 from ...model.system import System
-from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved, parts
+from ...model.time_functions import Constant, Drive, Harmonic, parts
 
 
 @dataclass(frozen=True, eq=False)
 class ExactContact:
-    """Row (n,), offset in the drive coefficients (d,) and in the records (R,), kappa, c, g1, g2 (None where
-    free)."""
+    """Row (n,), offset in the drive coefficients (d,), kappa, c, g1, g2 (None where free)."""
 
     row: list[Any]
     offset: list[Any]
-    recorded: list[Any]
     kappa: Any
     damping: Any
     g1: Any
     g2: Any
-
-    @property
-    def lag(self) -> Any:
-        """c/kappa."""
-        return self.damping / self.kappa
 
     def stop(self, side: int) -> Any:
         """The position of the stop on ``side``; 0 for a side without one, which is never entered."""
@@ -48,13 +41,12 @@ class ExactContact:
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """M, C, K (n, n) and the loads' basis (d, n) as arb_mat, what the records load (R, n); contacts; q0, v0 (n,)."""
+    """M, C, K (n, n) and the loads' basis (d, n) as arb_mat; contacts; q0, v0 (n,)."""
 
     mass: Any
     damping: Any
     stiffness: Any
     basis: Any
-    records: list[list[Any]]
     contacts: list[ExactContact]
     q0: list[Any]
     v0: list[Any]
@@ -92,50 +84,48 @@ def exact_problem(system: System, drive: Drive) -> Exact:
         mass, damping, stiffness = (
             [[number(x) for x in line] for line in matrix] for matrix in (system.mass, system.damping, system.stiffness)
         )
-        places = [([number(x) for x in each.row], *offset_of(drive, (1, each.offset))) for each in system.contacts]
+        places = [([number(x) for x in each.row], offset_of(drive, (1, each.offset))) for each in system.contacts]
         for vector, function in system.loads:
             loads.add([number(x) for x in vector], function)
     # Stops at the exact values of their numbers.
     contacts = []
-    for contact, (weights, offset, recorded) in zip(system.contacts, places, strict=True):
+    for contact, (weights, offset) in zip(system.contacts, places, strict=True):
         g1, g2 = (None if x is None else arb(number(x)) for x in (contact.stops.lower, contact.stops.upper))
         row = [arb(x) for x in weights]
         kappa, c = arb(number(contact.stops.stiffness)), arb(number(contact.stops.damping))
-        contacts.append(ExactContact(row, offset, recorded, kappa, c, g1, g2))
+        contacts.append(ExactContact(row, offset, kappa, c, g1, g2))
     return Exact(
         mass=arb_mat([[arb(x) for x in line] for line in mass]),
         damping=arb_mat([[arb(x) for x in line] for line in damping]),
         stiffness=arb_mat([[arb(x) for x in line] for line in stiffness]),
         basis=arb_mat(loads.basis),
-        records=loads.records,
         contacts=contacts,
         q0=[arb(x) for x in q0],
         v0=[arb(x) for x in v0],
     )
 
 
-def channels(system: System, problem: Exact, drive: Drive) -> list[tuple[list[Any], list[Any], list[Any]]]:
-    """Row (n,), offset in the drive coefficients (d,) and in the records (R,) of every channel: the contacts, and
-    the observed row."""
-    channels = [(contact.row, contact.offset, contact.recorded) for contact in problem.contacts]
+def channels(system: System, problem: Exact, drive: Drive) -> list[tuple[list[Any], list[Any]]]:
+    """Row (n,) and offset in the drive coefficients (d,) of every channel: the contacts, and the observed row."""
+    channels = [(contact.row, contact.offset) for contact in problem.contacts]
     for row, offset in system.channels[len(channels) :]:
-        channels.append(([arb(number(x)) for x in row], *offset_of(drive, (1, offset))))
+        channels.append(([arb(number(x)) for x in row], offset_of(drive, (1, offset))))
     return channels
 
 
-def offset_of(drive: Drive, *terms: tuple[Any, Any]) -> tuple[list[Any], list[Any]]:
-    """A sum of (factor, function), None for none, in the drive coefficients (d,) and in the records (R,)."""
+def offset_of(drive: Drive, *terms: tuple[Any, Any]) -> list[Any]:
+    """A sum of (factor, function), None for none, in the drive coefficients (d,)."""
     offset = _Loads(drive, 1)
     for factor, function in terms:
         offset.add([fmpq(1)], function, factor)
-    return [line[0] for line in offset.basis], [line[0] for line in offset.records]
+    return [line[0] for line in offset.basis]
 
 
-def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[list[Any], list[Any], list[Any]]:
+def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[list[Any], list[Any]]:
     """Row of stops on a beam by linear interpolation; phi (1 - (x/L)^2) - m(t) as ``offset_of``."""
     position = problem.length if stops.position is None else stops.position
     share = number(position) / number(problem.length)
-    return _hat(share, M), *offset_of(drive, (1 - share * share, problem.base), (-1, stops.motion))
+    return _hat(share, M), offset_of(drive, (1 - share * share, problem.base), (-1, stops.motion))
 
 
 def _hat(share: Any, M: int) -> list[Any]:
@@ -150,22 +140,18 @@ def _hat(share: Any, M: int) -> list[Any]:
 
 
 class _Loads:
-    """A sum of vectors times time functions, gathered as a basis (d, n) of the drive coefficients and (R, n) of
-    the records."""
+    """A sum of vectors times time functions, gathered as a basis (d, n) of the drive coefficients."""
 
     def __init__(self, drive: Drive, n: int) -> None:
         self.drive, self.frequencies = drive, [exact_value(x) for x in drive.frequencies]
         self.basis = [[arb(0)] * n for _ in range(drive.size)]
-        self.records = [[arb(0)] * n for _ in drive.records]
 
     def add(self, vector: list[Any], function: Any, factor: Any = 1, order: int = 0) -> None:
         """Add vector * factor * f(t), or its first or second derivative; f is in closed form."""
         for scale, part in parts(function):
-            lines, coefficients, weight = self.basis, [], factor * number(scale)
+            weight = factor * number(scale)
             if isinstance(part, Constant):
                 coefficients = [] if order else [(0, arb(number(part.level)))]
-            elif isinstance(part, Sampled):
-                lines, coefficients = self.records, [(self.drive.records.index(part.derived(order)), 1)]
             else:
                 assert isinstance(part, Harmonic)
                 k = 1 + 2 * self.frequencies.index(exact_value(part.frequency))
@@ -176,7 +162,7 @@ class _Loads:
                     s, c, size = c, -s, size * number(part.frequency)
                 coefficients = [(k, size * c), (k + 1, size * s)]
             for k, value in coefficients:
-                lines[k] = [b + p * weight * value for b, p in zip(lines[k], vector, strict=True)]
+                self.basis[k] = [b + p * weight * value for b, p in zip(self.basis[k], vector, strict=True)]
 
 
 def _matrices(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any, Any, Any, Any, Any]:
@@ -211,8 +197,6 @@ def _matrices(system: System, problem: BeamProblem, loads: _Loads) -> tuple[Any,
             s, c = arb(number(part.phase)).sin_cos()
             value = arb(number(part.amplitude)) * s
             rate = arb(number(part.amplitude) * number(part.frequency)) * c
-        elif isinstance(part, Sampled):
-            value, rate, *_ = [*taylor(part, arb(0)), arb(0)]
         elif isinstance(part, Constant):
             value = arb(number(part.level))
         phi0, rate0 = phi0 + number(factor) * value, rate0 + number(factor) * rate
@@ -259,26 +243,3 @@ def _weights(M: int, lumped: bool) -> list[list[Any]]:
     for i in range(0 if lumped else M - 2):
         matrix[i][i + 1] = matrix[i + 1][i] = fmpq(-1, 6 * M)
     return matrix
-
-
-def taylor(record: Sampled, t: Any) -> list[Any]:
-    """The coefficients (P,) of s^k in f(t + s), up to the next sample, exact in the doubles of the record."""
-    i = int(np.clip(np.searchsorted(record.t, float(t), side="right") - 1, 0, len(record.t) - 2))
-    if t < arb(number(float(record.t[i]))) and i > 0:  # the double next to t is the sample after it
-        i -= 1
-    c = np.array([arb(c) for c in _piece(record, i)])
-    return [x.mid() for x in moved(c, t - arb(number(float(record.t[i]))))]
-
-
-def _piece(record: Sampled, i: int) -> list[Any]:
-    """The polynomial between samples i and i + 1: as ``Sampled.pieces``, without rounding."""
-    t0, t1, v0, v1 = (number(float(x)) for x in (*record.t[i : i + 2], *record.values[i : i + 2]))
-    h = t1 - t0
-    rise = (v1 - v0) / h
-    c = [v0, rise]
-    if record.kind == "cubic":
-        m0, m1 = (number(float(x)) for x in record.slopes[i : i + 2])
-        c = [v0, m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / (h * h)]
-    for _ in range(record.derivative):
-        c = [k * c[k] for k in range(1, len(c))]
-    return c
