@@ -113,7 +113,7 @@ FAULTS = [
     ("schemes", "model/equations.py", "2.0 * np.sin(0.5 * wide) ** 2", "np.sin(0.5 * wide) ** 2"),
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),
     ("model", "model/time_functions.py", "(factor * inner, f) for factor, term", "(inner, f) for factor, term"),
-    ("model", "model/time_functions.py", "return self.amplitude * math.cos(self.phase)", "return self.amplitude * math.sin(self.phase)"),
+    ("model", "model/time_functions.py", "function.amplitude * math.cos(function.phase)", "function.amplitude * math.sin(function.phase)"),
     ("references", "model/time_functions.py", "for k in range(last - 1, first - 1, -1):", "for k in range(last - 1, first, -1):"),
     ("model", "model/time_functions.py", "self.derivative + times)", "self.derivative)"),
     ("model", "model/reduction.py", "/ np.sqrt(squares[-modes:])", "/ squares[-modes:]"),

@@ -201,16 +201,6 @@ class Stops:
         v = np.asarray(v, float)
         return v - np.clip(v, self.lower_bound, self.upper_bound)
 
-    def spring(self, side: int) -> tuple[float, float]:
-        """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
-
-        Raises InputError where the law is not that, or that and -c v'.
-        """
-        self.require_linear("a closed form between its events", damped=True)
-        gap = self.bound(side)
-        # An infinite gap would make kappa g infinite.
-        return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
-
     def require_linear(self, for_what: str, damped: bool = False) -> None:
         """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
         self.require_compliant(for_what)
@@ -248,23 +238,6 @@ class Stops:
         # One formula for both sides: depth and rate count into the stop.
         side = np.sign(out)
         return side * self.pressure(np.abs(out), None if velocity is None else -side * velocity)
-
-    def secant(self, depth: float) -> float:
-        """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
-        self.require_compliant("a law of force")
-        return float(contact_law.chord(depth, self.coefficients))
-
-    def depth_under(self, force: ArrayLike) -> Array:
-        """The depth at which the stop holds a force >= 0 at rest, 0 of a rigid stop."""
-        return (
-            np.zeros(np.shape(force))
-            if self.rigid
-            else contact_law.depth_under(np.asarray(force, float), self.coefficients)
-        )
-
-    def depth_holding(self, energy: float) -> float:
-        """The depth at which the stop holds an energy >= 0, 0 of a rigid stop."""
-        return 0.0 if self.rigid else float(contact_law.depth_holding(energy, self.coefficients))
 
     def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
         """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""

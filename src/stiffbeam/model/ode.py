@@ -15,7 +15,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import function_address
 from .right_hand_side import RightHandSide, descriptor, on_positions, on_velocities, state_space
 from .right_hand_side_jax import numbers_of, rate_with_integrals
-from .time_functions import Sampled, breakpoints_of, parts_of, require_closed_form
+from .time_functions import breakpoints_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -119,11 +119,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        times: set[float] = set()
-        for part in (part for function in self.system.time_functions for part in parts_of(function)):
-            # A record breaks at its samples; of other functions only those times count that they state.
-            stated = part.t if isinstance(part, Sampled) else breakpoints_of(part)
-            times |= {float(t) for t in (() if stated is None else stated)}
+        times = {t for function in self.system.time_functions for t in breakpoints_of(function).tolist()}
         return tuple(sorted(times))
 
     @cached_property

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -94,7 +94,6 @@ class Harmonic:
     amplitude: float
     frequency: float
     phase: float = 0.0
-    breakpoints: ClassVar[tuple[float, ...]] = ()
 
     def __post_init__(self) -> None:
         itself("time function", self, Harmonic)
@@ -117,16 +116,6 @@ class Harmonic:
     def acceleration(self, t: ArrayLike) -> Array:
         """-frequency^2 f(t)."""
         return -(self.frequency**2) * self.value(t)
-
-    @property
-    def sine(self) -> float:
-        """The coefficient of sin(frequency t)."""
-        return self.amplitude * math.cos(self.phase)
-
-    @property
-    def cosine(self) -> float:
-        """The coefficient of cos(frequency t)."""
-        return self.amplitude * math.sin(self.phase)
 
 
 @dataclass(frozen=True)
@@ -151,7 +140,6 @@ class Constant:
     """
 
     level: float
-    breakpoints: ClassVar[tuple[float, ...]] = ()
 
     def __post_init__(self) -> None:
         itself("time function", self, Constant)
@@ -259,11 +247,6 @@ class Sampled:
         return hashlib.sha256(content).hexdigest()
 
     @property
-    def breakpoints(self) -> Array:
-        """The times of the samples: between them it is a polynomial."""
-        return self.t
-
-    @property
     def degree(self) -> int:
         """Degree of the polynomials between samples."""
         return KINDS[self.kind] - self.derivative
@@ -313,13 +296,6 @@ class Sampled:
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
-
-    def taylor(self, t: ArrayLike) -> Array:
-        """(..., 4): coefficient k of s^k in f(t + s), which holds up to the next sample."""
-        c = np.zeros((*np.shape(t), 4))
-        for k in range(self.degree + 1):
-            c[..., k] = self._derivative(t, k) / math.factorial(k)
-        return c
 
     def value(self, t: ArrayLike) -> Array:
         """The interpolant at t; InputError outside the samples."""
@@ -393,14 +369,6 @@ class Superposition:
         terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
         return f"Superposition({', '.join(terms)})"
 
-    @property
-    def breakpoints(self) -> Array | None:
-        """Times at which a term is not smooth; None where a term does not state them."""
-        # One term that does not state its times leaves those of the sum open.
-        stated = [breakpoints_of(f) for _, f in self.terms]
-        known = [times for times in stated if times is not None]
-        return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
-
     def value(self, t: ArrayLike) -> Array:
         """The sum of the terms, each with its factor."""
         return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
@@ -427,11 +395,6 @@ class Derivative:
     def __call__(self, t: ArrayLike) -> Array:
         """f'(t) for order 1, f''(t) for order 2."""
         return self.function.rate(t) if self.order == 1 else self.function.acceleration(t)
-
-    @property
-    def breakpoints(self) -> Any:
-        """Times of the function that is differentiated; None where it states none."""
-        return getattr(self.function, "breakpoints", None)
 
 
 LoadFunction = TimeFunction | Callable[[Any], Any]
@@ -533,12 +496,17 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
 
 
-def breakpoints_of(function: LoadFunction) -> Array | None:
-    """The times where a function of time is not smooth, as its attribute ``breakpoints`` states them; None
-    where it states nothing. A bare callable can carry the attribute too: ``f.breakpoints = (0.5, 0.502)``.
-    """
-    stated = getattr(function, "breakpoints", None)
-    return None if stated is None else times_of("breakpoints", stated)
+def breakpoints_of(function: LoadFunction | None) -> Array:
+    """Times where a function of time is not smooth: samples of records, and what the attribute ``breakpoints`` of other
+    functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
+    times = [np.zeros(0)]
+    for part in parts_of(function):
+        if isinstance(part, Derivative):
+            times.append(breakpoints_of(part.function))
+        else:
+            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", ())
+            times.append(times_of("breakpoints", stated))
+    return np.unique(np.concatenate(times))
 
 
 def times_of(field: str, values: Any) -> Array:
@@ -639,8 +607,8 @@ class Drive:
             # The rows stand in the order of ``coefficients``: the constant, then sine and cosine of each frequency.
             if isinstance(function, Harmonic):
                 k = 1 + 2 * self.frequencies.index(function.frequency)
-                basis[k] += function.sine * vector
-                basis[k + 1] += function.cosine * vector
+                basis[k] += function.amplitude * math.cos(function.phase) * vector
+                basis[k + 1] += function.amplitude * math.sin(function.phase) * vector
             elif isinstance(function, Constant):
                 basis[0] += function.level * vector
             else:
@@ -680,30 +648,9 @@ class Drive:
     @cached_property
     def table(self) -> Array:
         """(edges, R, P): coefficient k of s^k in every record at an edge + s, up to the next edge."""
-        if not self.records:
-            return np.zeros((0, 0, 0))
-        inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
-        return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
-
-
-def stays_at_rest(system: System) -> bool:
-    """Return True if q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
-
-    A bare callable, whose values are not known, and a stop that moves count as a push.
-    """
-    if np.any(system.q0) or np.any(system.v0) or any(np.any(p) and not _zero(f) for p, f in system.loads):
-        return False
-    return all(
-        _zero(contact.offset) and contact.stops.lower_bound <= 0.0 <= contact.stops.upper_bound
-        for contact in system.contacts
-    )
-
-
-def _zero(function: LoadFunction | None) -> bool:
-    return all(
-        factor == 0.0
-        or (isinstance(f, Harmonic) and f.amplitude == 0.0)
-        or (isinstance(f, Constant) and f.level == 0.0)
-        or (isinstance(f, Sampled) and not np.any(f.values))
-        for factor, f in parts(function)
-    )
+        table = np.zeros((len(self.edges), len(self.records), self.order))
+        for r, record in enumerate(self.records):
+            # Where a record has not begun, or has ended, it is not asked for.
+            at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
+            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])[:, : self.order]
+        return table
