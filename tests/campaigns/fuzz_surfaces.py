@@ -102,8 +102,6 @@ CONSTRUCTORS = [
     Surface("Sampled", functools.partial(of_time, sb.Sampled),
             {"t": [0.0, 0.5, 1.0, 2.0], "values": [0.0, 1.0, 0.0, 0.0], "kind": "cubic", "derivative": 0}),
     Surface("Stops", of_stops, STOPS | {"exponent": 1.5, "damping": 2.0, "dissipation": 0.1}, 8),
-    Surface("Stops.from_restitution", lambda **x: marched(mass(stops=sb.Stops.from_restitution(**x))),
-            STOPS | {"restitution": 0.7, "speed": 1.0, "exponent": 1.5}),
     Surface("Contact", lambda **x: marched(sb.System.from_matrices(
         np.eye(3), np.eye(3), contacts=[sb.Contact(**x)])),
             {"row": [0.0, 1.0, 0.0], "stops": sb.Stops(**STOPS), "offset": sb.Harmonic(0.1, 3.0)}),

@@ -39,7 +39,8 @@ class Stops:
     damping : float
         c >= 0, force per velocity: with p = 1 the unilateral Kelvin-Voigt law.
     dissipation : float
-        lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
+        lambda >= 0, per velocity: the law of Hunt and Crossley. A free mass with the speed s rebounds with e s where
+        1 - e x = (1 + x) exp(-(1 + e) x), x = lambda s.
     restitution : float, optional
         Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for schemes without an impact law.
     position : float, optional
@@ -94,7 +95,7 @@ class Stops:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:
             if not self.rigid:
-                remedy = "for compliant ones use damping, or stiffbeam.Stops.from_restitution"
+                remedy = "for compliant ones use damping or dissipation"
                 raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
             if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
                 remedy = "0 takes all the speed, 1 none"
@@ -110,27 +111,6 @@ class Stops:
             object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
         if self.motion is not None:
             motion_function("stops.motion", self.motion)
-
-    @classmethod
-    def from_restitution(
-        cls,
-        restitution: float,
-        *,
-        speed: float,
-        stiffness: float,
-        lower: float | None = None,
-        upper: float | None = None,
-        exponent: float = 1.0,
-    ) -> Stops:
-        """Hunt-Crossley stops from which a free mass with ``speed`` rebounds with ``restitution`` times ``speed``.
-
-            lambda speed (1 + e) = ln[(1 + lambda speed)/(1 - e lambda speed)]
-
-        whatever the mass, kappa and p are: see ``dissipation_for``. restitution: in (0, 1].
-        Raises InputError.
-        """
-        dissipation = dissipation_for(restitution, positive("speed", speed))
-        return cls(lower, upper, stiffness=stiffness, exponent=exponent, dissipation=dissipation)
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
@@ -268,7 +248,6 @@ class Stops:
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
 
 
-EPS = float(np.finfo(float).eps)
 SIDES = ("lower", "upper")
 
 
@@ -346,39 +325,6 @@ def laws(contacts: Sequence[Contact]) -> Array:
 def linear(contacts: Sequence[Contact]) -> bool:
     """True if every stop has the linear law."""
     return all(contact.stops.linear for contact in contacts)
-
-
-def dissipation_for(restitution: float, speed: float) -> float:
-    """lambda of m d'' = -kappa d^p (1 + lambda d') for a mass that comes in at ``speed`` and leaves with e times that.
-
-        1 - e x = (1 + x) exp(-(1 + e) x),   x = lambda speed
-
-    for every m, kappa and p: d'/(1 + lambda d') dd' = -(kappa/m) d^p dd has the same integral on both ways.
-    restitution: e in (0, 1]. Raises InputError for any other: e = 0 would take an infinite lambda.
-    """
-    from scipy.optimize import brentq
-
-    e = number("restitution", restitution)
-    # The reciprocal of a smaller number may overflow.
-    if not 1e-150 < e <= 1.0:
-        rule, remedy = "lie in (0, 1], and above 1e-150", "for 0 use a rigid stop with restitution=0"
-        raise InputError("restitution", restitution, rule, remedy)
-    speed, x = positive("speed", speed), 1.0 / e
-    if e < 0.1:
-        for _ in range(6):  # the exponential is below 2e-4
-            x = (1.0 - (1.0 + x) * math.exp(-(1.0 + e) * x)) / e
-    else:
-        # The logarithms of both sides without the terms in x and x^2 that they share: 1 - 2 x/3 < e < 1/x.
-        less = lambda x: 0.5 * (1.0 - e) * (1.0 + e) - x * (e**3 * _cubic_part(-e * x) + _cubic_part(x))  # noqa: E731
-        x = float(brentq(less, 1.5 * (1.0 - e), (1.0 - EPS) / e, xtol=1e-300, rtol=4.0 * EPS))  # type: ignore[arg-type]
-    return x / speed
-
-
-def _cubic_part(z: float) -> float:
-    """(ln(1 + z) - z + z^2/2)/z^3: the logarithm from its third power on, without cancellation."""
-    if abs(z) > 0.4:
-        return (math.log1p(z) - z + 0.5 * z * z) / z**3
-    return sum((-z) ** k / (k + 3) for k in range(40))
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
