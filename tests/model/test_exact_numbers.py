@@ -13,7 +13,6 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import as_doubles, exact_float, exact_value
-from stiffbeam.files.cases import find_case
 from stiffbeam.model.time_functions import Drive
 
 TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
@@ -44,27 +43,6 @@ def test_a_number_is_the_nearest_double_and_knows_its_exact_value(given, ratio, 
     assert float(x) == (float(ratio) if not pi else pytest.approx(float(ratio) * np.pi, rel=3e-16))
     for again in (exact_float(text), pickle.loads(pickle.dumps(x)), copy.deepcopy(x)):
         assert (exact_value(again), repr(again), float(again)) == (exact_value(x), repr(x), float(x))
-
-
-def test_a_case_file_takes_products_in_quotes(tmp_path):
-    (tmp_path / "mine.toml").write_text(
-        """
-[[case]]
-name = "mine"
-cells = 5
-dt = 1e-3
-t_end = 0.1
-[case.problem]
-stiffness = "1/3"
-loads = [{ position = "2/3", amplitude = 0.1, frequency = "2*pi*0.1", phase = "-pi/4" }]
-initial_velocity = [0.0, 0.0, "1/7", 0.2]
-""",
-        encoding="utf-8",
-    )
-    problem = find_case(str(tmp_path / "mine.toml")).problem
-    [load] = problem.loads
-    assert load.time == sb.Harmonic(0.1, 2 * np.pi * 0.1, -np.pi / 4)
-    assert repr(load) == "PointLoad(position='2/3', time=Harmonic(amplitude='0.1', frequency='pi/5', phase='-pi/4'))"
 
 
 def test_a_position_on_a_node_loads_that_node_alone():

@@ -15,7 +15,6 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.model.members import march_apart
 from stiffbeam.references import solve
-from stiffbeam.studies.sweep import sections
 from stiffbeam.trajectory.ensemble import Ensemble
 
 RECORD = sb.Sampled(np.linspace(0.0, 0.5, 51), 4.0 * np.sin(44.0 * np.linspace(0.0, 0.5, 51)), "cubic")
@@ -68,14 +67,6 @@ def shaken(seed: int, moving: bool = False) -> sb.System:
     return replace(system, loads=loads, contacts=(replace(system.contacts[0], offset=offset),))
 
 
-def test_members_with_functions_of_their_own_are_their_single_runs():
-    loads = [lambda t: np.sin(2.0 * t), lambda t: 5.0 * np.sin(2.0 * t), sb.Harmonic(5.0, 2.0)]
-    members = [one_mass(4.0, load=load) for load in loads]
-    many = sb.integrate_ensemble(members[0], HHT, 1e-2, 1.0, members, every=1)
-    for tip, member in zip(many.tip, members, strict=True):
-        np.testing.assert_allclose(tip, sb.integrate(member, HHT, 1e-2, 1.0).tip, rtol=1e-12, atol=1e-15)
-
-
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.fast(1)
 def test_members_with_noise_of_their_own_are_their_single_runs(moving):
@@ -93,53 +84,6 @@ def test_members_with_noise_of_their_own_are_their_single_runs(moving):
 
 
 # ------------------------------------------------------------------ parameters by path
-
-
-def bounce(restitution: float, amplitude: float, frequency: float) -> tuple[float, float]:
-    """Position and velocity at t = n T of a ball that hits the table A sin w t once a period, g = 1.
-
-    It leaves with g T/2 and arrives with -g T/2, so the table's speed is w A cos phi = (g T/2) (1 - e)/(1 + e).
-    """
-    period = 2.0 * np.pi / frequency
-    speed = 0.5 * period
-    phase = np.arccos(speed * (1.0 - restitution) / (1.0 + restitution) / (amplitude * frequency))
-    flown = period - phase / frequency
-    return amplitude * np.sin(phase) + speed * flown - 0.5 * flown**2, speed - flown
-
-
-def ball() -> sb.System:
-    position, velocity = bounce(0.55, 1.2, 1.0)
-    stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.55)
-    return one_mass(0.0, stops, load=sb.Constant(-1.0), offset=sb.Harmonic(-1.2, 1.0), q=position, v=velocity)
-
-
-@pytest.mark.fast(1)
-@pytest.mark.parametrize(
-    ("parameter", "values", "expected"),
-    [("contacts[0].stops.restitution", [0.5, 0.55, 0.6], lambda e: bounce(e, 1.2, 1.0)),
-     ("contacts[0].offset.frequency", [1.0, 1.02, 1.04], lambda w: bounce(0.55, 1.2, w)),
-     ("frequency", [1.0, 1.02, 1.04], lambda w: bounce(0.55, 1.2, w))],
-)  # fmt: skip
-def test_a_ball_on_a_vibrating_table_is_swept(parameter, values, expected):
-    options = {"dt": 1e-3, "t_end": 10.0, "transient": 80, "periods": 4, "method": "exact"}
-    records = sb.study("sweep", ball(), parameter=parameter, values=values, **options)
-    found = sections(records.found, parameter)
-    assert list(found) == values
-    for value, section in found.items():
-        assert section == pytest.approx(expected(value)[0], abs=1e-5)
-
-
-def test_an_amplitude_goes_with_the_square_of_the_frequency():
-    """From rest: q = F/(k - w^2) (sin w t - w/w_0 sin w_0 t) with F = c w^2."""
-    free, t, frequencies = (
-        one_mass(4.0, load=sb.Harmonic(1.0, 1.0)),
-        np.linspace(0.0, 5.0, 6),
-        np.array([1.0, 1.5, 3.0]),
-    )
-    members = sb.varied_members(free, {"frequency": frequencies, "loads[0].time.amplitude": 0.2 * frequencies**2})
-    for w, member in zip(frequencies, members, strict=True):
-        q = 0.2 * w**2 / (4.0 - w**2) * (np.sin(w * t) - 0.5 * w * np.sin(2.0 * t))
-        assert sb.reference(member, 5.0, t_eval=t).tip == pytest.approx(q, abs=1e-10)
 
 
 def test_drives_of_one_frequency_go_together_with_their_phases():
@@ -189,7 +133,9 @@ def test_paths_of_a_beam_change_its_problem():
     many = sb.integrate_ensemble(beam(), HHT, 1e-3, 0.1, members, every=1)
     for tip, stiffness in zip(many.tip, (4.0, 3.0), strict=True):
         np.testing.assert_array_equal(tip, sb.integrate(beam(stiffness), HHT, 1e-3, 0.1).tip)
-    started = sb.varied_members(ball(), {"initial_displacement[0]": [1.0, 2.0], "initial_velocity[0]": [3.0, 4.0]})
+    started = sb.varied_members(
+        one_mass(4.0), {"initial_displacement[0]": [1.0, 2.0], "initial_velocity[0]": [3.0, 4.0]}
+    )
     assert [(m.q0[0], m.v0[0]) for m in started] == [(1.0, 3.0), (2.0, 4.0)]
 
 

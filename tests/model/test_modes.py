@@ -181,13 +181,6 @@ def test_a_stiffness_that_does_not_show_changes_no_scale(floor):
     assert 1e-3 < np.max(np.abs(v0)) <= 1e-3 * np.sqrt(2.0 * G) * 1.01
 
 
-@pytest.mark.parametrize("name", ["bouncing-ball", "kelvin-voigt", "hertz", "hunt-crossley", "bouncing-bar"])
-def test_problems_without_stiffness_have_scales(name):
-    found = scales(sb.problem(name).system, 10.0)
-    assert 0.0 < found.speed < np.inf
-    assert 0.0 < found.period <= 10.0
-
-
 def test_scales_of_free_bodies_bodies_between_stops_and_beams(table10):
     """Without forces a body crosses the gap of 2 with speed 3; a free one has the run's length alone. A table of
     amplitude 0.1 and frequency 20 throws with a speed of 2, a spring compressed by 0.1 with sqrt(kappa/m) of it."""
