@@ -265,7 +265,7 @@ supports = "clamped-pinned"
 mass_damping = 0.3
 modal_damping = [0.01, 0.02]
 stops = [
-  { lower = -0.03, upper = 0.03, stiffness = 4e4, position = 0.6, motion = { amplitude = 0.004, frequency = "2*pi*0.1" } },
+  { lower = -0.03, upper = 0.03, stiffness = 4e4, position = 0.6, motion = { amplitude = 0.004, frequency = "pi/5" } },
   { upper = 0.1, stiffness = 2e5, position = 1.2 },
 ]
 """

@@ -15,7 +15,7 @@ import stiffbeam as sb
 from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model.beam import roots, tip_response
 from stiffbeam.model.modes import modes
-from stiffbeam.model.right_hand_side import state_space
+from stiffbeam.model.right_hand_side import RightHandSide, over_mass
 from stiffbeam.model.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
 from stiffbeam.model.time_functions import Drive
 
@@ -68,12 +68,12 @@ def test_the_displacement_stencils_are_the_papers():
     inside = [[4, -6, 4, -1, 0, 0], [-1, 4, -6, 4, -1, 0], [0, -1, 4, -6, 4, -1]]
     assert np.array_equal(H, [[-7, 4, -1, 0, 0, 0], *inside, [0, 0, -1, 4, -5, 2], [0, 0, 0, -2, 4, -2]])
     M, k2, d = 5, 300.0, 0.7  # (3.5)
-    first_order = state_space(*grids([M], viscosity=d, stops=sb.Stops(-0.1, 0.1, stiffness=1e3)))
-    row = first_order.matrix[2 * (M - 1) + 1]  # v_M''
+    equations = RightHandSide(*grids([M], viscosity=d, stops=sb.Stops(-0.1, 0.1, stiffness=1e3))).equations
+    row = equations.matrix[2 * (M - 1) + 1]  # v_M''
     assert np.allclose(row[[2 * M - 6, 2 * M - 4, 2 * M - 2]], -k2 * M**4 * np.array([2, -4, 2]))
     assert np.allclose(row[[2 * M - 5, 2 * M - 3, 2 * M - 1]], -d * M**4 * np.array([2, -4, 2]))
-    assert np.isclose(first_order.columns[0, -1], 2 * M)  # (2/h) sigma
-    assert first_order.bandwidths == (5, 4)
+    assert np.isclose(equations.pushes[0, -1], 2 * M)  # (2/h) sigma
+    assert grids([25], viscosity=d)[0].ode().bandwidths == (5, 4)
 
 
 def test_the_papers_velocity_curvature_eigenvalues_are_imaginary_and_well_conditioned():
@@ -86,8 +86,9 @@ def test_the_papers_velocity_curvature_eigenvalues_are_imaginary_and_well_condit
     assert np.max(np.abs(eigenvalues.real)) < 1e-9 * np.max(np.abs(eigenvalues))
     assert abs(np.linalg.cond(vectors) - 2.04) < 0.05
     assert np.allclose(np.sort(np.abs(eigenvalues))[::2], modes(system).omega, rtol=1e-9)
-    over_mass = -state_space(system).matrix[1::2, ::2]
-    assert np.allclose(system.mass @ over_mass, system.stiffness, rtol=0.0, atol=1e-14 * np.max(system.stiffness))
+    assert np.allclose(
+        system.mass @ over_mass(system)[0], system.stiffness, rtol=0.0, atol=1e-14 * np.max(system.stiffness)
+    )
 
 
 # ------------------------------------------------------------------ motions and deflections

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError, positive
-from ...model.right_hand_side import RightHandSide, state_space
+from ...model.right_hand_side import RightHandSide, first_order, over_mass
 from ...model.system import System
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request
@@ -154,7 +154,7 @@ class Stepping:
 def refuse_stiff(system: System, t_end: float) -> None:
     """Raise InputError if an explicit method needs more than MOST_STEPS steps for the fastest rate |lambda| of the free
     system, with steps of at most STABLE/|lambda|."""
-    rate = float(np.max(np.abs(np.linalg.eigvals(state_space(system).matrix)), initial=0.0))
+    rate = float(np.max(np.abs(np.linalg.eigvals(first_order(*over_mass(system)[:2]))), initial=0.0))
     steps = rate * positive("t_end", t_end) / STABLE
     if steps > MOST_STEPS:
         raise InputError(
