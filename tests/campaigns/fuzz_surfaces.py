@@ -158,7 +158,6 @@ FUNCTIONS = [
     Surface("lyapunov", sb.lyapunov, {"system": mass(), "t_end": 0.5}),
     Surface("compare", sb.compare, {"run": run(), "reference": exact()}),
     Surface("modes", sb.modes, {"system": beam()}, 1),
-    Surface("static_equilibrium", sb.static_equilibrium, {"system": mass(load=sb.Constant(1.0))}, 1),
     Surface("perturbed", lambda **x: list(sb.perturbed_members(**x)[:3]),
             {"system": beam(), "members": 3, "size": 1e-12, "rng": 1, "t_end": 1.0}, 6),
     *(Surface(f"varied {name}", lambda name=name, **x: marched(sb.varied_members(beam(), {name: x["values"]})[0]),

@@ -58,14 +58,29 @@ def interpolation(share: Array, M: int, times: int = 0) -> Array:
     return rows
 
 
-def beam_field(
-    problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike, slopes: int = 0, of: str = "value"
-) -> Array:
-    """d^slopes u/dx^slopes at x, u = v + phi (1 - (x/L)^2); q (m, n) of the times t (m,), x (...) -> (m, ...).
+def beam_field(problem: BeamProblem, form: str, quantity: str, t: Array, q: Array, v: Array, x: ArrayLike) -> Array:
+    """A field at x (...) and the times t (m,), (m, ...); q, v (m, n).
+
+    displacement   u = v + phi (1 - (x/L)^2)
+    velocity       u_t
+    moment         EI u_xx + eta u_xxt, > 0 where the beam curves towards positive u; order 2 in h
+    shear          sigma = -EI u_xxx - eta u_xxxt, the paper's shear stress; constant in a cell, order 1 in h
+    """
+    if quantity in ("displacement", "velocity"):
+        of_rate = quantity == "velocity"
+        return _slope(problem, form, t, v if of_rate else q, x, 0, "rate" if of_rate else "value")
+    slopes, sign = (2, 1.0) if quantity == "moment" else (3, -1.0)
+    stress = problem.stiffness * _slope(problem, form, t, q, x, slopes, "value")
+    if problem.viscosity != 0.0:
+        stress = stress + problem.viscosity * _slope(problem, form, t, v, x, slopes, "rate")
+    return sign * stress
+
+
+def _slope(problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike, slopes: int, of: str) -> Array:
+    """d^slopes u/dx^slopes, or with of="rate" and q' for q that of u_t.
 
     hermite: the element's own polynomials. The other forms: the cubic spline through the nodes with v = v_x = 0
-    at the clamp and u_xx = 0 at the tip. of="rate": the same of u_t, with q' for q. Raises InputError for x outside
-    [0, L].
+    at the clamp and u_xx = 0 at the tip. Raises InputError for x outside [0, L].
     """
     x, L = numbers("x", x), problem.length
     if np.any((x < 0.0) | (x > L)):
@@ -87,14 +102,6 @@ def beam_field(
     ends: Any = ((1, np.zeros(q.shape[:-1])), (2, 2.0 * phi))  # v_xx = 2 phi/L^2 where u_xx = 0
     spline = CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=ends)
     return (spline(share, slopes) + lift) / L**slopes
-
-
-def beam_stress(problem: BeamProblem, form: str, t: Array, q: Array, v: Array, x: ArrayLike, slopes: int) -> Array:
-    """EI d^slopes u/dx^slopes + eta d^slopes u_t/dx^slopes: with 2 the moment, with 3 minus the shear stress."""
-    stress = problem.stiffness * beam_field(problem, form, t, q, x, slopes)
-    if problem.viscosity != 0.0:
-        stress = stress + problem.viscosity * beam_field(problem, form, t, v, x, slopes, "rate")
-    return stress
 
 
 # ---------------------------------------------------------------- the stencils of the paper, as matrices

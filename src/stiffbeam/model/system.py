@@ -19,7 +19,7 @@ from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
-from .beam import beam_field, beam_stress
+from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .time_functions import (
@@ -438,29 +438,14 @@ class System:
 
         return ODE(self, form)
 
-    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
-        """u(x, t) of a beam between its nodes, see ``beam_field``; t (m,), q (m, n), x (...) -> (m, ...).
+    def field(self, quantity: str, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
+        """A field of a beam between its nodes, see ``beam_field``; t (m,), q and v (m, n), x (...) -> (m, ...).
 
         Raises InputError for a system that is not a beam, and for x outside it.
         """
-        return beam_field(self._beam("displacement(x)"), self.form, np.asarray(t, float), q, x)
-
-    def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
-        """u_t(x, t) as ``displacement``, from v = q'."""
-        return beam_field(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x, of="rate")
-
-    def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
-        """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""
-        return beam_stress(self._beam("moment(x)"), self.form, np.asarray(t, float), q, v, x, 2)
-
-    def shear(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
-        """sigma = -EI u_xxx - eta u_xxxt, the paper's shear stress; constant in a cell, order 1 in h."""
-        return -beam_stress(self._beam("shear(x)"), self.form, np.asarray(t, float), q, v, x, 3)
-
-    def _beam(self, wanted: str) -> BeamProblem:
         if self.problem is None:
-            raise InputError(wanted, self.form, "be asked of a beam", "for from_matrices use run.states")
-        return self.problem
+            raise InputError(f"{quantity}(x)", self.form, "be asked of a beam", "for from_matrices use run.states")
+        return beam_field(self.problem, self.form, quantity, np.asarray(t, float), q, v, x)
 
     @property
     def exact_parameters(self) -> tuple[str, ...]:

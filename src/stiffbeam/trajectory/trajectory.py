@@ -268,24 +268,24 @@ class Trajectory:
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
-        return self._beam("displacement(x)").displacement(self.t, self.states[0], x)
+        return self._field("displacement", x)
 
     def velocity(self, x: ArrayLike) -> Array:
         """u_t(x, t) at the output times, as ``displacement``."""
-        return self._beam("velocity(x)").velocity(self.t, self.states[1], x)
+        return self._field("velocity", x)
 
     def moment(self, x: ArrayLike) -> Array:
         """EI u_xx + eta u_xxt at the output times, the bending moment, as ``displacement``."""
-        return self._beam("moment(x)").moment(self.t, *self.states, x)
+        return self._field("moment", x)
 
     def shear(self, x: ArrayLike) -> Array:
         """sigma(x, t) = -EI u_xxx - eta u_xxxt at the output times, the shear, as ``displacement``."""
-        return self._beam("shear(x)").shear(self.t, *self.states, x)
+        return self._field("shear", x)
 
-    def _beam(self, wanted: str) -> System:
+    def _field(self, quantity: str, x: ArrayLike) -> Array:
         if self.system is None:
-            raise InputError(wanted, "a loaded file", "be asked of a run", "integrate again")
-        return self.system
+            raise InputError(f"{quantity}(x)", "a loaded file", "be asked of a run", "integrate again")
+        return self.system.field(quantity, self.t, *self.states, x)
 
     def plot(self) -> Figure:
         """Draw displacement, contact forces, phase portrait and energy, and return the matplotlib Figure."""
