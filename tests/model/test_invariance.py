@@ -68,17 +68,6 @@ def motion(run: sb.Trajectory, name: str) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def of_comparison(name: str) -> dict[str, float]:
-    (_, time, force), own = SCALES[name], system(name, "displacement")
-    result = sb.compare(sb.integrate(own, sb.HHT(-0.1), DT / time, END / time), sb.reference(own, END / time))
-    (contact,) = result.contacts
-    return {
-        "error": result.tip_error_rms, "lost": result.energy_lost, "lag": contact.matching.median_delay * time,
-        "first": contact.matching.first_error * time, "peak": contact.run_totals.peak_force * force,
-        "impulse": contact.reference_totals.impulse * force * time, "impacts": contact.run.impacts,
-    }  # fmt: skip
-
-
 def of_run(scheme: sb.Scheme, form: str):
     run = lambda name, time: sb.integrate(system(name, form), scheme, DT / time, END / time)  # noqa: E731
     return lambda name: motion(run(name, SCALES[name][1]), name)
@@ -96,7 +85,6 @@ def of_reference(method: str, form: str):
 KINDS = [  # what is observed, and how well three systems of units agree: a few impacts amplify rounding of 1e-13
     *((f"{scheme} {form}", of_run(scheme, form), 1e-8)
       for scheme in (sb.HHT(-0.1), sb.SDIRK(), sb.BDF2(), sb.Bathe()) for form in FORMS),
-    ("comparison", of_comparison, 1e-5),  # errors are differences: what is left of eight digits of the motion
     # CVODE's error test is relative to |y|, with an absolute part that does not scale with the units.
     *(pytest.param(f"{method} {form}", of_reference(method, form), 2e-5 if method == "cvode" else 1e-7,
                    marks=pytest.mark.slow)

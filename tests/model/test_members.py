@@ -7,9 +7,7 @@ from dataclasses import replace
 import massless_contact
 import numpy as np
 import pytest
-import round_hole
 from noise import noise
-from scipy.integrate import solve_ivp
 from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
@@ -154,35 +152,6 @@ def test_two_paths_to_one_number_are_refused():
 
 
 # ------------------------------------------------------------------ the how-to scripts
-
-
-def test_noise_is_the_sum_of_cosines_that_its_docstring_states():
-    record, base = noise(6.0, 0.7, (2.0, 20.0), rng=3), 2.0 * np.pi / 6.0
-    k = np.arange(np.ceil(2.0 / base), np.floor(20.0 / base) + 1)
-    phases = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(k))
-    cosines = np.cos(np.outer(record.t, base * k) + phases)
-    np.testing.assert_allclose(record.values, 0.7 * np.sqrt(2.0 / len(k)) * np.sum(cosines, axis=1), atol=1e-12)
-    assert np.mean(record.values[:-1] ** 2) == pytest.approx(0.49, rel=1e-12)
-
-
-def test_twelve_sides_have_the_peak_force_of_the_circle():
-    """Against SciPy with the force kappa (|r| - c)_+ along r; the polygon may be 2 % too soft to 28 % too stiff."""
-    system = round_hole.tube_in_hole(12)
-    inverse, n, ends = np.linalg.inv(system.mass), system.size, [5, 11]
-
-    def rhs(t, z):
-        q, v = z[:n], z[n:]
-        force = system.load(t) - system.stiffness @ q - system.damping @ v
-        size = np.hypot(*q[ends])
-        force[ends] -= round_hole.KAPPA * max(size - round_hole.CLEARANCE, 0.0) * q[ends] / (size or 1.0)
-        return np.concatenate([v, inverse @ force])
-
-    exact = sb.reference(system, 0.1)
-    z = solve_ivp(rhs, (0.0, 0.1), np.zeros(2 * n), "DOP853", exact.t, rtol=1e-7, atol=1e-11, max_step=2e-4).y
-    circle = round_hole.KAPPA * (np.hypot(*z[ends]) - round_hole.CLEARANCE)
-    polygon = np.hypot(*(round_hole.directions(12).T @ np.array([contact.force for contact in exact.contacts])))
-    assert np.max(polygon) == pytest.approx(np.max(circle), rel=0.05)
-    assert round_hole.force_ratio(12, 1e-9) == pytest.approx((0.0, 1.0), abs=1e-6)
 
 
 def test_a_rod_without_mass_at_its_end_rebounds_with_its_speed():

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from oracles import beam_roots, moving_support_series
 from scipy.integrate import solve_ivp
-from systems import with_stops
 
 import stiffbeam as sb
-from stiffbeam.measures.frequencies import steady_state
 from stiffbeam.model.beam import roots, tip_response
 from stiffbeam.model.modes import modes
 from stiffbeam.model.right_hand_side import RightHandSide, over_mass
 from stiffbeam.model.semidiscretisation import FORMS, bending_stencil, velocity_curvature_matrices
-from stiffbeam.model.time_functions import Drive
 
 E, A = 0.01, 40.0  # amplitude and frequency of the support's start from rest
 
@@ -135,19 +131,6 @@ def test_the_driven_tip_is_what_a_fine_grid_approaches(viscosity, frequency):
     assert abs(slope(cells, errors) - 2.0) < 0.1
 
 
-@pytest.mark.parametrize("viscosity", [0.0, 0.05])
-def test_the_steady_motion_solves_the_equation_of_motion(viscosity):
-    loads = (sb.PointLoad(0.5, sb.Harmonic(3.0, 40.0, 0.3)), sb.DistributedLoad(lambda x: 1.0 + x, sb.Constant(2.0)))
-    (system,) = grids([8], viscosity=viscosity, base=sb.Harmonic(0.2, 10.0), loads=loads)
-    (y, start), drive = steady_state(system), Drive.of(system)
-    assert np.array_equal(start, drive.coefficients(0.0))
-    for t in (0.0, 0.37, 2.0):
-        g, rate = drive.coefficients(t), drive.derivative()
-        q, v, a = (x @ y for x in (g, rate @ g, rate @ rate @ g))
-        residual = system.mass @ a + system.damping @ v + system.stiffness @ q - system.load(t)
-        assert np.max(np.abs(residual)) < 1e-10 * np.max(np.abs(system.load(t)))
-
-
 @pytest.mark.parametrize("profile", [lambda x: 0.1 + 0.0 * x, lambda x: 0.1 + x**2, lambda x: 0.1 - 3 * x**2 + x**3])
 def test_initial_displacements_that_meet_the_clamp_are_accepted(profile):
     problem = sb.BeamProblem(stiffness=1.0, base=sb.Constant(0.1), initial_displacement=profile)
@@ -221,19 +204,3 @@ def test_a_stop_at_a_node_is_the_same_contact_as_one_of_matrices():
     again = replace(made, contacts=given.contacts, loads=given.loads, observe=tip)
     assert (again.problem, again.fingerprint) == (made.problem, made.fingerprint)
     assert np.array_equal(sb.integrate(again, sb.BDF2(), 1e-4, 0.3).tip, runs[0])
-
-
-def test_the_problem_of_a_system_has_its_stops_where_they_are():
-    problem = beam(MIDDLE, TIP)
-    system = sb.semidiscretise(problem, CELLS)
-    assert system.problem == problem == again(system).problem
-    assert system.problem.all_stops == (MIDDLE, TIP)
-    softer = with_stops(system, sb.Stops(-0.03, 0.03, stiffness=1.0), TIP)
-    assert softer.problem.all_stops[0] == replace(MIDDLE, stiffness=1.0)
-    slower = sb.varied_members(system, {"frequency": [9.0]})[0]  # the base's: the gap follows it
-    assert slower.fingerprint == sb.semidiscretise(beam(MIDDLE, TIP, base=sb.Harmonic(0.2, 9.0)), CELLS).fingerprint
-    assert replace(system, contacts=(sb.Contact(np.ones(CELLS), TIP),)).problem is None
-
-
-def again(value):
-    return pickle.loads(pickle.dumps(value))
