@@ -70,7 +70,7 @@ NO_BEAM = [
     (lambda: beam("free-free", base=sb.Constant(0.1)), "base must be None for a free-free beam"),
     (lambda: beam("clamped-pinned", tip_mass=0.1), "tip_mass must be 0 for a clamped-pinned beam"),
     (lambda: beam(tip_mass=-0.1), "tip_mass must be >= 0"), (lambda: beam(modal_damping=-0.1), "modal_damping"),
-    (lambda: beam("pinned-pinned", stops=sb.Stops(upper=1, stiffness=1)), "stops.position must be inside a"),
+    (lambda: beam("pinned-pinned", stops=sb.Stops(upper=1, stiffness=1)), "must lie inside a pinned-pinned beam"),
     (lambda: beam("clamped-clamped", initial_displacement=lambda x: x**2), "initial_displacement must equal"),
     (lambda: beam("clamped-clamped", initial_displacement=lambda x: x**2 * (x - 2.0)), "zero slope at the clamp x"),
     *((lambda x=x: sb.BeamProblem(stiffness=x), f"^stiffness must {rule}, got {re.escape(repr(x))}")
@@ -91,7 +91,7 @@ NO_BEAM = [
     (lambda: grid(form="velocity-curvature", tip_mass=1.0), "tip_mass must be 0 in the velocity"),
     (lambda: grid(modal_damping=0.1), "form hermite"),
     (lambda: grid(form="displacment"), "did you mean displacement"), (lambda: grid(3), "cells"),
-    (lambda: beam(stops=sb.Stops(upper=0.1, stiffness=1.0, position=0.0)), "stops.position must lie on the beam"),
+    (lambda: beam(stops=sb.Stops(upper=0.1, stiffness=1.0, position=0.0)), "must lie inside a clamped-free beam"),
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, position=-1.0), "stops.position must be >= 0"),
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
     (lambda: sb.Contact(np.ones(3), replace(TIP, position=0.6)), "contact.stops.position must be None in a contact"),

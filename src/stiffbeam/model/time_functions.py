@@ -455,15 +455,7 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
 
 
 def load_function(field: str, function: Any) -> Any:
-    """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
-
-    A subclass of Harmonic, Constant, Sampled or Superposition is refused: these are computed with as numbers, and
-    what it overrides would be ignored.
-    """
-    for known in (*KNOWN, Superposition):
-        if isinstance(function, known):
-            itself(field, function, known)
-            return function
+    """``function`` if it is one of time: a TimeFunction, or a callable."""
     remedy = "for example Constant(0.1)"
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
