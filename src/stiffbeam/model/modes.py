@@ -36,15 +36,48 @@ ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that mu
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """q = shapes @ eta,  eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f.
+    """Free motions of a system away from its stops, slowest first.
 
-    omega: (n,) ascending angular frequencies. shapes: (n, n), shapes^T M shapes = I. damping: (n,).
+    Where the damping does not couple them, k = n and
+
+        q = shapes eta,   eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f,   shapes^T M shapes = I,
+
+    with the undamped frequencies omega. Where it does, a mode is q = Re(shape e^(lambda t)) with a complex shape,
+    (lambda^2 M + lambda C + K) shape = 0, omega = |lambda| and damping = -2 Re lambda: one for every pair of conjugate
+    lambda, and one of ratio 1 for every real lambda, a motion that only decays; then k > n. For one underdamped degree
+    of freedom the two definitions agree.
+
+    Parameters
+    ----------
+    omega : array (k,)
+        Angular frequencies.
+    shapes : array (n, k)
+        A column per mode, shape^H M shape = 1, its largest entry positive.
+    damping : array (k,)
+        2 damping_ratio omega.
+    mass : array (n, n)
+    coupled : bool
+        True where the damping couples the modes.
     """
 
     omega: Array
     shapes: Array
     damping: Array
     mass: Array
+    coupled: bool = False
+
+    def __repr__(self) -> str:
+        lines = [f"{'':4}{'omega':>14}{'damping ratio':>16}"]
+        lines += [
+            f"{j:4d}{w:14.6g}{z:16.4g}" for j, (w, z) in enumerate(zip(self.omega, self.damping_ratio, strict=True), 1)
+        ]
+        return "\n".join(lines if len(lines) <= 21 else [*lines[:20], f"    ... {len(self.omega)} modes"])
+
+    @property
+    def damping_ratio(self) -> Array:
+        """Damping over critical damping, (k,); NaN for a rigid motion, omega = 0."""
+        unknown = np.full(len(self.omega), np.nan)
+        return np.divide(0.5 * self.damping, self.omega, out=unknown, where=self.omega > 0.0)
 
     @property
     def equation(self) -> Modal:

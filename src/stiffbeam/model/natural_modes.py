@@ -2,58 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 
-from ..basics.arrays import Array
 from ..basics.validation import InputError, integer
 from . import modes as decoupled
+from .modes import Modes
 from .system import System, require_system
 
 
-@dataclass(frozen=True, eq=False)
-class NaturalModes:
-    """Free motions of a system away from its stops, slowest first.
-
-    Where the damping does not couple the modes, k = n and
-
-        q = shape eta,   eta'' + 2 ratio omega eta' + omega^2 eta = 0,
-
-    with the undamped frequency omega; the ratio is NaN for a rigid motion, omega = 0. Where it does couple them, a mode
-    is q = Re(shape e^(lambda t)) with (lambda^2 M + lambda C + K) shape = 0 and a complex shape,
-
-        omega = |lambda|,   ratio = -Re lambda / |lambda|,
-
-    one for every pair of conjugate lambda, and one of ratio 1 for every real lambda, a motion that only decays; then
-    k > n. For one underdamped degree of freedom the two definitions agree.
-
-    Parameters
-    ----------
-    omega : array (k,)
-        Angular frequencies.
-    shapes : array (n, k)
-        A column per mode, shape^H M shape = 1, its largest entry positive.
-    damping_ratio : array (k,)
-    coupled : bool
-        True where the damping couples the modes.
-    """
-
-    omega: Array
-    shapes: Array
-    damping_ratio: Array
-    coupled: bool
-
-    def __repr__(self) -> str:
-        lines = [f"{'':4}{'omega':>14}{'damping ratio':>16}"]
-        lines += [
-            f"{j + 1:4d}{w:14.6g}{z:16.4g}" for j, (w, z) in enumerate(zip(self.omega, self.damping_ratio, strict=True))
-        ]
-        return "\n".join(lines if len(lines) <= 21 else [*lines[:20], f"    ... {len(self.omega)} modes"])
-
-
-def modes(system: System, count: int | None = None) -> NaturalModes:
+def modes(system: System, count: int | None = None) -> Modes:
     """Return the natural modes of a system away from its stops, whatever its damping.
 
     Parameters
@@ -64,7 +24,7 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
 
     Returns
     -------
-    NaturalModes
+    Modes
 
     Raises
     ------
@@ -80,20 +40,14 @@ def modes(system: System, count: int | None = None) -> NaturalModes:
     require_system(system)
     if count is not None:
         integer("count", count, 1)
-    basis = decoupled.modes(system)
-    if basis is None:
-        omega, shapes, decay = _complex_modes(system)
-    else:
-        omega, shapes, decay = basis.omega, basis.shapes, 0.5 * basis.damping
-    if count is not None and count > len(omega):
-        raise InputError("count", count, f"be at most {len(omega)}, all modes", "leave it out for all")
-    ratio = np.divide(decay, omega, out=np.full(len(omega), np.nan), where=omega > 0.0)
-    return NaturalModes(omega[:count], shapes[:, :count], ratio[:count], coupled=basis is None)
+    found = decoupled.modes(system) or _complex_modes(system)
+    if count is not None and count > len(found.omega):
+        raise InputError("count", count, f"be at most {len(found.omega)}, all modes", "leave it out for all")
+    return replace(found, omega=found.omega[:count], shapes=found.shapes[:, :count], damping=found.damping[:count])
 
 
-def _complex_modes(system: System) -> tuple[Array, Array, Array]:
-    """|lambda|, shapes and -Re lambda by the first-order form in undamped modal coordinates, scaled by their
-    frequencies."""
+def _complex_modes(system: System) -> Modes:
+    """The modes by the first-order form in undamped modal coordinates, scaled by their frequencies."""
     # In undamped modes the matrices are diagonal but for the damping.
     basis = decoupled.undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
@@ -122,4 +76,4 @@ def _complex_modes(system: System) -> tuple[Array, Array, Array]:
     norms = np.sqrt(np.real(np.sum(np.conj(shapes) * (system.mass @ shapes), axis=0)))
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
     shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
-    return np.abs(values), shapes, -np.real(values)
+    return Modes(np.abs(values), shapes, -2.0 * np.real(values), system.mass, coupled=True)
