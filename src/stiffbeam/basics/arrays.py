@@ -54,13 +54,18 @@ def is_read_only(values: Any) -> bool:
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
-def freeze(owner: object, *names: str) -> None:
-    """Read-only copies of these arrays, and of the vectors of ``loads``: a pickled array can be written to again."""
-    for name in names:
-        values = getattr(owner, name)
-        object.__setattr__(owner, name, None if values is None else read_only(values))
-    if loads := getattr(owner, "loads", ()):
-        object.__setattr__(owner, "loads", tuple((read_only(vector), f) for vector, f in loads))
+class Frozen:
+    """Base of frozen dataclasses with arrays of floats, whose copies hold read-only arrays too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # A pickled array can be written to again.
+        self.__dict__.update({name: _frozen(value) for name, value in state.items()})
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 def same(a: Array | None, b: Array | None) -> bool:

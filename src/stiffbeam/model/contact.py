@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
+from ..basics.arrays import Array, Frozen, read_only
+from ..basics.validation import InputError, constants, itself, non_negative, number, positive
 from ..kernels.march import contact_forces
 from . import contact_law
 from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
@@ -252,7 +251,7 @@ SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(Frozen):
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
 
     Parameters
@@ -289,9 +288,9 @@ class Contact:
     def __post_init__(self) -> None:
         itself("contact", self, Contact)
         given, rule = self.row, "be finite and not all zero"
-        # A row that is read-only stays the same object: results that are stored by identity still hold.
-        row = given if is_read_only(given) else read_only(numbers("contact.row", given, rule).ravel())
-        if row.ndim != 1 or not np.all(np.isfinite(row)) or not np.any(row):
+        row = constants("contact.row", given, rule)
+        row = row if row.ndim == 1 else read_only(row.ravel())
+        if not np.any(row):
             raise InputError("contact.row", given, rule, "for example [0, 0, 1]")
         object.__setattr__(self, "row", row)
         itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
@@ -301,10 +300,6 @@ class Contact:
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
             motion_function("contact.offset", self.offset)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        freeze(self, "row")
 
 
 def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:

@@ -17,8 +17,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.validation import InputError, exact_value, itself, number, numbers, one_of, positive
+from ..basics.arrays import Array, Frozen
+from ..basics.validation import InputError, constants, exact_value, itself, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -159,7 +159,7 @@ class Constant:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled:
+class Sampled(Frozen):
     """f(t) through the points (t_i, values_i), for t_0 <= t <= t_last; or its ``derivative``-th derivative.
 
         "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
@@ -202,10 +202,10 @@ class Sampled:
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
             stated, rule = getattr(self, name), "be two or more finite numbers in a row"
-            array = stated if is_read_only(stated) else numbers(f"sampled.{name}", stated, rule)
+            array = constants(f"sampled.{name}", stated, rule)
             if array.ndim != 1 or len(array) < 2:
                 raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            object.__setattr__(self, name, read_only(array))
+            object.__setattr__(self, name, array)
         if len(self.t) != len(self.values):
             remedy = "give as many values as times"
             raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
@@ -219,10 +219,6 @@ class Sampled:
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
         self._whole  # noqa: B018  which refuses slopes that overflow
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        freeze(self, "t", "values")
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}
