@@ -170,7 +170,6 @@ FUNCTIONS = [
     Surface("study", sb.study, {"name": "modes", "case": "table10", "schemes": ["hht"], "jobs": 1}),
     Surface("run.save", saved, {"suffix": ".nc"}, 1),
     Surface("run.displacement", lambda x: run().displacement(x), {"x": [0.1, 0.5]}),
-    Surface("run.moment", lambda x: run().moment(x), {"x": [0.1, 0.5]}),
     Surface("reference.at", lambda **x: exact().at(**x), {"t": [0.0, 0.01], "contact": 0}, 6),
     Surface("reference.impacts_sampled", lambda **x: exact().impacts_sampled(**x),
             {"dt": 1e-3, "t_end": 0.05, "contact": 0}, 6),

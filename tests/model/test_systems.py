@@ -51,7 +51,7 @@ def test_every_solver_sees_a_replaced_matrix(form, field):
     assert np.max(np.abs(own - wanted)) < 1e-6 * np.max(np.abs(wanted))
     assert (changed.problem, changed.form) == (None, "matrices")
     with pytest.raises(sb.InputError, match="beam"):
-        changed.field("displacement", [0.0], changed.q0[None], changed.v0[None], 1.0)
+        changed.displacement([0.0], changed.q0[None], 1.0)
 
 
 def test_the_beam_follows_its_stops_and_leaves_with_its_loads():

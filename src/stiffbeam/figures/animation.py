@@ -92,7 +92,7 @@ def motion_of(run: Trajectory, system: System, t: Array) -> tuple[Array, Array, 
     if system.problem is None:
         return np.arange(len(system.channels), dtype=float), system.positions(times, q), tip
     x = np.linspace(0.0, system.problem.length, POINTS)
-    return x, system.field("displacement", times, q, q, x), tip
+    return x, system.displacement(times, q, x), tip
 
 
 def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, Any]:

@@ -426,14 +426,14 @@ class System(Frozen):
 
         return ODE(self, form)
 
-    def field(self, quantity: str, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
-        """A field of a beam between its nodes, see ``beam_field``; t (m,), q and v (m, n), x (...) -> (m, ...).
+    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike, of: str = "value") -> Array:
+        """u(x, t) of a beam between its nodes, or with of="rate" and q' for q its velocity, see ``beam_field``.
 
-        Raises InputError for a system that is not a beam, and for x outside it.
+        t (m,), q (m, n), x (...) -> (m, ...). Raises InputError for a system that is not a beam, and for x outside it.
         """
-        if self.problem is None:
-            raise InputError(f"{quantity}(x)", self.form, "be asked of a beam", "for from_matrices use run.states")
-        return beam_field(self.problem, self.form, quantity, np.asarray(t, float), q, v, x)
+        if self.problem is None or self.cells is None:
+            raise InputError("displacement(x)", self.form, "be asked of a beam", "for from_matrices use run.states")
+        return beam_field(self.problem, self.form, self.cells, np.asarray(t, float), q, x, of)
 
     @property
     def exact_parameters(self) -> tuple[str, ...]:

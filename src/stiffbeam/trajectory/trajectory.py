@@ -268,24 +268,17 @@ class Trajectory:
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
-        return self._field("displacement", x)
+        return self._beam.displacement(self.t, self.states[0], x)
 
     def velocity(self, x: ArrayLike) -> Array:
         """u_t(x, t) at the output times, as ``displacement``."""
-        return self._field("velocity", x)
+        return self._beam.displacement(self.t, self.states[1], x, of="rate")
 
-    def moment(self, x: ArrayLike) -> Array:
-        """EI u_xx + eta u_xxt at the output times, the bending moment, as ``displacement``."""
-        return self._field("moment", x)
-
-    def shear(self, x: ArrayLike) -> Array:
-        """sigma(x, t) = -EI u_xxx - eta u_xxxt at the output times, the shear, as ``displacement``."""
-        return self._field("shear", x)
-
-    def _field(self, quantity: str, x: ArrayLike) -> Array:
+    @property
+    def _beam(self) -> System:
         if self.system is None:
-            raise InputError(f"{quantity}(x)", "a loaded file", "be asked of a run", "integrate again")
-        return self.system.field(quantity, self.t, *self.states, x)
+            raise InputError("displacement(x)", "a loaded file", "be asked of a run", "integrate again")
+        return self.system
 
     def plot(self) -> Figure:
         """Draw displacement, contact forces, phase portrait and energy, and return the matplotlib Figure."""
