@@ -268,11 +268,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
     for path, value in values.items():
         number(path, value)
-        if path in DRIVE:
-            places = _drive(system, path)
-            value = positive(path, value) if path == "frequency" else value
-        else:
-            places = [path]
+        value = positive(path, value) if path == "frequency" else value
+        places = _places(system, path)
         try:
             system = _placed(system, [keys for place in places for keys in _keys_of(system, place)], value)
         except LookupError as error:
@@ -308,9 +305,9 @@ def paths_of(system: System) -> list[str]:
 
 
 def value_at(system: System, path: str) -> float:
-    """The number at a path. Raises LookupError where there is none, or different ones behind "stops"."""
+    """The number at a path or a short name. Raises LookupError where there is none, or different ones behind it."""
     found = set()
-    for keys in _keys_of(system, path):
+    for keys in [keys for place in _places(system, path) for keys in _keys_of(system, place)]:
         thing: Any = system.problem or system
         for key in keys:
             thing = _part(thing, key)
@@ -405,8 +402,10 @@ def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
                 yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
 
 
-def _drive(system: System, name: str) -> list[str]:
-    """The paths to the frequency or the amplitude of the drive."""
+def _places(system: System, name: str) -> list[str]:
+    """The path itself, or those to the frequency or the amplitude of the drive."""
+    if name not in DRIVE:
+        return [name]
     found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
     places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))
