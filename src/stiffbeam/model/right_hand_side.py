@@ -49,8 +49,8 @@ def over_mass(system: System) -> tuple[Array, Array, Callable[[Array], Array]]:
     """M^-1 K, M^-1 C, and x -> M^-1 x."""
     diagonal = np.diag(system.mass)
     if not np.any(system.mass - np.diag(diagonal)):
-        # Of 1/M_i a whole number, as on the paper's grids, times those of its stencils nothing is rounded: a rounding
-        # of every entry alone would perturb the lowest frequency by eps (w_max/w_1)^2.
+        # By reciprocals: on the paper's grids they are whole numbers, and their products with its stencils exact. A
+        # rounding of each entry would perturb the lowest frequency by eps (w_max/w_1)^2.
         reciprocal = 1.0 / diagonal
         divide = lambda x: (x.T * reciprocal).T  # noqa: E731
     else:

@@ -492,8 +492,8 @@ def breakpoints_of(function: LoadFunction | None) -> Array:
         if isinstance(part, Derivative):
             times.append(breakpoints_of(part.function))
         else:
-            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", ())
-            times.append(times_of("breakpoints", stated))
+            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", None)
+            times.append(times_of("breakpoints", () if stated is None else stated))
     return np.unique(np.concatenate(times))
 
 
