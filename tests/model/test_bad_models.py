@@ -13,7 +13,6 @@ import scipy.sparse
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.files.cases import parse_case
 from stiffbeam.model.members import EnsembleMembers
 
 TIP = sb.Stops(-0.1, 0.1, stiffness=2e5)
@@ -46,11 +45,6 @@ def member(path, **start):
 
 def reduced(M, K, C=None, row=(1.0, 0.0, 0.0, 0.0), **options):
     return sb.reduce_model(M, K, C, observe=np.array(row), **({"modes": 1} | options))
-
-
-def uncertain(line):
-    case = '[[case]]\nname = "tube"\ncells = 6\ndt = 2e-4\nt_end = 0.5\n[case.problem]\nstiffness = 300.0\n'
-    return parse_case(f"{case}stops = {{ upper = 1e-3, stiffness = 1e4 }}\n[case.uncertain]\n{line}", "own.toml")
 
 
 def start(profile):
@@ -161,12 +155,6 @@ NO_MEMBER = [
     (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], [one_mass(1.0)]), "unknowns and contacts"),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),
-    *((lambda line=line: uncertain(line), words) for line, words in (
-        ("stiffnes = [290, 310]", "tube.*parameter must be a path"),
-        ("stiffness = 0.01", 'uncertain.*stiffness.* must be a (range|list)'), ("stiffness = [310, 290]",
-         "two increasing numbers"),
-        ("stops.stiffness = [1, 2]", 'uncertain.*stops.* must be a (range|list)'),
-        ("stiffness = [-1, 2]", "must be > 0"))),
 ]  # fmt: skip
 
 

@@ -7,10 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.references.horizon import time_tolerance
 
 L, EI, M, KAPPA, ETA = 0.4, 4.2, 0.16, 1e5, 2e-3
 # Each system's unit of length, time and force, in metres, seconds and newtons. The one without dimension
@@ -101,10 +99,3 @@ def test_one_motion_in_all_units(kind, observed, within):
             assert other[key].shape == values.shape, key
             scale = np.max(np.abs(values), initial=1e-300)
             assert np.max(np.abs(other[key] - values), initial=0.0) <= within * scale, key
-
-
-def test_impact_times_of_a_free_mass_may_differ_by_the_same_share_in_all_units():
-    """It has no natural period but that of its stop."""
-    of_mass = lambda time: time_tolerance(one_mass(0.0, sb.Stops(upper=1.0, stiffness=1e4 * time**2), v=time))  # noqa: E731
-    assert abs(of_mass(1.0) - 1e-3 * 2.0 * np.pi / 100.0) < 1e-15
-    assert abs(1e-6 * of_mass(1e-6) / of_mass(1.0) - 1.0) < 1e-12
