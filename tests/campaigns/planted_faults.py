@@ -94,7 +94,7 @@ FAULTS = [
     ("model", "model/semidiscretisation.py", "offset = combined((1.0 - share**2, problem.base)", "offset = combined((1.0 - share, problem.base)"),
     ("model", "model/semidiscretisation.py", "weights[cell], weights[cell + 1] = 1.0 - theta, theta", "weights[cell], weights[cell + 1] = theta, 1.0 - theta"),
     ("model", "model/semidiscretisation.py", "mass[-1] += problem.tip_mass", "mass[-1] += 0.5 * problem.tip_mass"),
-    ("model", "model/semidiscretisation.py", "second[0, :2] = (8.0, -1.0)", "second[0, :2] = (8.0, 1.0)"),
+    ("model", "model/beam.py", "L[0, :2] = (4.0, -0.5)", "L[0, :2] = (4.0, 0.5)"),
     ("model", "model/semidiscretisation.py", "drag = problem.viscosity * grid.bending + problem", "drag = problem"),
     ("model", "model/semidiscretisation.py", "- speed * (1.0 -", "+ speed * (1.0 -"),
     ("model", "model/semidiscretisation.py", "bending=2.0 / L**2 * slope", "bending=1.0 / L**2 * slope"),
