@@ -9,7 +9,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.measures.comparison import AT_REST
-from stiffbeam.model.time_functions import stays_at_rest
+from stiffbeam.model.scales import scales
 
 STILL = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6))
 FAR = replace(STILL, stops=sb.Stops(lower=-1.0, upper=1.0, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))
@@ -28,7 +28,7 @@ PULSE = sb.Sampled([0.0, 0.1, 0.2, 1.0], [0.0, 1.0, 0.0, 0.0])
 ])  # fmt: skip
 def test_what_stays_at_rest_is_known(change: dict[str, object], still: bool) -> None:
     system = sb.semidiscretise(replace(STILL, **change), cells=4)
-    assert stays_at_rest(system) == still
+    assert (scales(system, 0.5).speed == 0.0) == still
     assert np.any(sb.reference(system, t_end=0.5).tip) != still
 
 

@@ -17,53 +17,15 @@ EPS = np.finfo(float).eps
 POSITIONS = st.floats(-5.0, 5.0)
 
 
-@st.composite
-def any_stops(draw):
-    """Two-sided or one-sided, gaps from touching to wide, kappa from 1e-2 to 1e9."""
-    lower = draw(st.floats(-2.0, 1.0))
-    upper = lower + draw(st.floats(1e-6, 3.0))
-    side = draw(st.sampled_from(["both", "lower", "upper"]))
-    return sb.Stops(
-        None if side == "upper" else lower,
-        None if side == "lower" else upper,
-        stiffness=10.0 ** draw(st.floats(-2.0, 9.0)),
-    )
-
-
-# ---------------------------------------------------------------- one contact
-
-
-def test_the_upper_stop_pushes_down_and_the_lower_up():
-    stops = sb.Stops(-0.1, 0.2, stiffness=50.0)
-    force = stops.force([-0.3, -0.1, 0.0, 0.2, 0.5])
-    assert np.allclose(force, [10.0, 0.0, 0.0, 0.0, -15.0], rtol=1e-14)
-    assert np.allclose(stops.energy([-0.3, 0.0, 0.5]), [1.0, 0.0, 2.25], rtol=1e-14)
-
-
-def test_a_side_without_a_stop_is_free():
-    lower, upper = sb.Stops(-0.1, stiffness=50.0), sb.Stops(upper=0.2, stiffness=50.0)
-    far = np.array([-1e6, -1.0, 0.0, 1.0, 1e6])
-    assert np.array_equal(lower.force(far) != 0.0, [True, True, False, False, False])
-    assert np.array_equal(upper.force(far) != 0.0, [False, False, False, True, True])
-    assert np.array_equal(lower.state(far), [-1, -1, 0, 0, 0])
-    assert np.array_equal(upper.state(far), [0, 0, 0, 1, 1])
-    assert (lower.upper_bound, upper.lower_bound) == (math.inf, -math.inf)
-
-
-def test_contact_begins_strictly_beyond_the_stop():
-    stops = sb.Stops(-0.1, 0.2, stiffness=1e9)
-    assert not np.any(stops.state([-0.1, 0.2]))
-    assert not np.any(stops.force([-0.1, 0.2]))
-    assert np.array_equal(stops.state([np.nextafter(-0.1, -1.0), np.nextafter(0.2, 1.0)]), [-1, 1])
-    assert stops.state(0.3).dtype == np.int64
-
-
-def closed_form(stops, r, s):
-    """F of v = r + s F(v) under the linear law: kappa/(1 + kappa s) (clip(r, g1, g2) - r)."""
-    return -stops.stiffness / (1.0 + stops.stiffness * s) * float(stops.penetration(r))
-
-
-# ---------------------------------------------------------------- several contacts
+def test_force_energy_and_state_on_both_sides():
+    """On the stop itself there is no contact, one double beyond it there is."""
+    stops, beyond = sb.Stops(-0.1, 0.2, stiffness=50.0), [np.nextafter(-0.1, -1.0), np.nextafter(0.2, 1.0)]
+    u = [-0.3, -0.1, 0.0, 0.2, 0.5]
+    assert np.allclose(stops.force(u), [10.0, 0.0, 0.0, 0.0, -15.0], rtol=1e-14)
+    assert np.allclose(stops.energy(u), [1.0, 0.0, 0.0, 0.0, 2.25], rtol=1e-14)
+    assert np.array_equal(stops.state(u + beyond), [-1, 0, 0, 0, 1, -1, 1])
+    for one, side in ((sb.Stops(-0.1, stiffness=50.0), -1), (sb.Stops(upper=0.2, stiffness=50.0), 1)):
+        assert np.array_equal(one.state([-1e6, -1.0, 0.0, 1.0, 1e6]), [min(side, 0)] * 2 + [0] + [max(side, 0)] * 2)
 
 
 def by_enumeration(r, S, stops):
@@ -95,8 +57,8 @@ def by_enumeration(r, S, stops):
 
 @st.composite
 def several(draw):
-    """Positions, an SPD compliance of condition up to 1e8, and stops, for m = 2 or 3."""
-    m = draw(st.sampled_from([2, 3]))
+    """Positions, an SPD compliance of condition up to 1e8, and stops, for m = 1 to 3."""
+    m = draw(st.sampled_from([1, 2, 3]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     Q, _ = np.linalg.qr(rng.normal(size=(m, m)))
     S = (Q * np.logspace(0.0, -draw(st.floats(0.0, 8.0)), m)) @ Q.T * 10.0 ** draw(st.floats(-9.0, 0.0))
@@ -136,15 +98,6 @@ def test_several_contacts_are_solved_as_by_trying_all_regimes(case):
     assert close(by_enumeration(r, S, stops), solve_several(r, S, stops), S, stops)
 
 
-@given(any_stops(), POSITIONS, st.floats(-9.0, 1.0))
-def test_one_contact_among_several_is_the_closed_form(stops, r, exponent):
-    s = 10.0**exponent
-    closed = closed_form(stops, r, s)
-    # The penetration may cancel: its error is eps (|r| + |g|), with |g| < 4.
-    tolerance = 8.0 * EPS * (stops.stiffness / (1.0 + stops.stiffness * s) * (abs(r) + 4.0) + abs(closed))
-    assert abs(solve_several(np.array([r]), np.array([[s]]), [stops])[0] - closed) <= tolerance + 1e-300
-
-
 def test_rigid_contacts_that_almost_follow_from_each_other_meet_their_conditions():
     """Two of the rows nearly parallel, up to the condition of 1e12 that rigid stops are accepted with."""
     rng, conditions = np.random.default_rng(4), []
@@ -171,5 +124,5 @@ def test_two_contacts_at_one_point_share_the_force():
     """A singular compliance: the same point touches two equal springs, twice as stiff as one."""
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e4)] * 2
     S = np.full((2, 2), 1e-3)
-    total = closed_form(sb.Stops(-0.1, 0.1, stiffness=2e4), 0.5, 1e-3)
+    total = -2e4 / (1.0 + 2e4 * 1e-3) * (0.5 - 0.1)
     assert np.allclose(solve_several(np.array([0.5, 0.5]), S, stops), total / 2.0, rtol=1e-12)

@@ -6,23 +6,18 @@ import itertools
 import math
 from functools import partial
 
-import mpmath
 import numpy as np
 import pytest
 from law_systems import Witness, random_system
-from scipy.special import gamma
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.kernels.march import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact_law
-from stiffbeam.model.contact import dissipation_for
 from stiffbeam.model.right_hand_side_jax import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
-KV = {0.01: (3.1217484115644179, 0.96926475046449247), 0.1: (2.9560753247495496, 0.74407939772177969)}
-HC = {0.01: 0.99337745439876736, 1.0: 0.59362426004004009}
 TIGHT = {"rtol": 1e-13, "method": "dop853"}
 
 
@@ -34,65 +29,20 @@ def ball(stops: sb.Stops, speed: float = 1.0, mass: float = 1.0) -> sb.System:
     return sb.System.from_matrices([[mass]], [[0.0]], contacts=contacts, **start)
 
 
-@pytest.mark.parametrize("zeta", KV)
-@pytest.mark.parametrize("side", ["upper", "lower"])
-def test_kelvin_voigt_lets_go_where_the_force_ends(zeta, side):
-    duration, e = KV[zeta]
-    wd = math.sqrt(1.0 - zeta**2)  # the numbers themselves, from the closed form of m x'' + 2 zeta x' + x = 0
-    assert math.isclose(duration, (math.pi - math.atan2(2 * zeta * wd, 1 - 2 * zeta**2)) / wd, rel_tol=1e-14)
-    stops = sb.Stops(**{side: 0.0}, stiffness=1.0, damping=2.0 * zeta)
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(
+    ("zeta", "duration", "e"),
+    [(0.01, 3.1217484115644179, 0.96926475046449247), (0.1, 2.9560753247495496, 0.74407939772177969)],
+)
+def test_kelvin_voigt_lets_go_where_the_force_ends(zeta, duration, e, side):
+    """m x'' + 2 zeta x' + x = 0 from x' = 1 to where 2 zeta x' + x = 0."""
+    stops = sb.Stops(**{"upper" if side > 0 else "lower": 0.0}, stiffness=1.0, damping=2.0 * zeta)
     run = sb.reference(ball(stops), 5.0, t_eval=[0.0, 1.0, 5.0], **TIGHT)
-    record = run.contacts[0]
-    assert abs(abs(run.tip_velocity[-1]) - e) < 1e-12
-    assert abs(record.fraction * 5.0 - duration) < 1e-12
-    assert abs(record.impacts.impulses[0] - (1.0 + e)) < 1e-12
-    # The force is largest inside where 2 zeta < 1: x(t) + 2 zeta x'(t) of the closed form.
-    t = np.linspace(0.0, duration, 200_001)
-    x = np.exp(-zeta * t) * np.sin(wd * t) / wd
-    v = np.exp(-zeta * t) * (np.cos(wd * t) - zeta / wd * np.sin(wd * t))
-    assert abs(record.impacts.peaks[0] - np.max(x + 2.0 * zeta * v)) < 1e-9  # the grid's spacing squared
+    assert abs(run.tip_velocity[-1] + side * e) < 1e-12
+    assert abs(run.contacts[0].fraction * 5.0 - duration) < 1e-12
+    assert abs(run.contacts[0].impacts.impulses[0] - (1.0 + e)) < 1e-12
     assert abs(run.energy.stop_dissipation[-1] - 0.5 * (1.0 - e**2)) < 1e-12
     assert abs(run.energy.loss[-1]) < 1e-12
-
-
-@pytest.mark.parametrize("p", [1.0, 1.5, 2.0, 3.0])
-def test_power_law_depth_time_and_force(p):
-    run = sb.reference(ball(sb.Stops(upper=0.0, stiffness=1.0, exponent=p)), 6.0, t_eval=[0.0, 6.0], **TIGHT)
-    depth = ((p + 1.0) / 2.0) ** (1.0 / (p + 1.0))
-    q = 1.0 / (p + 1.0)
-    time = 2.0 * math.sqrt(math.pi) * gamma(1.0 + q) / gamma(0.5 + q) * depth
-    assert abs(run.contacts[0].fraction * 6.0 - time) < 1e-11
-    assert abs(run.impacts.peaks[0] - depth**p) < 1e-11
-    assert abs(run.tip_velocity[-1] + 1.0) < 1e-12
-    if p == 1.5:
-        assert abs(time - 3.2180654597190431) < 1e-14
-        assert abs(depth**p - 1.1432626298183159) < 1e-14
-
-
-@pytest.mark.parametrize("lam", HC)
-@pytest.mark.parametrize("p", [1.0, 1.5])
-def test_hunt_crossley_restitution(lam, p):
-    assert dissipation_for(HC[lam], 1.0) == pytest.approx(lam, rel=1e-13)
-    stops = sb.Stops(lower=0.0, stiffness=7.0, exponent=p, dissipation=lam)
-    run = sb.reference(ball(stops, mass=3.0), 8.0, t_eval=[0.0, 8.0], **TIGHT)
-    assert abs(run.tip_velocity[-1] - HC[lam]) < 1e-11
-    assert abs(run.energy.stop_dissipation[-1] - 1.5 * (1.0 - HC[lam] ** 2)) < 1e-11
-
-
-@pytest.mark.parametrize("e", [1.0, 0.999999, 0.9, 0.5, 0.1, 0.03, 1e-12, 1e-149])
-@pytest.mark.parametrize("speed", [1e-3, 40.0])
-def test_restitution_is_delivered(e, speed):
-    """1 - e x = (1 + x) exp(-(1 + e) x) in 60 digits, x = lambda speed; by the flight of the law see the others."""
-    lam = dissipation_for(e, speed)
-    with mpmath.workdps(320):
-        E, x = mpmath.mpf(e), mpmath.mpf(lam) * mpmath.mpf(speed)
-        left, slope = (
-            (1 - E * x) - (1 + x) * mpmath.exp(-(1 + E) * x),
-            -E + (E + (1 + E) * x) * mpmath.exp(-(1 + E) * x),
-        )
-        assert e == 1.0 or abs(left / slope) < 8e-16 * x
-    stops = sb.Stops.from_restitution(e, speed=speed, upper=0.0, stiffness=1.0, exponent=1.5)
-    assert stops.dissipation == lam
 
 
 @pytest.mark.parametrize("seed", range(412))
@@ -121,17 +71,6 @@ def test_random_systems_against_another_solver(seed):
 def offset_of(system: sb.System, times: np.ndarray) -> np.ndarray:
     offset = system.contacts[0].offset
     return np.zeros(len(times)) if offset is None else offset.value(times)
-
-
-def test_order_of_convergence_on_smooth_contact():
-    # p = 3: the force has two continuous derivatives, so every scheme keeps its order through the contact.
-    system = ball(sb.Stops(upper=0.0, stiffness=1.0, exponent=3.0, dissipation=0.3))
-    exact = sb.reference(system, 2.0, t_eval=[0.0, 2.0], **TIGHT).tip[-1]  # in contact at t = 2
-    for scheme in (sb.Trapezoidal(), sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.GeneralisedAlpha(0.8)):
-        steps = np.array([1 / 64, 1 / 128, 1 / 256, 1 / 512])
-        errors = [abs(sb.integrate(system, scheme, dt, 2.0).tip[-1] - exact) for dt in steps]
-        slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-        assert abs(slope - scheme.order) < 0.15, (scheme, slope)
 
 
 @pytest.mark.parametrize("sides", [{"lower": -0.2}, {"upper": 0.1}, {"lower": -0.2, "upper": 0.1}])

@@ -70,35 +70,3 @@ class Lagging(sb.Scheme):
 def test_a_scheme_whose_node_no_force_moves_is_refused():
     with pytest.raises(InputError, match="whose force jumps"):
         sb.integrate(mass(), Lagging(), 1e-3, 0.1)
-
-
-def coupled(seed: int, on_the_stop: bool, n: int = 5) -> sb.System:
-    """A chain with a Kelvin-Voigt stop, which starts on it to an ulp or comes to be held there."""
-    rng = np.random.default_rng(seed)
-    turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
-    stiffness = turn @ np.diag(rng.uniform(3.0, 60.0, n) ** 2) @ turn.T
-    row = rng.normal(size=n)
-    start = row / (row @ row) * 0.3 if on_the_stop else np.zeros(n)
-    stop = float(row @ start) if on_the_stop else rng.uniform(0.05, 0.2)
-    return sb.System.from_matrices(
-        np.eye(n), 0.5 * (stiffness + stiffness.T), initial_displacement=start,
-        contacts=[sb.Contact(row, sb.Stops(None, stop, stiffness=1e3, damping=200.0))],
-        initial_velocity=row / (row @ row) if on_the_stop else rng.normal(size=n) * 3.0,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("on_the_stop", [True, False])
-def test_the_march_is_the_plain_loop_where_rounding_would_tell_the_side(on_the_stop):
-    """Forces of the nodes, as long as the motions are the same."""
-    compared = 0
-    for seed in range(20):
-        system = coupled(seed, on_the_stop)
-        run = sb.integrate(system, sb.Trapezoidal(), 0.02, 0.6)
-        q, _, F = plain_march.states(system, sb.Trapezoidal(), 0.02, 30)
-        if np.max(np.abs(run.states[0] - q)) > 1e-9:  # a graze
-            continue
-        assert np.allclose(run.contacts[0].force[1:], F[:, 0], rtol=1e-6, atol=1e-6)
-        pressed = F[:, 0] != 0.0
-        assert run.contacts[0].fraction == np.mean(pressed)
-        compared += 1
-    assert compared > 8

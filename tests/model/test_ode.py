@@ -57,6 +57,7 @@ def test_every_variant_is_the_law_written_down(law):
             q, v = ode.displacement(y), ode.velocity(y)
             rate = ode.rhs(t, y)
             assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
+            assert np.array_equal(ode.state(q, v), y)
             expected = acceleration(system, t, q, v)
             assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
             rows = np.arange(12.0).reshape(3, 4)
@@ -134,14 +135,3 @@ def test_what_it_cannot_be_is_refused():
     assert called.ode().rhs(1.0, [0.0, 0.0])[1] == pytest.approx(np.sin(1.0))
     with pytest.raises(sb.InputError, match="jax_enable_x64"):
         pair().ode().jax  # noqa: B018
-
-
-@pytest.mark.parametrize("form", ["displacement", "velocity-curvature", "hermite"])
-@pytest.mark.parametrize("side", ["explicit", "descriptor"])
-def test_a_state_is_made_of_displacement_and_velocity(form, side):
-    system = sb.semidiscretise(sb.paper_case(10).problem, 6, form=form)
-    ode, (q, v) = system.ode(side), np.random.default_rng(0).normal(size=(2, system.size))
-    y = ode.state(q, v)
-    np.testing.assert_allclose(ode.displacement(y), q, atol=1e-11)
-    np.testing.assert_array_equal(ode.velocity(y), v)
-    np.testing.assert_array_equal(ode.state(system.q0, system.v0), ode.y0)

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.model.time_functions import evaluate
+from stiffbeam.model.time_functions import breakpoints_of, evaluate
 
 AMPLITUDES = st.one_of(st.floats(-10.0, -1e-3), st.floats(1e-3, 10.0))  # relative tolerances need normal numbers
 TIMES = np.array([0.0, 0.1, 0.25, 0.3, 0.7, 1.0])
@@ -25,7 +25,7 @@ VALUES = np.array([0.0, 1.0, -0.5, 0.2, 0.3, -1.0])
 def test_a_harmonic_is_its_sine_and_cosine_and_has_its_derivatives(a, w, p, t):
     f, h = sb.Harmonic(a, w, p), 1e-4 / w
     assert f.value(t) == pytest.approx(a * math.sin(w * t + p), rel=1e-15, abs=4e-16 * abs(a) * (4.0 + abs(w * t)))
-    split = f.sine * math.sin(w * t) + f.cosine * math.cos(w * t)
+    split = a * (math.cos(p) * math.sin(w * t) + math.sin(p) * math.cos(w * t))
     assert abs(f.value(t) - split) <= 4e-16 * abs(a) * (4.0 + abs(w * t))  # rounding of the argument
     # Truncation (w h)^2/6 = 2e-9, rounding of the argument eps (|w t| + 7)/(w h) = 6e-10, relative.
     before, after, tolerance = t - h, t + h, 1e-8 * abs(a) * w
@@ -53,11 +53,6 @@ def test_a_polygon_goes_through_its_samples_and_the_spline_is_scipys():
             assert np.max(np.abs(found - scipys(t, order))) < 100 * 2.2e-16 * 20.0**order
     assert np.array_equal(polygon.value(TIMES), VALUES)
     assert np.shape(spline.value(0.5)) == ()
-    assert np.array_equal(spline.breakpoints, TIMES)
-    # Taylor's polynomial at t holds up to the next sample.
-    for x in (0.02, 0.26, 0.5):
-        s = np.linspace(0.0, 0.03, 4)
-        assert np.polyval(spline.taylor(x)[::-1], s) == pytest.approx(scipys(x + s), abs=1e-13)
 
 
 def test_a_sum_adds_values_rates_and_accelerations():
@@ -66,7 +61,7 @@ def test_a_sum_adds_values_rates_and_accelerations():
     assert np.array_equal(total.value(t), f.value(t) + (g.value(t) + 1.0))
     assert np.array_equal(total.rate(t), f.rate(t) + g.rate(t))
     assert np.array_equal(total.acceleration(t), f.acceleration(t) + g.acceleration(t))
-    assert np.array_equal(total.breakpoints, TIMES)
+    assert np.array_equal(breakpoints_of(total), TIMES)
     # Factors of sums in sums multiply.
     weighted = sb.Superposition.weighted([(2.0, sb.Superposition.weighted([(3.0, sb.Constant(1.0)), (0.5, f)]))])
     load = sb.reference(one_mass(1.0, load=weighted), 2.0, t_eval=[0.0, 2.0]).tip[-1]

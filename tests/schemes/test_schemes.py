@@ -46,7 +46,10 @@ def observed(system, scheme, steps, t_end):
     sine, cosine, level = np.zeros((3, system.size))
     for vector, f in system.loads:
         if isinstance(f, sb.Harmonic):
-            sine, cosine = sine + f.sine * vector, cosine + f.cosine * vector
+            sine, cosine = (
+                sine + f.amplitude * np.cos(f.phase) * vector,
+                cosine + f.amplitude * np.sin(f.phase) * vector,
+            )
         else:
             level = level + f.level * vector
     q, v = exact_linear(*linear_part(system), np.array([t_end]), 1.3, sine, cosine, level)

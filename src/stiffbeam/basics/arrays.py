@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import weakref
 from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import Any, Generic, TypeVar
@@ -54,13 +53,18 @@ def is_read_only(values: Any) -> bool:
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
-def freeze(owner: object, *names: str) -> None:
-    """Read-only copies of these arrays, and of the vectors of ``loads``: a pickled array can be written to again."""
-    for name in names:
-        values = getattr(owner, name)
-        object.__setattr__(owner, name, None if values is None else read_only(values))
-    if loads := getattr(owner, "loads", ()):
-        object.__setattr__(owner, "loads", tuple((read_only(vector), f) for vector, f in loads))
+class Frozen:
+    """Base of frozen dataclasses with arrays of floats, whose copies hold read-only arrays too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # A pickled array can be written to again.
+        self.__dict__.update({name: _frozen(value) for name, value in state.items()})
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 def same(a: Array | None, b: Array | None) -> bool:
@@ -77,7 +81,6 @@ def step_lengths(t: Array) -> Array:
 
 
 Result = TypeVar("Result")
-_DIGESTS: dict[int, tuple[weakref.ref[Array], bytes]] = {}  # of arrays that cannot change, by id
 
 
 class Recent(Generic[Result]):
@@ -111,17 +114,9 @@ class Recent(Generic[Result]):
 
 
 def content(array: Array | None) -> bytes:
-    """Digest of shape and numbers of an array of floats, bit by bit; of read-only arrays it is computed once."""
+    """Digest of shape and numbers of an array of floats, bit by bit."""
     if array is None:
         return b""
-    remembered = _DIGESTS.get(id(array))
-    if remembered is not None and remembered[0]() is array and not array.flags.writeable:
-        return remembered[1]
     whole = np.ascontiguousarray(array)
     # The shape is part of the content: equal bytes in another shape are another array.
-    digest = hashlib.blake2b(whole.data, digest_size=16, salt=str(whole.shape).encode()[:16]).digest()
-    if is_read_only(array):
-        number = id(array)
-        # The entry goes with its array, before the id is used again.
-        _DIGESTS[number] = weakref.ref(array, lambda _: _DIGESTS.pop(number, None)), digest
-    return digest
+    return hashlib.blake2b(whole.data, digest_size=16, salt=str(whole.shape).encode()[:16]).digest()

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, is_read_only, read_only
 from .text import sentence, shown
 
 Known = TypeVar("Known")
@@ -99,6 +99,13 @@ def numbers(field: str, value: Any, rule: str = "be finite numbers", remedy: str
     if result is None or not np.isfinite(result).all():
         raise InputError(field, value, rule, remedy)
     return result
+
+
+def constants(field: str, value: Any, rule: str = "be finite numbers", remedy: str = "give them as a list") -> Array:
+    """``numbers`` in a read-only array; one that ``read_only`` made stays the same object."""
+    if is_read_only(value) and np.isfinite(value).all():
+        return value
+    return read_only(numbers(field, value, rule, remedy))
 
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:

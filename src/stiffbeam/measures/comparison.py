@@ -18,7 +18,6 @@ from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import stays_at_rest
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
@@ -96,7 +95,7 @@ AT_REST = (
 def remark(system: System, reference: Reference) -> str:
     """Sentence for a ``system`` whose motion stays at rest or touches no stop, or the reason why the reference ends its
     horizon; "" for others."""
-    if stays_at_rest(system):
+    if scales(system, float(reference.provenance["t_end"])).speed == 0.0:
         return AT_REST
     if "horizon_ends" in reference.provenance:
         return str(reference.provenance["horizon_ends"])

@@ -1,6 +1,6 @@
 """A beam along x: its fields between the nodes, its stencils, and without contact its motion in closed form.
 
-Displacement, velocity, moment and shear are those of a spline or of cubic Hermite elements: in an element of length h,
+Displacement and velocity are those of a spline or of cubic Hermite elements: in an element of length h,
 s = x/h, with v_0' = v_x at its left node,
 
     v = (1 - 3 s^2 + 2 s^3) v_0 + (s - 2 s^2 + s^3) h v_0' + (3 s^2 - 2 s^3) v_1 + (s^3 - s^2) h v_1'
@@ -36,65 +36,40 @@ def free_unknowns(ends: tuple[str, str], M: int) -> Array:
     return np.setdiff1d(np.arange(2 * M + 2), held)
 
 
-def shape_functions(s: Array, times: int = 0) -> Array:
-    """N_1 .. N_4 or their derivatives by s, at s in [0, 1] of an element: shape s.shape + (4,)."""
-    one, zero = np.ones_like(s), np.zeros_like(s)
-    powers = (
-        (1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2),
-        (6 * s**2 - 6 * s, 1 - 4 * s + 3 * s**2, 6 * s - 6 * s**2, 3 * s**2 - 2 * s),
-        (12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2),
-        (12 * one, 6 * one, -12 * one, 6 * one),
-    )
-    return np.stack([zero + value for value in powers[times]], axis=-1)
+def shape_functions(s: Array) -> Array:
+    """N_1 .. N_4 at s in [0, 1] of an element: shape s.shape + (4,)."""
+    return np.stack([1 - 3 * s**2 + 2 * s**3, s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2], axis=-1)
 
 
-def interpolation(share: Array, M: int, times: int = 0) -> Array:
-    """The rows of h^times d^times v/dx^times at x = share L, for all 2 M + 2 unknowns: share.shape + (2 M + 2,)."""
+def interpolation(share: Array, M: int) -> Array:
+    """The rows of v at x = share L, for all 2 M + 2 unknowns: share.shape + (2 M + 2,)."""
     # The tip belongs to the last element.
     cell = np.minimum((share * M).astype(int), M - 1)
-    values = shape_functions(share * M - cell, times)
     rows = np.zeros((*np.shape(share), 2 * M + 2))
-    np.put_along_axis(rows, 2 * cell[..., None] + np.arange(4), values, axis=-1)
+    np.put_along_axis(rows, 2 * cell[..., None] + np.arange(4), shape_functions(share * M - cell), axis=-1)
     return rows
 
 
-def beam_field(
-    problem: BeamProblem, form: str, t: Array, q: Array, x: ArrayLike, slopes: int = 0, of: str = "value"
-) -> Array:
-    """d^slopes u/dx^slopes at x, u = v + phi (1 - (x/L)^2); q (m, n) of the times t (m,), x (...) -> (m, ...).
+def beam_field(problem: BeamProblem, form: str, M: int, t: Array, q: Array, x: ArrayLike, of: str = "value") -> Array:
+    """u = v + phi (1 - (x/L)^2) at x; q (m, n) of the times t (m,), x (...) -> (m, ...). of="rate": u_t, q' for q.
 
     hermite: the element's own polynomials. The other forms: the cubic spline through the nodes with v = v_x = 0
-    at the clamp and u_xx = 0 at the tip. of="rate": the same of u_t, with q' for q. Raises InputError for x outside
-    [0, L].
+    at the clamp and u_xx = 0 at the tip. Raises InputError for x outside [0, L].
     """
     x, L = numbers("x", x), problem.length
     if np.any((x < 0.0) | (x > L)):
         raise InputError("x", x, f"lie in [0, {L:g}]", "for example half of that")
     phi = np.zeros(np.shape(t)) if problem.base is None else getattr(problem.base, of)(t)
     share = x / L
-    # 1 - (x/L)^2 and its derivatives by x/L, up to the third.
-    lift = np.multiply.outer(phi, (1.0 - share**2, -2.0 * share, -2.0 + 0.0 * share, 0.0 * share)[slopes])
+    lift = np.multiply.outer(phi, 1.0 - share**2)
     if form == "hermite":
-        # n = 2 M + 2 unknowns less those that are held
-        M = (q.shape[-1] + sum({"free": 0, "pinned": 1, "clamped": 2}[end] for end in problem.ends)) // 2 - 1
-        rows = interpolation(share, M, slopes)[..., free_unknowns(problem.ends, M)]
-        return (np.tensordot(q, rows, axes=(-1, -1)) * float(M) ** slopes + lift) / L**slopes
+        return np.tensordot(q, interpolation(share, M)[..., free_unknowns(problem.ends, M)], axes=(-1, -1)) + lift
     # The forms of the paper have no slopes as unknowns: a spline gives them.
     from scipy.interpolate import CubicSpline
 
-    M = q.shape[-1]
     values = np.concatenate([np.zeros((*q.shape[:-1], 1)), q], axis=-1)
     ends: Any = ((1, np.zeros(q.shape[:-1])), (2, 2.0 * phi))  # v_xx = 2 phi/L^2 where u_xx = 0
-    spline = CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=ends)
-    return (spline(share, slopes) + lift) / L**slopes
-
-
-def beam_stress(problem: BeamProblem, form: str, t: Array, q: Array, v: Array, x: ArrayLike, slopes: int) -> Array:
-    """EI d^slopes u/dx^slopes + eta d^slopes u_t/dx^slopes: with 2 the moment, with 3 minus the shear stress."""
-    stress = problem.stiffness * beam_field(problem, form, t, q, x, slopes)
-    if problem.viscosity != 0.0:
-        stress = stress + problem.viscosity * beam_field(problem, form, t, v, x, slopes, "rate")
-    return stress
+    return CubicSpline(np.arange(M + 1) / M, values, axis=-1, bc_type=ends)(share) + lift
 
 
 # ---------------------------------------------------------------- the stencils of the paper, as matrices

@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.validation import InputError, itself, non_negative, number, numbers, positive
+from ..basics.arrays import Array, Frozen, read_only
+from ..basics.validation import InputError, constants, itself, non_negative, number, positive
 from ..kernels.march import contact_forces
 from . import contact_law
 from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
@@ -39,7 +38,8 @@ class Stops:
     damping : float
         c >= 0, force per velocity: with p = 1 the unilateral Kelvin-Voigt law.
     dissipation : float
-        lambda >= 0, per velocity: the law of Hunt and Crossley, see ``from_restitution``.
+        lambda >= 0, per velocity: the law of Hunt and Crossley. A free mass with the speed s rebounds with e s where
+        1 - e x = (1 + x) exp(-(1 + e) x), x = lambda s.
     restitution : float, optional
         Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for schemes without an impact law.
     position : float, optional
@@ -94,7 +94,7 @@ class Stops:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:
             if not self.rigid:
-                remedy = "for compliant ones use damping, or stiffbeam.Stops.from_restitution"
+                remedy = "for compliant ones use damping or dissipation"
                 raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
             if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
                 remedy = "0 takes all the speed, 1 none"
@@ -110,27 +110,6 @@ class Stops:
             object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
         if self.motion is not None:
             motion_function("stops.motion", self.motion)
-
-    @classmethod
-    def from_restitution(
-        cls,
-        restitution: float,
-        *,
-        speed: float,
-        stiffness: float,
-        lower: float | None = None,
-        upper: float | None = None,
-        exponent: float = 1.0,
-    ) -> Stops:
-        """Hunt-Crossley stops from which a free mass with ``speed`` rebounds with ``restitution`` times ``speed``.
-
-            lambda speed (1 + e) = ln[(1 + lambda speed)/(1 - e lambda speed)]
-
-        whatever the mass, kappa and p are: see ``dissipation_for``. restitution: in (0, 1].
-        Raises InputError.
-        """
-        dissipation = dissipation_for(restitution, positive("speed", speed))
-        return cls(lower, upper, stiffness=stiffness, exponent=exponent, dissipation=dissipation)
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
@@ -201,16 +180,6 @@ class Stops:
         v = np.asarray(v, float)
         return v - np.clip(v, self.lower_bound, self.upper_bound)
 
-    def spring(self, side: int) -> tuple[float, float]:
-        """(kappa, kappa g): on ``side``, +1 or -1, F(v) = kappa g - kappa v; g = 0 for a side without a stop.
-
-        Raises InputError where the law is not that, or that and -c v'.
-        """
-        self.require_linear("a closed form between its events", damped=True)
-        gap = self.bound(side)
-        # An infinite gap would make kappa g infinite.
-        return float(self.stiffness), self.stiffness * (gap if math.isfinite(gap) else 0.0)
-
     def require_linear(self, for_what: str, damped: bool = False) -> None:
         """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
         self.require_compliant(for_what)
@@ -249,23 +218,6 @@ class Stops:
         side = np.sign(out)
         return side * self.pressure(np.abs(out), None if velocity is None else -side * velocity)
 
-    def secant(self, depth: float) -> float:
-        """|F|/depth at rest: the stiffness of a linear spring with the same force at that depth."""
-        self.require_compliant("a law of force")
-        return float(contact_law.chord(depth, self.coefficients))
-
-    def depth_under(self, force: ArrayLike) -> Array:
-        """The depth at which the stop holds a force >= 0 at rest, 0 of a rigid stop."""
-        return (
-            np.zeros(np.shape(force))
-            if self.rigid
-            else contact_law.depth_under(np.asarray(force, float), self.coefficients)
-        )
-
-    def depth_holding(self, energy: float) -> float:
-        """The depth at which the stop holds an energy >= 0, 0 of a rigid stop."""
-        return 0.0 if self.rigid else float(contact_law.depth_holding(energy, self.coefficients))
-
     def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
         """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
         self.require_compliant("a law of force")
@@ -295,12 +247,11 @@ class Stops:
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
 
 
-EPS = float(np.finfo(float).eps)
 SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(Frozen):
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
 
     Parameters
@@ -337,9 +288,9 @@ class Contact:
     def __post_init__(self) -> None:
         itself("contact", self, Contact)
         given, rule = self.row, "be finite and not all zero"
-        # A row that is read-only stays the same object: results that are stored by identity still hold.
-        row = given if is_read_only(given) else read_only(numbers("contact.row", given, rule).ravel())
-        if row.ndim != 1 or not np.all(np.isfinite(row)) or not np.any(row):
+        row = constants("contact.row", given, rule)
+        row = row if row.ndim == 1 else read_only(row.ravel())
+        if not np.any(row):
             raise InputError("contact.row", given, rule, "for example [0, 0, 1]")
         object.__setattr__(self, "row", row)
         itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
@@ -349,10 +300,6 @@ class Contact:
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
             motion_function("contact.offset", self.offset)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        freeze(self, "row")
 
 
 def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:
@@ -373,39 +320,6 @@ def laws(contacts: Sequence[Contact]) -> Array:
 def linear(contacts: Sequence[Contact]) -> bool:
     """True if every stop has the linear law."""
     return all(contact.stops.linear for contact in contacts)
-
-
-def dissipation_for(restitution: float, speed: float) -> float:
-    """lambda of m d'' = -kappa d^p (1 + lambda d') for a mass that comes in at ``speed`` and leaves with e times that.
-
-        1 - e x = (1 + x) exp(-(1 + e) x),   x = lambda speed
-
-    for every m, kappa and p: d'/(1 + lambda d') dd' = -(kappa/m) d^p dd has the same integral on both ways.
-    restitution: e in (0, 1]. Raises InputError for any other: e = 0 would take an infinite lambda.
-    """
-    from scipy.optimize import brentq
-
-    e = number("restitution", restitution)
-    # The reciprocal of a smaller number may overflow.
-    if not 1e-150 < e <= 1.0:
-        rule, remedy = "lie in (0, 1], and above 1e-150", "for 0 use a rigid stop with restitution=0"
-        raise InputError("restitution", restitution, rule, remedy)
-    speed, x = positive("speed", speed), 1.0 / e
-    if e < 0.1:
-        for _ in range(6):  # the exponential is below 2e-4
-            x = (1.0 - (1.0 + x) * math.exp(-(1.0 + e) * x)) / e
-    else:
-        # The logarithms of both sides without the terms in x and x^2 that they share: 1 - 2 x/3 < e < 1/x.
-        less = lambda x: 0.5 * (1.0 - e) * (1.0 + e) - x * (e**3 * _cubic_part(-e * x) + _cubic_part(x))  # noqa: E731
-        x = float(brentq(less, 1.5 * (1.0 - e), (1.0 - EPS) / e, xtol=1e-300, rtol=4.0 * EPS))  # type: ignore[arg-type]
-    return x / speed
-
-
-def _cubic_part(z: float) -> float:
-    """(ln(1 + z) - z + z^2/2)/z^3: the logarithm from its third power on, without cancellation."""
-    if abs(z) > 0.4:
-        return (math.log1p(z) - z + 0.5 * z * z) / z**3
-    return sum((-z) ** k / (k + 3) for k in range(40))
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:

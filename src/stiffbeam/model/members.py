@@ -260,19 +260,16 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
     So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
     every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the drive.
-    The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
-    drive of a beam that starts with the speed of its base.
+    The drive is the base motion, else the loads, else the motion of the stops. Initial data of a beam stay as they are.
+    Raises InputError.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
     for path, value in values.items():
         number(path, value)
-        if path in DRIVE:
-            places = _drive(system, path)
-            value = positive(path, value) if path == "frequency" else value
-        else:
-            places = [path]
+        value = positive(path, value) if path == "frequency" else value
+        places = _places(system, path)
         try:
             system = _placed(system, [keys for place in places for keys in _keys_of(system, place)], value)
         except LookupError as error:
@@ -308,9 +305,9 @@ def paths_of(system: System) -> list[str]:
 
 
 def value_at(system: System, path: str) -> float:
-    """The number at a path. Raises LookupError where there is none, or different ones behind "stops"."""
+    """The number at a path or a short name. Raises LookupError where there is none, or different ones behind it."""
     found = set()
-    for keys in _keys_of(system, path):
+    for keys in [keys for place in _places(system, path) for keys in _keys_of(system, place)]:
         thing: Any = system.problem or system
         for key in keys:
             thing = _part(thing, key)
@@ -349,13 +346,6 @@ def _placed(system: System, paths: list[list[Any]], value: float) -> System:
         root = _replaced(root, keys, value)
     if problem is None:
         return root
-    # A start with the speed of the base would be one against it.
-    if problem.base is not None and problem.initial_velocity is not None and root.base != problem.base:
-        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
-            problem.initial_velocity, problem.base.rate, root.base.rate))  # fmt: skip
-        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
-            rule = "be kept where the beam starts with the speed of its base"
-            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
     return semidiscretise(root, system.cells or system.size, system.form)
 
 
@@ -412,8 +402,10 @@ def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
                 yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
 
 
-def _drive(system: System, name: str) -> list[str]:
-    """The paths to the frequency or the amplitude of the drive."""
+def _places(system: System, name: str) -> list[str]:
+    """The path itself, or those to the frequency or the amplitude of the drive."""
+    if name not in DRIVE:
+        return [name]
     found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
     places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))

@@ -36,15 +36,48 @@ ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that mu
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """q = shapes @ eta,  eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f.
+    """Free motions of a system away from its stops, slowest first.
 
-    omega: (n,) ascending angular frequencies. shapes: (n, n), shapes^T M shapes = I. damping: (n,).
+    Where the damping does not couple them, k = n and
+
+        q = shapes eta,   eta_j'' + damping_j eta_j' + omega_j^2 eta_j = shapes_j . f,   shapes^T M shapes = I,
+
+    with the undamped frequencies omega. Where it does, a mode is q = Re(shape e^(lambda t)) with a complex shape,
+    (lambda^2 M + lambda C + K) shape = 0, omega = |lambda| and damping = -2 Re lambda: one for every pair of conjugate
+    lambda, and one of ratio 1 for every real lambda, a motion that only decays; then k > n. For one underdamped degree
+    of freedom the two definitions agree.
+
+    Parameters
+    ----------
+    omega : array (k,)
+        Angular frequencies.
+    shapes : array (n, k)
+        A column per mode, shape^H M shape = 1, its largest entry positive.
+    damping : array (k,)
+        2 damping_ratio omega.
+    mass : array (n, n)
+    coupled : bool
+        True where the damping couples the modes.
     """
 
     omega: Array
     shapes: Array
     damping: Array
     mass: Array
+    coupled: bool = False
+
+    def __repr__(self) -> str:
+        lines = [f"{'':4}{'omega':>14}{'damping ratio':>16}"]
+        lines += [
+            f"{j:4d}{w:14.6g}{z:16.4g}" for j, (w, z) in enumerate(zip(self.omega, self.damping_ratio, strict=True), 1)
+        ]
+        return "\n".join(lines if len(lines) <= 21 else [*lines[:20], f"    ... {len(self.omega)} modes"])
+
+    @property
+    def damping_ratio(self) -> Array:
+        """Damping over critical damping, (k,); NaN for a rigid motion, omega = 0."""
+        unknown = np.full(len(self.omega), np.nan)
+        return np.divide(0.5 * self.damping, self.omega, out=unknown, where=self.omega > 0.0)
 
     @property
     def equation(self) -> Modal:
@@ -64,33 +97,24 @@ class Modes:
         return vector @ self.shapes
 
 
-Springs = tuple[tuple[Array, float], ...]  # (row, stiffness)
-
-
-def undamped_modes(system: System, springs: Springs = ()) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple; with springs as in ``modes``."""
-    return _once(_undamped, system, springs)
-
-
-def modes(system: System, springs: Springs = ()) -> Modes | None:
-    """The modes of ``system`` with extra springs (row, stiffness), or None if damping couples them: by more than what
-    rounding each entry of the matrices would do, however small that is beside the damping of other modes.
-
-    With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1, a spring
-    (row, kappa) being one more row sqrt(kappa) row of G: the error is eps w_max in each omega. Without
-    a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
-    """
-    return _once(_damped, system, springs) if system.damped else undamped_modes(system, springs)
-
-
 _RECENT: Recent[Any] = Recent(16)
 
 
-def _once(find: Callable[..., Any], system: System, springs: Springs) -> Any:
-    """Modes that ``find`` returns; without springs those of a recent system with equal matrices."""
-    if springs:
-        return find(system, springs)
-    return _RECENT.get((find, *matrices(system)), lambda: find(system))
+def undamped_modes(system: System) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple."""
+    return _RECENT.get(("undamped", *matrices(system)), lambda: _undamped(system))
+
+
+def modes(system: System) -> Modes | None:
+    """The modes of ``system``, or None if damping couples them: by more than what rounding each entry of the matrices
+    would do, however small that is beside the damping of other modes.
+
+    With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1: the error is eps w_max in
+    each omega. Without a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
+    """
+    if not system.damped:
+        return undamped_modes(system)
+    return _RECENT.get(("damped", *matrices(system)), lambda: _damped(system))
 
 
 def matrices(system: System) -> tuple[bytes, ...]:
@@ -99,14 +123,13 @@ def matrices(system: System) -> tuple[bytes, ...]:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _damped(system: System, springs: Springs = ()) -> Modes | None:
-    basis = undamped_modes(system, springs)
+def _damped(system: System) -> Modes | None:
+    basis = undamped_modes(system)
     damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
     # Couplings below the rounding of the entries are none.
     damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
     diagonal = np.diag(damping).copy()
-    # Springs change the modes: alpha M + beta K then couples them as any other damping does.
-    if np.any(damping != np.diag(diagonal)) and (springs or not _proportional(system)):
+    if np.any(damping != np.diag(diagonal)) and not _proportional(system):
         return None
     return replace(basis, damping=diagonal)
 
@@ -130,26 +153,24 @@ def _proportional(system: System) -> bool:
 
 
 @np.errstate(over="ignore")  # refused by ``_within_float64``
-def _undamped(system: System, springs: Springs = ()) -> Modes:
+def _undamped(system: System) -> Modes:
     into, back = _root(system.mass)
-    name = "stops.stiffness" if springs else "stiffness"  # what is too large with springs is one of these
+    factor = system.stiffness_factor
     # With a factor of K by singular values, which lose w_max/w_1 instead of its square.
-    if system.stiffness_factor is not None:
-        factor = np.vstack([system.stiffness_factor, *(np.sqrt(kappa) * row for row, kappa in springs)])
-        _, omega, vectors = scipy.linalg.svd(_within_float64(name, into(factor.T).T), full_matrices=False)
+    if factor is not None:
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
         omega, shapes = omega[::-1], back(vectors[::-1].T)
         rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
         omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
     # Without one by eigenvalues, whose slow ones are refined afterwards.
     else:
-        stiffness = system.stiffness + sum(kappa * np.outer(row, row) for row, kappa in springs)
-        scaled = 0.5 * into(into(stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64(name, scaled + scaled.T))
+        scaled = 0.5 * into(into(system.stiffness).T)
+        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
         # Rounding makes zeros slightly negative; a larger negative square is in the matrix.
         if squares[0] < -1e-9 * squares[-1]:
             remedy = "look at the signs and the supports it was made with"
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
-        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, springs, squares, back(vectors))
+        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, squares, back(vectors))
         omega = np.sqrt(np.maximum(squares, 0.0))
     return Modes(np.ascontiguousarray(omega), _with_signs(shapes), damping=np.zeros(len(omega)), mass=system.mass)
 
@@ -228,12 +249,11 @@ def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     return zeta
 
 
-def graded_eigenpairs(mass: Array, stiffness: Array, springs: Springs, squares: Array, X: Array) -> tuple[Array, Array]:
+def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
-    Of K + sum of kappa row^T row over the ``springs`` (row, kappa), not summed before. An eigenvalue below
-    the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and zero. Where
-    S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
+    An eigenvalue below the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and
+    zero. Where S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
     Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
     slow = len(X)
@@ -242,21 +262,16 @@ def graded_eigenpairs(mass: Array, stiffness: Array, springs: Springs, squares: 
         slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
         if not slow:
             return squares, X
-    few, Y = _refined(mass, stiffness, springs, X[:, :slow])
+    few, Y = _refined(mass, stiffness, X[:, :slow])
     return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
 
 
-def _refined(mass: Array, stiffness: Array, springs: Springs, X: Array) -> tuple[Array, Array]:
+def _refined(mass: Array, stiffness: Array, X: Array) -> tuple[Array, Array]:
     """The pairs in the space of the columns of X (n, k)."""
     squares = rounding = np.zeros(X.shape[1])
     for _ in range(PASSES):
         # S = X^T K X, and the size of the terms that it sums, from which its rounding follows.
         S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
-        # Springs one by one: a stiff spring summed into K would round its soft entries away.
-        for row, kappa in springs:
-            along = product(row[None], X)[0][0]
-            S += kappa * np.outer(along, along)
-            terms += kappa * along**2
         # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
         R = congruence(mass, X)
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))

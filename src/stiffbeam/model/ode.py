@@ -13,9 +13,9 @@ from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import function_address
-from .right_hand_side import RightHandSide, descriptor, on_positions, on_velocities, state_space
+from .right_hand_side import RightHandSide, on_positions, on_velocities
 from .right_hand_side_jax import numbers_of, rate_with_integrals
-from .time_functions import Sampled, breakpoints_of, parts_of, require_closed_form
+from .time_functions import breakpoints_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -61,11 +61,10 @@ class ODE:
         self.system, self.form = system, one_of("form", form, FORMS)
         for contact in system.contacts:
             contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
-        mass, first_order = descriptor(system) if form == "descriptor" else (None, state_space(system))
-        self._rhs = RightHandSide(first_order, mass)
+        self._rhs = RightHandSide(system, descriptor=form == "descriptor")
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
-        self.mass: Array = np.eye(self._n) if mass is None else np.asarray(mass)
+        self.mass = self._rhs.mass
         self.bandwidths = self._rhs.bandwidths
         # A segment between events has its sides; without them every contact follows its law.
         if sides is not None:
@@ -119,11 +118,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        times: set[float] = set()
-        for part in (part for function in self.system.time_functions for part in parts_of(function)):
-            # A record breaks at its samples; of other functions only those times count that they state.
-            stated = part.t if isinstance(part, Sampled) else breakpoints_of(part)
-            times |= {float(t) for t in (() if stated is None else stated)}
+        times = {t for function in self.system.time_functions for t in breakpoints_of(function).tolist()}
         return tuple(sorted(times))
 
     @cached_property

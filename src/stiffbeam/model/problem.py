@@ -41,14 +41,11 @@ class PolynomialProfile:
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        coefficients = sequence(
-            "coefficients", self.coefficients, "be numbers, the constant first", "for example (0, 0, 1)"
-        )
-        values = tuple(number("coefficients", c, exact=True) for c in coefficients)
-        if not values:
-            rule = "hold one number at least, the constant"
-            raise InputError("coefficients", self.coefficients, rule, "for example (0, 0, 1)")
-        object.__setattr__(self, "coefficients", values)
+        rule, remedy = "be one number or more, the constant first", "for example (0, 0, 1)"
+        coefficients = sequence("coefficients", self.coefficients, rule, remedy)
+        if not coefficients:
+            raise InputError("coefficients", self.coefficients, rule, remedy)
+        object.__setattr__(self, "coefficients", tuple(number("coefficients", c, exact=True) for c in coefficients))
 
     def __call__(self, x: ArrayLike) -> Array:
         """c_0 + c_1 x + c_2 x^2 + ... at every x."""
@@ -64,19 +61,6 @@ def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
 
 Profile = Callable[[Any], Any]
 SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned", "free-free")
-
-
-def profile_values(name: str, profile: Profile, x: Array) -> Array:
-    """A function of x at the points x, one finite number each. Raises InputError where it returns anything else."""
-    try:
-        result = profile(x)
-    except Exception as error:  # whatever the functions of others raise
-        raise InputError(name, repr(error), "take an array of x", "write it with NumPy functions") from None
-    rule, remedy = "return one finite value per x", "write it with NumPy functions"
-    values = numbers(name, result, rule, remedy)
-    if values.shape != x.shape:
-        raise InputError(name, result, rule, remedy)
-    return values
 
 
 @dataclass(frozen=True)
@@ -239,15 +223,14 @@ class BeamProblem:
         if self.base is not None:
             motion_function("base", self.base)
             derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
-        rule = "hold PointLoad and DistributedLoad only"
+        rule, remedy = "hold PointLoad and DistributedLoad only", "for example PointLoad(0.5, Constant(1.0))"
         single = isinstance(self.loads, (PointLoad, DistributedLoad))
         loads = (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))
         object.__setattr__(self, "loads", loads)
         for load in self.loads:
-            if not isinstance(load, (PointLoad, DistributedLoad)):
-                raise InputError("loads", load, rule, "for example PointLoad(0.5, Constant(1.0))")
-            itself("loads", load, PointLoad if isinstance(load, PointLoad) else DistributedLoad)
-            if isinstance(load, PointLoad) and load.position > self.length:
+            point = isinstance(load, PointLoad)
+            itself("loads", load, PointLoad if point else DistributedLoad, remedy, rule)
+            if point and load.position > self.length:
                 rule = f"lie on the beam, 0 < position <= {self.length:g}"
                 raise InputError("load.position", load.position, rule, "its end is the length")
         # Functions of x: a wrong one shows only when it is called.
@@ -257,7 +240,8 @@ class BeamProblem:
     @property
     def all_stops(self) -> tuple[Stops, ...]:
         """The stops in the order given, () for none."""
-        return (self.stops,) if isinstance(self.stops, Stops) else tuple(self.stops or ())
+        stops: Any = self.stops
+        return stops if isinstance(stops, tuple) else () if stops is None else (stops,)
 
     def place(self, stops: Stops) -> float:
         """x of stops along the beam."""
@@ -284,39 +268,33 @@ class BeamProblem:
             raise InputError("tip_mass", self.tip_mass, f"be 0 for a {self.supports} beam", "its end does not move")
 
     def _check_stops(self) -> None:
-        """Checked stops: one Stops as it is, several as a tuple."""
-        argument = self.stops
         # One Stops of a list is stored by itself: equal problems are equal however their stops were given.
-        if isinstance(argument, (list, tuple)):
-            object.__setattr__(self, "stops", argument[0] if len(argument) == 1 else tuple(argument) or None)
-        each: Any = self.stops if isinstance(self.stops, tuple) else () if self.stops is None else (self.stops,)
-        remedy = "for no contact leave them out"
-        for stops in each:
-            if not isinstance(stops, Stops):
-                raise InputError("stops", argument, "be a Stops or a list of them", remedy)
-            itself("stops", stops, Stops)
-            left, right = self.ends
-            position = self.place(stops)
-            # A free left end may meet a stop at x = 0, which counts as outside the beam below.
-            if position == 0.0 and left == "free":
-                continue
-            if right != "free" and position == self.length:
-                rule = f"be inside a {self.supports} beam"
-                raise InputError("stops.position", stops.position, rule, f"for example {0.5 * self.length:g}")
-            if not 0.0 < position <= self.length:
-                rule = f"lie on the beam, 0 < position <= {self.length:g}"
-                raise InputError("stops.position", stops.position, rule, "leave it out for the tip")
+        if isinstance(self.stops, (list, tuple)):
+            object.__setattr__(self, "stops", self.stops[0] if len(self.stops) == 1 else tuple(self.stops) or None)
+        for stops in self.all_stops:
+            itself("stops", stops, Stops, "for no contact leave them out", "be a Stops or a list of them")
+            position, L = self.place(stops), self.length
+            free = [x for x, end in zip((0.0, L), self.ends, strict=True) if end == "free"]
+            if not 0.0 < position < L and position not in free:
+                rule = f"lie inside a {self.supports} beam, 0 < position < {L:g}, or at a free end"
+                raise InputError("stops.position", stops.position, rule, f"for example {0.5 * L:g}")
 
     def _check_profiles(self) -> None:
         x = np.linspace(0.0, self.length, 7)
         profiles = [("initial_displacement", self.initial_displacement), ("initial_velocity", self.initial_velocity)]
         profiles += [("load.shape", load.shape) for load in self.loads if isinstance(load, DistributedLoad)]
+        rule, remedy = "return one finite value per x", "write it with NumPy functions"
         for name, profile in profiles:
             if profile is None:
                 continue
             if not callable(profile):
                 raise InputError(name, profile, "be a function of x", "for a constant write PolynomialProfile((c,))")
-            profile_values(name, profile, x)
+            try:
+                result = profile(x)
+            except Exception as error:  # whatever the functions of others raise
+                raise InputError(name, repr(error), "take an array of x", remedy) from None
+            if numbers(name, result, rule, remedy).shape != x.shape:
+                raise InputError(name, result, rule, remedy)
 
     def _check_clamp(self) -> None:
         """u0 has to meet the supports: at a clamp u0 = phi(0) and u0' = 0 (2.3), at a pin u0 = 0."""

@@ -1,16 +1,12 @@
 """The method-of-lines right-hand side of a system, as its adaptive solvers and ``ode`` call it.
 
-    y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of (3.5)
-
-The numbers of the paper's forms follow from the stencils: their matrices are banded and have rounded entries that do
-not perturb the lowest frequencies.
+y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of (3.5)
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +14,7 @@ import scipy.linalg
 
 from ..basics.arrays import Array
 from ..kernels.rhs import Equations
-from .beam import bending_stencil, velocity_curvature_matrices
+from .beam import velocity_curvature_matrices
 from .contact import channel_motion, channel_position, laws
 from .contact_law import pressure
 from .time_functions import Drive, LoadFunction, Sampled, Term, evaluate, in_closed_form, parts_of
@@ -39,100 +35,40 @@ def on_velocities(row: Array) -> Array:
     return np.roll(on_positions(row), 1, axis=-1)
 
 
-class StateSpace:
-    """y' = A y + sum_k b_k f_k(t) + sum_c column_c F_c(row_c q + o_c(t)),  2 n unknowns, q = y[::2] and q' = y[1::2].
-
-    matrix: A (2n, 2n). loads: pairs (b_k, f_k). columns: (contacts, 2n). stiffness, damping: (n, n), of q''; divide: a
-    vector or matrix by the mass that is inverted.
-    """
-
-    def __init__(
-        self, system: System, stiffness: Array, damping: Array, divide: Callable[[Array], Array] = lambda x: x
-    ) -> None:
-        n, rows = system.size, np.array([contact.row for contact in system.contacts]).reshape(-1, system.size)
-        self.system, self.matrix = system, np.zeros((2 * n, 2 * n))
-        self.matrix[::2, 1::2] = np.eye(n)
-        self.matrix[1::2, ::2] = 0.0 - stiffness  # no signed zeros in the Jacobian
-        self.matrix[1::2, 1::2] = 0.0 - damping
-        self.loads = [(on_velocities(divide(p)), f) for p, f in system.loads]
-        self.columns = on_velocities(np.array([divide(row) for row in rows]).reshape(-1, n))
-
-    @property
-    def y0(self) -> Array:
-        """(2n,), the start."""
-        return on_positions(self.system.q0) + on_velocities(self.system.v0)
-
-    @cached_property
-    def bandwidths(self) -> tuple[int, int]:
-        """(lower, upper) bandwidth of the Jacobian."""
-        pattern = self.matrix != 0.0
-        for column, contact in zip(self.columns, self.system.contacts, strict=True):
-            rows = [on_positions(contact.row), *([on_velocities(contact.row)] if contact.stops.dissipative else [])]
-            for row in rows:
-                pattern = pattern | np.outer(column != 0.0, row != 0.0)
-        i, j = np.nonzero(pattern)
-        return int(max(0, np.max(i - j))), int(max(0, np.max(j - i)))
+def first_order(stiffness: Array, damping: Array) -> Array:
+    """A (2n, 2n) of y' = A y, where q'' = -stiffness q - damping q'."""
+    n = len(stiffness)
+    A = np.zeros((2 * n, 2 * n))
+    A[::2, 1::2] = np.eye(n)
+    A[1::2, ::2] = 0.0 - stiffness  # no signed zeros in the Jacobian
+    A[1::2, 1::2] = 0.0 - damping
+    return A
 
 
-def state_space(system: System) -> StateSpace:
-    """y' = A y + ... of a system, its mass inverted."""
-    divide = _inverse_mass(system.mass)
-    if system.form in _OVER_MASS:
-        stiffness, damping = _OVER_MASS[system.form](system)
+def over_mass(system: System) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """M^-1 K, M^-1 C, and x -> M^-1 x."""
+    diagonal = np.diag(system.mass)
+    if not np.any(system.mass - np.diag(diagonal)):
+        # By reciprocals: on the paper's grids they are whole numbers, and their products with its stencils exact. A
+        # rounding of each entry would perturb the lowest frequency by eps (w_max/w_1)^2.
+        reciprocal = 1.0 / diagonal
+        divide = lambda x: (x.T * reciprocal).T  # noqa: E731
     else:
-        stiffness, damping = divide(system.stiffness), divide(system.damping)
-    return StateSpace(system, stiffness, damping, divide)
-
-
-def descriptor(system: System) -> tuple[Array, StateSpace]:
-    """(E, right) with E y' = right(t, y), no mass inverted.
-
-    E is (2n, 2n): the identity on the positions, M on the velocities.
-    """
-    E = np.eye(2 * system.size)
-    E[1::2, 1::2] = system.mass
-    return E, StateSpace(system, system.stiffness, system.damping)
-
-
-def _inverse_mass(mass: Array) -> Callable[[Array], Array]:
-    diagonal = np.diag(mass)
-    # A diagonal mass divides entry by entry, with one rounding each.
-    if not np.any(mass - np.diag(diagonal)):
-        return lambda x: (x.T / diagonal).T
-    factor = scipy.linalg.cho_factor(mass)
-    return lambda x: scipy.linalg.cho_solve(factor, x)
-
-
-def _displacement(system: System) -> tuple[Array, Array]:
-    """M^-1 K and M^-1 C of (3.5): small whole multiples of EI/(m h^4), rounded alike.
-
-    Dividing the stiffness by the mass entry by entry would perturb the lowest frequency by
-    eps (w_max/w_1)^2, more than a tight tolerance allows.
-    """
-    assert system.origin is not None
-    M, problem = system.size, system.origin.problem
-    cell = problem.mass_per_length * problem.length / M
-    H = bending_stencil(M)
-    H[-1] *= cell / (0.5 * cell + problem.tip_mass)
-    fourth = (M / problem.length) ** 4 / problem.mass_per_length
-    return problem.stiffness * fourth * H, problem.viscosity * fourth * H + problem.mass_damping * np.eye(M)
-
-
-def _velocity_curvature(system: System) -> tuple[Array, Array]:
-    """M^-1 K = EI/m R L of (3.12), since P R = L^T Q: banded, where P^-1 is not; and no damping."""
+        factor = scipy.linalg.cho_factor(system.mass)
+        divide = lambda x: scipy.linalg.cho_solve(factor, x)  # noqa: E731
+    if system.form != "velocity-curvature":
+        return divide(system.stiffness), divide(system.damping), divide
+    # M^-1 K = EI/m R L of (3.12), since P R = L^T Q: banded, where P^-1 is not; and no damping.
     assert system.origin is not None
     M, problem = system.size, system.origin.problem
     _, _, L, R = velocity_curvature_matrices(M, float(M))  # h = 1: whole multiples of 1/4
-    return problem.stiffness / problem.mass_per_length * (M / problem.length) ** 4 * (R @ L), np.zeros((M, M))
-
-
-_OVER_MASS = {"displacement": _displacement, "velocity-curvature": _velocity_curvature}
+    stiffness = problem.stiffness / problem.mass_per_length * (M / problem.length) ** 4 * (R @ L)
+    return stiffness, np.zeros((M, M)), divide
 
 
 class RightHandSide:
-    """z' = f(t, z) of a StateSpace, z = (y, input, viscous, impulse of every contact).
-
-    Given a ``mass`` E (n, n), E y' = f(t, y): ``descriptor``.
+    """z' = f(t, z) of a system, z = (y, input, viscous, impulse of every contact); of a ``descriptor`` E z' = f(t, z),
+    with the mass in E and not inverted.
 
         input'   = sum_k f_k p_k^T q' - sum_c F_c o_c',   viscous' = q'^T C q',   impulse_c' = -F_c
 
@@ -143,41 +79,53 @@ class RightHandSide:
     time is a bare callable, which Python calls once per evaluation, at times inside ``window`` only.
     """
 
-    def __init__(self, first_order: StateSpace, mass: Array | None = None) -> None:
-        self.system = system = first_order.system
-        self.first_order = first_order
-        self.states = n = 2 * system.size
-        contacts = system.contacts
+    def __init__(self, system: System, descriptor: bool = False) -> None:
+        self.system, self.states = system, 2 * system.size
+        contacts, n = system.contacts, self.states
         m = len(contacts)
         self.damped = any(c.stops.dissipative for c in contacts)
         self.size = n + 2 + m + self.damped
-        self.z0 = np.concatenate([first_order.y0, np.zeros(2 + m + self.damped)])
-        self._mass = None if mass is None else scipy.linalg.lu_factor(mass)
+        self.z0 = np.zeros(self.size)
+        self.z0[:n] = on_positions(system.q0) + on_velocities(system.v0)
+        stiffness, damping, divide = system.stiffness, system.damping, lambda x: x
+        mass = np.eye(n)
+        if descriptor:
+            mass[1::2, 1::2] = system.mass
+        else:
+            stiffness, damping, divide = over_mass(system)
+        self.mass, self._factor = mass, scipy.linalg.lu_factor(mass) if descriptor else None
+        matrix = first_order(stiffness, damping)
+        rows = np.array([c.row for c in contacts]).reshape(m, system.size)
+        pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
         drive, units = Drive.of(system), np.eye(m)
         leaves = (f for function in system.time_functions for f in parts_of(function))
         called = list({id(f): f for f in leaves if not in_closed_form(f)}.values())
-        loads = _amplitudes(drive, called, first_order.loads, n)
+        loads = _amplitudes(drive, called, [(on_velocities(divide(p)), f) for p, f in system.loads], n)
         power = _amplitudes(drive, called, [(on_velocities(p), f) for p, f in system.loads], n)
         moving = [(units[i], c.offset) for i, c in enumerate(contacts) if c.offset is not None]
         offsets = _amplitudes(drive, called, moving, m)
         of_offsets = np.any(offsets[len(offsets) - len(called) :], axis=1)
         self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
         # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
-        rows = np.array([c.row for c in contacts]).reshape(m, system.size)
-        velocities = on_velocities(rows)
+        positions, velocities = on_positions(rows), on_velocities(rows)
         accelerations, inertia = velocities, None
-        if self._mass is not None and mass is not None:
-            accelerations = scipy.linalg.lu_solve(self._mass, velocities.T, trans=1).T
+        if self._factor is not None:
+            accelerations = scipy.linalg.lu_solve(self._factor, velocities.T, trans=1).T
             inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
-        damping = np.zeros((n if system.damped else 0, n))
-        damping[1::2, 1::2] = system.damping[: len(damping) // 2]
+        viscous = np.zeros((n if system.damped else 0, n))
+        viscous[1::2, 1::2] = system.damping[: len(viscous) // 2]
+        # Where df/dz has entries, and E.
+        pattern = (matrix != 0.0) | (mass != 0.0)
+        for push, contact, position, velocity in zip(pushes, contacts, positions, velocities, strict=True):
+            felt = position + velocity if contact.stops.dissipative else position
+            pattern |= np.outer(push != 0.0, felt != 0.0)
+        lower, upper = scipy.linalg.bandwidth(pattern)
         self.equations = Equations(
-            size=self.size, damped=self.damped, called=len(called), matrix=first_order.matrix, inertia=inertia,
-            damping=damping, frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table,
-            loads=loads, power=power, offsets=offsets, pushes=first_order.columns, positions=on_positions(rows),
-            velocities=velocities, accelerations=accelerations, law=laws(contacts),
-            bandwidths=self._bandwidths(inertia),
+            size=self.size, damped=self.damped, called=len(called), matrix=matrix, inertia=inertia, damping=viscous,
+            frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table, loads=loads, power=power,
+            offsets=offsets, pushes=pushes, positions=positions, velocities=velocities, accelerations=accelerations,
+            law=laws(contacts), bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
         self.in_python, self.roots = bool(called), len(self.levels)
@@ -203,8 +151,8 @@ class RightHandSide:
     def rate(self, t: float, z: Array) -> Array:
         """z', which is f(t, z) where no mass is given."""
         out = self.value(t, z)
-        if self._mass is not None:
-            out[: self.states] = scipy.linalg.lu_solve(self._mass, out[: self.states])
+        if self._factor is not None:
+            out[: self.states] = scipy.linalg.lu_solve(self._factor, out[: self.states])
         return out
 
     def jacobian(self, t: float, z: Array, cj: float = 0.0, sign: float = 1.0) -> Array:
@@ -255,14 +203,6 @@ class RightHandSide:
         if self.damped:
             z[-1] += np.sum(gained[[c.stops.dissipative for c in self.system.contacts]])
         return z
-
-    def _bandwidths(self, inertia: Array | None) -> tuple[int, int] | None:
-        lower, upper = self.first_order.bandwidths
-        # With a mass the band must hold E too.
-        if inertia is not None:
-            below, above = scipy.linalg.bandwidth(inertia)
-            lower, upper = max(lower, below), max(upper, above)
-        return (lower, upper) if lower + upper + 1 < self.states // 3 else None
 
     def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
         """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from .contact import Contact
-from .contact_law import stored
+from .contact_law import chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
 from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, in_closed_form, parts
@@ -68,7 +68,12 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
     drifts = rates <= UNNOTICED / t_end
     # Modes that neither turns within the run: gaps, contacts and drives do.
     if np.any(drifts):
-        others = [*(_contact_rate(system, x, largest) for x in system.contacts), *Drive.of(system).frequencies]
+        others = list(Drive.of(system).frequencies)
+        for contact in system.contacts:
+            if not contact.stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
+                law = contact.stops.coefficients
+                kappa = chord(depth_holding(0.5 * largest**2, law), law)
+                others.append(float(np.sqrt(kappa * _share(system, contact))))
         least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
         for contact in system.contacts:
             gap = contact.stops.upper_bound - contact.stops.lower_bound
@@ -129,7 +134,7 @@ def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
             towards = side * along * f > 0.0
             if np.isfinite(gap) and np.any(towards):
                 pressed = np.abs(f[towards] / along[towards])
-                depth = stops.depth_under(pressed)
+                depth = depth_under(pressed, stops.coefficients)
                 held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
                 square[towards] = np.minimum(square[towards], 2.0 * (pressed * (max(float(gap), 0.0) + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
@@ -144,14 +149,6 @@ def _signs(function: LoadFunction) -> tuple[float, ...]:
 def _share(system: System, contact: Contact) -> float:
     """row M^-1 row."""
     return float(contact.row @ np.linalg.solve(system.mass, contact.row))
-
-
-def _contact_rate(system: System, contact: Contact, speed: float) -> float:
-    """sqrt(kappa row M^-1 row), kappa the secant where the stop holds the energy V^2/2; inf of a rigid stop."""
-    stops = contact.stops
-    if stops.rigid:
-        return np.inf
-    return float(np.sqrt(stops.secant(stops.depth_holding(0.5 * speed**2)) * _share(system, contact)))
 
 
 def _sizes(function: LoadFunction | None, t_end: float) -> tuple[float, float, float, float]:

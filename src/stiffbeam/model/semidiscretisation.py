@@ -233,11 +233,8 @@ def _displacement(problem: BeamProblem, M: int) -> Grid:
 
 def curvature_stencil(M: int) -> Array:
     """24 h^3 L^T Q L of (3.12), whole numbers, so that every machine makes the same matrix of it."""
-    second = 2.0 * (np.eye(M) - 2.0 * np.eye(M, k=-1) + np.eye(M, k=-2))
-    second[0, :2] = (8.0, -1.0)  # (3.9)
-    weights = 8.0 * np.eye(M) - np.eye(M, k=1) - np.eye(M, k=-1)
-    weights[0, :2], weights[1, 0] = (2.0, 0.0), 0.0
-    return second.T @ weights @ second
+    _, Q, L, _ = velocity_curvature_matrices(M, float(M))  # h = 1
+    return np.rint(24.0 * (L.T @ Q @ L))
 
 
 def _velocity_curvature(problem: BeamProblem, M: int) -> Grid:
@@ -304,7 +301,7 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
     # Without the unknowns that the supports hold.
     gram, bending = (matrix[np.ix_(free, free)] for matrix in (gram, bending))
     tip = row(1.0) if problem.ends[1] == "free" else row(0.5)
-    slope = interpolation(np.array(1.0), M, times=1)[free] * (M / L)  # v_x(L)
+    slope = (np.arange(2 * M + 2) == 2 * M + 1)[free] * (M / L)  # v_x(L)
     mass = problem.mass_per_length * gram + problem.tip_mass * np.outer(tip, tip)
     stiffness = problem.stiffness / h**3 * bending
     damping = (problem.viscosity / problem.stiffness) * stiffness + problem.mass_damping * mass

@@ -14,12 +14,12 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, freeze, is_read_only, read_only, same
+from ..basics.arrays import Array, Frozen, read_only, same
 from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, as_doubles, exact_parts, itself, numbers, sequence
-from .beam import beam_field, beam_stress
+from ..basics.validation import InputError, as_doubles, constants, exact_parts, itself, numbers, sequence
+from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
 from .time_functions import (
@@ -48,15 +48,10 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     if isinstance(matrix, np.ndarray) and _CHECKED.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
-    if isinstance(matrix, np.ndarray) and is_read_only(matrix):
-        dense = matrix
-    else:
-        dense = read_only(numbers(name, _dense(name, matrix), "be a matrix of finite numbers", remedy))
+    dense = constants(name, _dense(name, matrix), "be a matrix of finite numbers", remedy)
     if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
-    if not np.all(np.isfinite(dense)):
-        raise InputError(name, "an entry that is not finite", "be finite", "look at what it was computed from")
     if not np.array_equal(dense, dense.T):
         size = np.sqrt(np.abs(np.diag(dense)))
         if np.all(np.abs(dense - dense.T) <= 1e-12 * np.outer(size, size)):
@@ -116,8 +111,8 @@ def _least(matrix: Array) -> float:
 
 def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
     """``vector`` as a read-only float array (n,); InputError where it is not n finite numbers."""
-    checked = vector if isinstance(vector, np.ndarray) and is_read_only(vector) else numbers(name, vector)
-    array = read_only(checked if checked.ndim == 1 else checked.ravel())
+    array = constants(name, vector)
+    array = array if array.ndim == 1 else read_only(array.ravel())
     if array.shape != (n,):
         raise InputError(name, array, f"be {n} finite numbers", "one per unknown")
     return array
@@ -145,7 +140,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Origin:
+class Origin(Frozen):
     """A beam, its discretisation, and the system that they give.
 
     Each method compares the arrays of a system with those of ``made``, number by number. A system whose
@@ -164,11 +159,8 @@ class Origin:
     made: System
 
     def __post_init__(self) -> None:
-        freeze(self, "tip", "stiffness_factor")
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self.__post_init__()
+        for name in ("tip", "stiffness_factor"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
@@ -214,7 +206,7 @@ _PROCESS, _CALLABLES = uuid4().hex, {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class System:
+class System(Frozen):
     """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
 
     Make a system with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``.
@@ -292,10 +284,6 @@ class System:
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
         return {x.name: getattr(self, x.name) for x in fields(self)} | {"fingerprint": self.fingerprint}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        freeze(self, "mass", "damping", "stiffness", "q0", "v0", "observe")
 
     @classmethod
     def from_matrices(
@@ -438,29 +426,14 @@ class System:
 
         return ODE(self, form)
 
-    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike) -> Array:
-        """u(x, t) of a beam between its nodes, see ``beam_field``; t (m,), q (m, n), x (...) -> (m, ...).
+    def displacement(self, t: ArrayLike, q: Array, x: ArrayLike, of: str = "value") -> Array:
+        """u(x, t) of a beam between its nodes, or with of="rate" and q' for q its velocity, see ``beam_field``.
 
-        Raises InputError for a system that is not a beam, and for x outside it.
+        t (m,), q (m, n), x (...) -> (m, ...). Raises InputError for a system that is not a beam, and for x outside it.
         """
-        return beam_field(self._beam("displacement(x)"), self.form, np.asarray(t, float), q, x)
-
-    def velocity(self, t: ArrayLike, v: Array, x: ArrayLike) -> Array:
-        """u_t(x, t) as ``displacement``, from v = q'."""
-        return beam_field(self._beam("velocity(x)"), self.form, np.asarray(t, float), v, x, of="rate")
-
-    def moment(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
-        """EI u_xx + eta u_xxt: the bending moment, > 0 where the beam curves towards positive u; order 2 in h."""
-        return beam_stress(self._beam("moment(x)"), self.form, np.asarray(t, float), q, v, x, 2)
-
-    def shear(self, t: ArrayLike, q: Array, v: Array, x: ArrayLike) -> Array:
-        """sigma = -EI u_xxx - eta u_xxxt, the paper's shear stress; constant in a cell, order 1 in h."""
-        return -beam_stress(self._beam("shear(x)"), self.form, np.asarray(t, float), q, v, x, 3)
-
-    def _beam(self, wanted: str) -> BeamProblem:
-        if self.problem is None:
-            raise InputError(wanted, self.form, "be asked of a beam", "for from_matrices use run.states")
-        return self.problem
+        if self.problem is None or self.cells is None:
+            raise InputError("displacement(x)", self.form, "be asked of a beam", "for from_matrices use run.states")
+        return beam_field(self.problem, self.form, self.cells, np.asarray(t, float), q, x, of)
 
     @property
     def exact_parameters(self) -> tuple[str, ...]:

@@ -144,31 +144,18 @@ def _along(system: System, base: SystemData, name: str, direction: Any) -> Syste
     return column
 
 
-def _value(system: System, path: str) -> tuple[float, bool]:
-    """The number at a path, of the drive's short names that of the first; and whether the path stands for it alone."""
-    if path in ("frequency", "amplitude"):
-        leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
-        drives = [leaf for leaf in leaves if isinstance(leaf, Harmonic)]
-        if system.problem is not None and isinstance(system.problem.base, Harmonic):
-            drives = [system.problem.base]
-        return float(getattr(drives[0], path)) if drives else 1.0, False
-    try:
-        return value_at(system, path), True
-    except (LookupError, TypeError):
-        return 0.0, False  # with_values says what is wrong with it, or the number is a text
-
-
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
     """Derivative of the data ``base`` of a system at a path, and its relative bound.
 
     Raises InputError where the system beside it has other terms.
     """
-    value, alone = _value(system, path)
-    # A path such as "stops.stiffness" may stand for contacts with different values, which have no common derivative.
-    if not alone and not np.allclose(
-        data_of(with_values(system, {path: value})).vector(), base.vector(), rtol=1e-12, atol=0.0
-    ):
-        raise InputError("wrt", path, "have one value where it stands for several", "name one of them, stops[0]")
+    try:
+        value = value_at(system, path)
+    except (LookupError, TypeError):
+        with_values(system, {path: 1.0})  # which says what is wrong with the path
+        # A path such as "stops.stiffness" may stand for contacts with different values: no common derivative.
+        rule = "be a number, and one value where it stands for several"
+        raise InputError("wrt", path, rule, "name one of them, stops[0]") from None
     structure = _structure(system)
     scale, centre = abs(value) if value else 1.0, base.vector()
 

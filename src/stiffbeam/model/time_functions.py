@@ -11,14 +11,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, freeze, is_read_only, read_only
-from ..basics.validation import InputError, exact_value, itself, number, numbers, one_of, positive
+from ..basics.arrays import Array, Frozen
+from ..basics.validation import InputError, constants, exact_value, itself, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -94,7 +94,6 @@ class Harmonic:
     amplitude: float
     frequency: float
     phase: float = 0.0
-    breakpoints: ClassVar[tuple[float, ...]] = ()
 
     def __post_init__(self) -> None:
         itself("time function", self, Harmonic)
@@ -117,16 +116,6 @@ class Harmonic:
     def acceleration(self, t: ArrayLike) -> Array:
         """-frequency^2 f(t)."""
         return -(self.frequency**2) * self.value(t)
-
-    @property
-    def sine(self) -> float:
-        """The coefficient of sin(frequency t)."""
-        return self.amplitude * math.cos(self.phase)
-
-    @property
-    def cosine(self) -> float:
-        """The coefficient of cos(frequency t)."""
-        return self.amplitude * math.sin(self.phase)
 
 
 @dataclass(frozen=True)
@@ -151,7 +140,6 @@ class Constant:
     """
 
     level: float
-    breakpoints: ClassVar[tuple[float, ...]] = ()
 
     def __post_init__(self) -> None:
         itself("time function", self, Constant)
@@ -171,7 +159,7 @@ class Constant:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled:
+class Sampled(Frozen):
     """f(t) through the points (t_i, values_i), for t_0 <= t <= t_last; or its ``derivative``-th derivative.
 
         "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
@@ -214,10 +202,10 @@ class Sampled:
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
             stated, rule = getattr(self, name), "be two or more finite numbers in a row"
-            array = stated if is_read_only(stated) else numbers(f"sampled.{name}", stated, rule)
+            array = constants(f"sampled.{name}", stated, rule)
             if array.ndim != 1 or len(array) < 2:
                 raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            object.__setattr__(self, name, read_only(array))
+            object.__setattr__(self, name, array)
         if len(self.t) != len(self.values):
             remedy = "give as many values as times"
             raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
@@ -231,10 +219,6 @@ class Sampled:
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
         self._whole  # noqa: B018  which refuses slopes that overflow
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        freeze(self, "t", "values")
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}
@@ -257,11 +241,6 @@ class Sampled:
         """A hash of all its numbers."""
         content = self.t.tobytes() + self.values.tobytes() + f"{self.kind} {self.derivative}".encode()
         return hashlib.sha256(content).hexdigest()
-
-    @property
-    def breakpoints(self) -> Array:
-        """The times of the samples: between them it is a polynomial."""
-        return self.t
 
     @property
     def degree(self) -> int:
@@ -313,13 +292,6 @@ class Sampled:
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
-
-    def taylor(self, t: ArrayLike) -> Array:
-        """(..., 4): coefficient k of s^k in f(t + s), which holds up to the next sample."""
-        c = np.zeros((*np.shape(t), 4))
-        for k in range(self.degree + 1):
-            c[..., k] = self._derivative(t, k) / math.factorial(k)
-        return c
 
     def value(self, t: ArrayLike) -> Array:
         """The interpolant at t; InputError outside the samples."""
@@ -393,14 +365,6 @@ class Superposition:
         terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
         return f"Superposition({', '.join(terms)})"
 
-    @property
-    def breakpoints(self) -> Array | None:
-        """Times at which a term is not smooth; None where a term does not state them."""
-        # One term that does not state its times leaves those of the sum open.
-        stated = [breakpoints_of(f) for _, f in self.terms]
-        known = [times for times in stated if times is not None]
-        return np.unique(np.concatenate(known)) if len(known) == len(stated) else None
-
     def value(self, t: ArrayLike) -> Array:
         """The sum of the terms, each with its factor."""
         return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
@@ -427,11 +391,6 @@ class Derivative:
     def __call__(self, t: ArrayLike) -> Array:
         """f'(t) for order 1, f''(t) for order 2."""
         return self.function.rate(t) if self.order == 1 else self.function.acceleration(t)
-
-    @property
-    def breakpoints(self) -> Any:
-        """Times of the function that is differentiated; None where it states none."""
-        return getattr(self.function, "breakpoints", None)
 
 
 LoadFunction = TimeFunction | Callable[[Any], Any]
@@ -492,15 +451,7 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
 
 
 def load_function(field: str, function: Any) -> Any:
-    """``function`` if it is one of time: a Harmonic or Constant itself, a TimeFunction, or a callable.
-
-    A subclass of Harmonic, Constant, Sampled or Superposition is refused: these are computed with as numbers, and
-    what it overrides would be ignored.
-    """
-    for known in (*KNOWN, Superposition):
-        if isinstance(function, known):
-            itself(field, function, known)
-            return function
+    """``function`` if it is one of time: a TimeFunction, or a callable."""
     remedy = "for example Constant(0.1)"
     if not isinstance(function, TimeFunction) and not callable(function):
         raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
@@ -533,12 +484,17 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
 
 
-def breakpoints_of(function: LoadFunction) -> Array | None:
-    """The times where a function of time is not smooth, as its attribute ``breakpoints`` states them; None
-    where it states nothing. A bare callable can carry the attribute too: ``f.breakpoints = (0.5, 0.502)``.
-    """
-    stated = getattr(function, "breakpoints", None)
-    return None if stated is None else times_of("breakpoints", stated)
+def breakpoints_of(function: LoadFunction | None) -> Array:
+    """Times where a function of time is not smooth: samples of records, and what the attribute ``breakpoints`` of other
+    functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
+    times = [np.zeros(0)]
+    for part in parts_of(function):
+        if isinstance(part, Derivative):
+            times.append(breakpoints_of(part.function))
+        else:
+            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", None)
+            times.append(times_of("breakpoints", () if stated is None else stated))
+    return np.unique(np.concatenate(times))
 
 
 def times_of(field: str, values: Any) -> Array:
@@ -639,8 +595,8 @@ class Drive:
             # The rows stand in the order of ``coefficients``: the constant, then sine and cosine of each frequency.
             if isinstance(function, Harmonic):
                 k = 1 + 2 * self.frequencies.index(function.frequency)
-                basis[k] += function.sine * vector
-                basis[k + 1] += function.cosine * vector
+                basis[k] += function.amplitude * math.cos(function.phase) * vector
+                basis[k + 1] += function.amplitude * math.sin(function.phase) * vector
             elif isinstance(function, Constant):
                 basis[0] += function.level * vector
             else:
@@ -675,30 +631,9 @@ class Drive:
     @cached_property
     def table(self) -> Array:
         """(edges, R, P): coefficient k of s^k in every record at an edge + s, up to the next edge."""
-        if not self.records:
-            return np.zeros((0, 0, 0))
-        inside = [np.clip(self.edges, r.t[0], r.t[-1]) for r in self.records]  # where a record has ended none is asked
-        return np.stack([r.taylor(t)[:, : self.order] for r, t in zip(self.records, inside, strict=True)], axis=1)
-
-
-def stays_at_rest(system: System) -> bool:
-    """Return True if q = 0 at all times: the system starts at 0 without velocity, and no load or stop pushes it.
-
-    A bare callable, whose values are not known, and a stop that moves count as a push.
-    """
-    if np.any(system.q0) or np.any(system.v0) or any(np.any(p) and not _zero(f) for p, f in system.loads):
-        return False
-    return all(
-        _zero(contact.offset) and contact.stops.lower_bound <= 0.0 <= contact.stops.upper_bound
-        for contact in system.contacts
-    )
-
-
-def _zero(function: LoadFunction | None) -> bool:
-    return all(
-        factor == 0.0
-        or (isinstance(f, Harmonic) and f.amplitude == 0.0)
-        or (isinstance(f, Constant) and f.level == 0.0)
-        or (isinstance(f, Sampled) and not np.any(f.values))
-        for factor, f in parts(function)
-    )
+        table = np.zeros((len(self.edges), len(self.records), self.order))
+        for r, record in enumerate(self.records):
+            # Where a record has not begun, or has ended, it is not asked for.
+            at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
+            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])[:, : self.order]
+        return table

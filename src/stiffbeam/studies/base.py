@@ -27,8 +27,9 @@ from ..basics.text import plain
 from ..basics.units import with_unit
 from ..basics.validation import InputError, integer
 from ..files.cases import Case
+from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import covered, stays_at_rest
+from ..model.time_functions import covered
 from ..references import substitute
 from ..schemes import Scheme
 from ..schemes.labels import user_source
@@ -127,7 +128,7 @@ class Study:
         """Raise InputError for a case without the stops or the motion that the study needs."""
         if self.needs_stops and not case.has_stops:
             raise InputError("case", case.name, "have stops", f"{type(self).__name__.lower()} is about contact")
-        if self.needs_motion and stays_at_rest(case.system()):
+        if self.needs_motion and scales(case.system(), case.t_end).speed == 0.0:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
         if self.needs_motion or self.needs_stops:

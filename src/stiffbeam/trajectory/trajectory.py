@@ -268,23 +268,16 @@ class Trajectory:
 
     def displacement(self, x: ArrayLike) -> Array:
         """u(x, t) at the output times; x (...) in [0, L] gives (k, ...)."""
-        return self._beam("displacement(x)").displacement(self.t, self.states[0], x)
+        return self._beam.displacement(self.t, self.states[0], x)
 
     def velocity(self, x: ArrayLike) -> Array:
         """u_t(x, t) at the output times, as ``displacement``."""
-        return self._beam("velocity(x)").velocity(self.t, self.states[1], x)
+        return self._beam.displacement(self.t, self.states[1], x, of="rate")
 
-    def moment(self, x: ArrayLike) -> Array:
-        """EI u_xx + eta u_xxt at the output times, the bending moment, as ``displacement``."""
-        return self._beam("moment(x)").moment(self.t, *self.states, x)
-
-    def shear(self, x: ArrayLike) -> Array:
-        """sigma(x, t) = -EI u_xxx - eta u_xxxt at the output times, the shear, as ``displacement``."""
-        return self._beam("shear(x)").shear(self.t, *self.states, x)
-
-    def _beam(self, wanted: str) -> System:
+    @property
+    def _beam(self) -> System:
         if self.system is None:
-            raise InputError(wanted, "a loaded file", "be asked of a run", "integrate again")
+            raise InputError("displacement(x)", "a loaded file", "be asked of a run", "integrate again")
         return self.system
 
     def plot(self) -> Figure:

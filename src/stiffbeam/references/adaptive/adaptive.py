@@ -11,7 +11,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
-from ...model.right_hand_side import RightHandSide, StateSpace, state_space
+from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...model.time_functions import in_closed_form
 from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
@@ -30,11 +30,10 @@ Solver = Callable[[Phase], Outcome]
 
 
 def reference_from(
-    request: Request, solver: Callable[[RightHandSide, float, Array], Solver], mass: Array | None = None,
-    first_order: StateSpace | None = None,
-) -> Reference:  # fmt: skip
-    """The Reference of a solver that makes one phase, on the first-order system (its own unless given, with its
-    ``mass``). solver: takes the right-hand side, the relative tolerance, and the absolute ones of all unknowns.
+    request: Request, solver: Callable[[RightHandSide, float, Array], Solver], descriptor: bool = False
+) -> Reference:
+    """The Reference of a solver that makes one phase. solver: takes the right-hand side, a ``descriptor`` or not, the
+    relative tolerance, and the absolute ones of all unknowns.
 
     atol defaults to rtol/100 of every unknown's scale (``scales_of``). Input, dissipation and impulses are integrated
     with the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
@@ -47,7 +46,7 @@ def reference_from(
     t = output_times(t_eval, t_end)
     begun = clock()
     intervals = smooth_intervals(system, t_end, steps)  # which asks the functions of time what they are
-    rhs = RightHandSide(first_order or state_space(system), mass)
+    rhs = RightHandSide(system, descriptor)
     scales = scales_of(system, t_end)
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 

@@ -54,9 +54,7 @@ def smooth_intervals(system: System, t_end: float, steps: Steps) -> list[Interva
     if steps.other:
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
     # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
-    times = [times_of("breakpoints", steps.breakpoints), *(f.t for f in records)]
-    stated = [breakpoints_of(f) for f in functions if not in_closed_form(f)]
-    times += [t for t in stated if t is not None]
+    times = [times_of("breakpoints", steps.breakpoints), *map(breakpoints_of, functions)]
     cuts = [0.0]
     for t in np.unique(np.concatenate(times)).tolist():
         # Cuts that are a few roundings apart would leave an interval of rounding length between them.

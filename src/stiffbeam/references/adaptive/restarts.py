@@ -17,6 +17,7 @@ from ...basics.arrays import Array
 from ...basics.resources import in_time
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
+from ...model.contact_law import chord
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_values
@@ -60,7 +61,7 @@ def scales_of(system: System, t_end: float) -> Scales:
         move = float(np.max(np.abs(o - o[0])))
         gives = float(contact.row @ compliance @ contact.row)
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
-            gives += 1.0 / contact.stops.secant(move)
+            gives += 1.0 / chord(move, contact.stops.coefficients)
         energy += 0.5 * move * move / gives
     if not np.isfinite(energy):
         rule = "have an energy that float64 can hold"

@@ -22,7 +22,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...kernels.rhs import function_address
-from ...model.right_hand_side import RightHandSide, descriptor
+from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
 from .adaptive import Solver, reference_from
@@ -61,12 +61,11 @@ def solve(request: Request) -> Reference:
     """
     import_module("sksundae.cvode")  # a missing library is named before anything is computed
     method = request.method
-    mass, right = descriptor(request.system) if method == "ida" else (None, None)
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
         return Sundials(method, rhs, rtol, atol).run
 
-    return reference_from(request, solver, mass, right)
+    return reference_from(request, solver, descriptor=method == "ida")
 
 
 class Library:

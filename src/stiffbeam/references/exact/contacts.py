@@ -251,7 +251,7 @@ def audit(solution: Motion, t_end: float) -> None:
         stops, chi, u = contact.stops, solution.sides[piece, i], solution.path(t, i)[0]
         stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
         law = stops.energy(u)
-        wrong += np.abs(np.where(chi != 0, 0.5 * stops.spring(1)[0], 0.0) * (u - stop) ** 2 - law)
+        wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
         shift = offset_values(contact.offset, np.zeros(1))[0]
         given, begun = float(contact.row @ system.q0 + shift), float(contact.row @ q[0] + shift)
