@@ -18,6 +18,7 @@ from .validation import InputError
 
 Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
+LOOK = 0.05  # s between two looks at the displays that wait
 
 
 @dataclass
@@ -40,22 +41,19 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 class Display:
-    """Progress of one call: a bar on a terminal, elsewhere one line after WAIT seconds, nothing for a shorter call.
+    """Progress of one call: a bar on a terminal, a line at the start of each phase with ``--verbose``.
 
-    With ``--verbose`` there is a line at the start of each phase instead: where the total is another, where less is
-    done than before, and with every new name without a total. at_once: the bar does not wait.
+    A phase begins where the total is another, where less is done than before, and with every new name without a total.
+    Elsewhere than on a terminal there is one line, after WAIT seconds.
     """
 
-    def __init__(self, what: str, at_once: bool) -> None:
+    def __init__(self, what: str, wait: float) -> None:
         self.now, self.bar, self.begun = (what, 0, -1), None, time.perf_counter()
-        self._timer = threading.Timer(WAIT, self._show_late)
-        self._timer.daemon = True
-        if TALK.verbose or TALK.quiet:
-            return
-        if at_once:
-            self._start_bar()
-        if self.bar is None:
-            self._timer.start()
+        self.opens = self.begun + wait
+        if TALK.verbose or not wait:
+            self.open()
+        else:
+            _WATCH.add(self)
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -74,19 +72,14 @@ class Display:
 
     def close(self) -> None:
         """End the display."""
-        self._timer.cancel()
+        _WATCH.remove(self)
         if self.bar is not None:
             self.bar.stop()
 
-    def _show_late(self) -> None:
-        self._start_bar()
-        if self._timer.finished.is_set() and self.bar is not None:  # the call ended meanwhile
-            self.bar.stop()
-        elif self.bar is None:
-            print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
-
-    def _start_bar(self) -> None:
-        """Start a bar where a terminal or a notebook can show it."""
+    def open(self) -> None:
+        """Show the bar, or the line."""
+        if TALK.verbose or TALK.quiet:
+            return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -98,8 +91,48 @@ class Display:
             bar.add_task(self.now[0], completed=self.now[1], total=max(self.now[2], 0) or None)
             bar.start()
             self.bar = bar
+        elif time.perf_counter() < self.begun + WAIT:
+            self.opens = self.begun + WAIT
+            _WATCH.add(self)
+        else:
+            print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
 
 
+class Watch:
+    """Displays that wait for their time. Short calls one after the other share one thread, which ends with them."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Display] = []
+        self._lock, self._runs = threading.Lock(), False
+
+    def add(self, display: Display) -> None:
+        """Open the display at its time, unless it is removed before."""
+        with self._lock:
+            self._waiting.append(display)
+            starts, self._runs = not self._runs, True
+        if starts:
+            threading.Thread(target=self._look, daemon=True).start()
+
+    def remove(self, display: Display) -> None:
+        """Forget a display whose call has ended."""
+        with self._lock:
+            if display in self._waiting:
+                self._waiting.remove(display)
+
+    def _look(self) -> None:
+        while True:
+            time.sleep(LOOK)
+            with self._lock:
+                self._runs = bool(self._waiting)
+                if not self._runs:
+                    return
+                due = [display for display in self._waiting if time.perf_counter() >= display.opens]
+                self._waiting = [display for display in self._waiting if display not in due]
+            for display in due:
+                display.open()
+
+
+_WATCH = Watch()
 _LOCK = threading.Lock()
 _calls: list[tuple[Any, Show]] = []  # calls in progress; the first has the display and the limit on BLAS
 
@@ -122,7 +155,7 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
     with _LOCK:
         limit = None if _calls else _blas().limit(limits=1, user_api="blas")
         if asked is True or (asked is None and limit is not None and current_process().name == "MainProcess"):
-            display = Display(what, bool(asked))
+            display = Display(what, 0.0 if asked else WAIT)
         show = display.show if display is not None else asked if callable(asked) else silent
         _calls.append((limit, show))
     try:
