@@ -99,15 +99,18 @@ def test_drives_of_one_frequency_go_together_with_their_phases():
 
 
 def test_stops_bolted_to_the_base_go_with_the_drive():
-    """A member is the beam that is built with the other drive."""
+    """A member is the beam that is built with the other drive; not one that starts with the speed of its base."""
 
-    def rig(base):
+    def rig(base, start=None):
         stops = [sb.Stops(-0.01, 0.01, stiffness=1e4, motion=base), sb.Stops(None, 0.008, stiffness=1e4, position=0.6)]
-        return sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=base), 8)
+        return sb.semidiscretise(sb.BeamProblem(stiffness=3.0, stops=stops, base=base, initial_velocity=start), 8)
 
     for change, base in (({"amplitude": [0.03]}, (0.03, 5.0)), ({"frequency": [6.0]}, (0.02, 6.0))):
         changed = sb.varied_members(rig(sb.Harmonic(0.02, 5.0)), change)[0]
         assert changed.fingerprint == rig(sb.Harmonic(*base)).fingerprint
+    started = rig(sb.Harmonic(0.02, 5.0), sb.PolynomialProfile((0.1, 1.0)))
+    with pytest.raises(sb.InputError, match="starts with the speed of its base"):
+        sb.varied_members(started, {"amplitude": [0.03]})
 
 
 def test_paths_of_a_beam_change_its_problem():

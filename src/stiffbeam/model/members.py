@@ -260,8 +260,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
     So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
     every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the drive.
-    The drive is the base motion, else the loads, else the motion of the stops. Initial data of a beam stay as they are.
-    Raises InputError.
+    The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
+    drive of a beam that starts with the speed of its base.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
@@ -346,6 +346,13 @@ def _placed(system: System, paths: list[list[Any]], value: float) -> System:
         root = _replaced(root, keys, value)
     if problem is None:
         return root
+    # A start with the speed of the base would be one against it.
+    if problem.base is not None and problem.initial_velocity is not None and root.base != problem.base:
+        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
+            problem.initial_velocity, problem.base.rate, root.base.rate))  # fmt: skip
+        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
+            rule = "be kept where the beam starts with the speed of its base"
+            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
     return semidiscretise(root, system.cells or system.size, system.form)
 
 
