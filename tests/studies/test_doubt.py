@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -219,17 +218,6 @@ def test_rigid_stops_have_no_largest_force():
     assert list(records.table.quantity.unique()) == ["tip", "impacts", "impulse", "time in contact", "energy"]
     assert result("impulse")["mean"].iloc[0] == pytest.approx(9.0)
     assert dominant(result("tip")) == "data"
-
-
-def test_tables_name_the_units_of_the_means():
-    stops = sb.Stops(None, 0.1, stiffness=1e4)
-    system = one_mass(0.0, stops, mass=2.0, v=3.0, units=("mm", "s", "N"))
-    case = replace(case_of(system, 1e-4, 0.2), uncertain={"stops.stiffness": (9e3, 1.1e4)})
-    text = str(doubted(case)[0])
-    values = drawn_members(system, case.uncertain, 8).values
-    assert re.search(rf"largest force \(N\) +{np.mean(3.0 * np.sqrt(2.0 * values)):.4g} ", text)
-    assert re.search(r"impulse \(N s\) +12 ", text)
-    assert re.search(r"energy \(N mm\) +9 ", text)
 
 
 def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused():
