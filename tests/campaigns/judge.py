@@ -80,25 +80,19 @@ def truth_of(case: Case) -> Truth:
     return Truth(case)
 
 
-def judge(case: Case, method: str) -> list[Verdict]:
+def judge(case: Case, method: str) -> Verdict:
     """What ``method`` of the package makes of the case: a reference method or "ensemble"."""
     try:
-        system = system_of(case)
-    except sb.InputError as error:
-        return [Verdict("refused", method, f"system: {error}"[:200])]
-    try:
-        truth = truth_of(case)
-    except Undecided as error:
-        return [Verdict("open", method, str(error))]
-    try:
+        system, truth = system_of(case), truth_of(case)
         if method == "ensemble":
-            return [judge_ensemble(system, truth)]
-        ref = sb.reference(system, case.t_end, method, t_eval=truth.t)
-        return [judge_reference(ref, truth, method)]
+            return judge_ensemble(system, truth)
+        return judge_reference(sb.reference(system, case.t_end, method, t_eval=truth.t), truth, method)
+    except Undecided as error:
+        return Verdict("open", method, str(error))
     except (sb.InputError, sb.SolverFailure, sb.Diverged) as error:
-        return [Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])]
+        return Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])
     except Exception as error:
-        return [Verdict("exception", method, f"{type(error).__name__}: {error}"[:300])]
+        return Verdict("exception", method, f"{type(error).__name__}: {error}"[:300])
 
 
 def judge_reference(ref: sb.Reference, truth: Truth, method: str) -> Verdict:
@@ -279,8 +273,7 @@ def _affordable(case: Case, method: str) -> bool:
     return method not in ADAPTIVE or phase < {"radau": 1e3, "kvaerno5": 1e3, "dop853": 3e3}.get(method, 1e4)
 
 
-def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:
-    """All verdicts on one system of a campaign."""
+def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> tuple[str, list[Verdict]]:
+    """The family of one system of a campaign, and the verdicts on it."""
     case = random_case(seed, index)
-    methods = only or methods_for(case, index)
-    return [v for m in methods for v in judge(case, m)]
+    return case.notes, [judge(case, method) for method in only or methods_for(case, index)]
