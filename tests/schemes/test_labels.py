@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
@@ -48,13 +46,6 @@ def test_a_study_of_a_physical_case_names_its_units(name):
         assert any(text in word for word in words), (text, words)
     assert not any("u(1," in word for word in words)  # the tip is at L
     assert records.to_dict()["units"] == ["m", "s", "N"]
-
-
-def test_a_study_of_a_case_without_units_names_none():
-    case = Case("plain", "plain", PLAIN, 8, 1e-3, 1.0, RUNS)
-    words = words_of(sb.study("sweep", case, values=[9.0, 10.0], periods=2, transient=1).figure())
-    assert "tip $u(1, nT)$" in words
-    assert not re.search(r"\((m|s|N|rad/s|Hz)\)", "".join(words))
 
 
 def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):

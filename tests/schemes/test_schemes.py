@@ -16,7 +16,6 @@ import stiffbeam as sb
 from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
 from stiffbeam.schemes.labels import parse_run, split_runs
-from stiffbeam.schemes.scheme import check_contract
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
 from stiffbeam.studies import study
 from stiffbeam.studies.common import chosen
@@ -194,12 +193,6 @@ def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
             assert np.allclose(run.impacts.impulses, 4.0, atol=1e-13)
 
 
-@pytest.mark.parametrize("scheme", CONSERVING)
-def test_without_contact_nothing_is_left_to_conserve(scheme):
-    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
-    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     """Under a linear force: free, slow, critical and overdamped modes."""
@@ -291,12 +284,6 @@ def test_a_study_takes_scheme_objects_in_worker_processes_too(tmp_path):
     assert here.table.equals(there.table)
     assert set(here.found.scheme) == {"Midpoint(theta=0.5)", "Trapezoidal"}
     here.figure()
-
-
-def test_every_registered_scheme_keeps_the_contract_and_has_one_name():
-    for scheme in ALL:
-        check_contract(scheme)
-    assert len(set(map(str, ALL))) == len(ALL)
 
 
 @pytest.mark.parametrize("form", ["displacement", "velocity-curvature"])

@@ -53,7 +53,7 @@ def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
     answers_or_refuses(study, *BENCHES[name]())
 
 
-@pytest.mark.fast(0, slow=9)
+@pytest.mark.fast(0, slow=5)
 @pytest.mark.parametrize("name", BENCHES)
 def test_every_study_of_bodies_at_rest_on_their_stops(name):
     """``orbits`` of these takes half a minute each."""
