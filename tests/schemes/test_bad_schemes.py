@@ -160,26 +160,6 @@ def test_a_subclass_whose_methods_would_be_ignored(make):
         make()
 
 
-class Ringing:
-    """A function of time through the protocol: its methods are asked, so it stays allowed."""
-
-    def value(self, t):
-        return np.sin(3.0 * np.asarray(t) ** 2)
-
-    def rate(self, t):
-        return 6.0 * np.asarray(t) * np.cos(3.0 * np.asarray(t) ** 2)
-
-    def acceleration(self, t):
-        return 6.0 * np.cos(3.0 * np.asarray(t) ** 2) - 36.0 * np.asarray(t) ** 2 * np.sin(3.0 * np.asarray(t) ** 2)
-
-
-def test_a_function_of_time_of_ones_own_is_asked_for_its_values():
-    system = sb.System.from_matrices(ONE, ONE, loads=[(ROW, Ringing())], observe=ROW)
-    run = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0, every=100)
-    wanted = sb.reference(system, 2.0, "dop853", run.t, rtol=1e-10).tip
-    assert np.max(np.abs(run.tip - wanted)) < 1e-6 * np.max(np.abs(wanted))
-
-
 def conserving(scheme=None, **law):
     stops = sb.Stops(-0.1, 0.1, stiffness=1e3, **law)
     system = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops), 6)
