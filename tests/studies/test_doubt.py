@@ -164,7 +164,7 @@ def random_beam(number: int, cells: int, form: str) -> Case:
     [
         pytest.param("displacement", 4, 6, marks=pytest.mark.slow),
         pytest.param("displacement", 8, 40, marks=pytest.mark.campaign),
-        pytest.param("hermite", 4, 12, marks=pytest.mark.campaign),
+        pytest.param("hermite", 4, 4, marks=pytest.mark.campaign),
     ],
 )
 def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cells(form, cells, beams):
