@@ -15,7 +15,7 @@ from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
 from stiffbeam.studies import STUDIES, Answer, Study, option, studies
-from stiffbeam.studies.base import NOTHING, evaluate
+from stiffbeam.studies.base import NOTHING
 from stiffbeam.studies.converge import orders
 
 SPRING = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e4), load=sb.Harmonic(8.0, 5.0))
@@ -194,17 +194,6 @@ def test_stiff_stops_approach_rigid_ones_with_the_square_root():
     rows = records.found.sort_values("kappa")
     slope = np.polyfit(np.log(rows.kappa), np.log(rows.tip_error), 1)[0]
     assert slope == pytest.approx(-0.5, abs=0.05)
-
-
-def test_a_failure_of_arithmetic_is_a_row():
-    class Broken(Doubled):
-        """Is it broken?"""
-
-        def run(self, case, number):
-            return {"twice": 1.0 / 0.0}
-
-    STUDIES.pop("broken")
-    assert evaluate(Broken(), None, {"number": 1.0})[0]["lost"].startswith("ZeroDivisionError")
 
 
 def test_a_point_file_that_is_a_link_is_neither_read_nor_followed(tmp_path):
