@@ -54,26 +54,6 @@ def test_the_bilinear_oscillator_has_its_period():
         assert max(abs(x - y) for x, y in zip(exact, found, strict=False)) < mp.mpf(10) ** -30
 
 
-def test_the_bilinear_oscillator_with_a_gap():
-    """T(A) = 2/w1 (pi - acos(g/A)) + 2/w2 atan2(v/w2, k g/(k + kappa)), v = w1 sqrt(A^2 - g^2), A = 0.02, g = 0.01."""
-    w1, w2, A, g = np.sqrt(10.0), np.sqrt(60.0), 0.02, 0.01
-    v = w1 * np.sqrt(A**2 - g**2)
-    period = 2.0 / w1 * (np.pi - np.arccos(g / A)) + 2.0 / w2 * np.arctan2(v / w2, 10.0 * g / 60.0)
-    begins = np.array([e.begin for e in solve(oscillator(1.0, 10.0, 50.0, g, w1 * A, 12.0)).episodes(0)])
-    assert np.max(np.abs(np.diff(begins) - period)) < 1e-13
-
-
-def test_one_impact_on_a_stiff_stop():
-    """x = v0/w sin w t on the stop, w^2 = (k + kappa)/m: force, duration and impulse in closed form."""
-    m, k, kappa, v0 = 100.0, 1e4, 1e6, 1.0
-    w = np.sqrt((k + kappa) / m)
-    [episode] = solve(oscillator(m, k, kappa, 0.0, v0, 0.1)).episodes(0)
-    assert episode.begin == 0.0
-    assert abs(episode.end - np.pi / w) < 1e-15
-    assert abs(episode.depth - v0 / w) < 1e-15
-    assert abs(episode.area - 2.0 * v0 / w**2) < 1e-9 * episode.area  # the grid's quadrature, order 6
-
-
 def test_a_dip_between_two_grid_points_is_seen():
     """A graze that is a hundredth of a grid interval long."""
     w, depth = 2.0, 1e-9
