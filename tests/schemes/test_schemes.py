@@ -174,6 +174,12 @@ def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
             assert np.allclose(run.impacts.impulses, 4.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("scheme", CONSERVING)
+def test_without_contact_nothing_is_left_to_conserve(scheme):
+    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
+    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     """Under a linear force: free, slow, critical and overdamped modes."""
