@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from vibro_impact import Case, Contact, wave_value
+from witness import Case, Contact
 
 import stiffbeam as sb
 
@@ -103,24 +103,12 @@ def three_masses(damping: Any = None) -> sb.System:
     )
 
 
-class Pulse:
-    """A pulse as a user writes it: a function of time that states where it is not smooth."""
-
-    def __init__(self, wave: Any) -> None:
-        self.wave, (begin, end) = wave, wave[2:]
-        self.breakpoints = (begin, 0.5 * (begin + end), end)
-
-    def __call__(self, t: Any) -> np.ndarray:
-        return wave_value(self.wave, t)
-
-
 def function_of(wave: Any) -> Any:
     """A witness's function of time as the package takes it."""
     if wave is None:
         return None
-    if wave[0] == "constant":
-        return sb.Constant(wave[1])
-    return sb.Harmonic(*wave[1:]) if wave[0] == "harmonic" else Pulse(wave)
+    kinds = {"constant": sb.Constant, "harmonic": sb.Harmonic, "sampled": sb.Sampled}
+    return kinds[wave[0]](*wave[1:])
 
 
 def system_of(case: Case) -> sb.System:

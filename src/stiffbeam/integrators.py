@@ -92,12 +92,9 @@ class Integrator:
 
     def work(self, run: Trajectory) -> int:
         """Return the work of its run: linear solves of an implicit scheme, evaluations of others, else steps."""
-        return run.work.steps * len(self.source.nodes) if self.kind == SCHEME else evaluations(run)
-
-
-def evaluations(run: Trajectory) -> int:
-    """The largest count of a run's work, else its steps."""
-    return max(run.work.counters.values(), default=run.work.steps)
+        if self.kind == SCHEME:
+            return run.work.steps * len(self.source.nodes)
+        return max(run.work.counters.values(), default=run.work.steps)
 
 
 def integrator(given: Any, order: float | None = None) -> Integrator:

@@ -39,10 +39,7 @@ def reference_solution() -> Callable[..., Reference]:
 
 @pytest.fixture(scope="session")
 def assert_within_reference() -> Callable[..., None]:
-    """``assert_within_reference(run, reference, tolerance, until=None)``: |u_run - u_ref| <= tolerance max |u_ref|.
-
-    run: a Trajectory, or arrays (t, u) or (t, q, v). Comparing past the reference's horizon is refused.
-    """
+    """``assert_within_reference(run, reference, tolerance, until=None)``, see ``within_reference``."""
     return within_reference
 
 

@@ -24,7 +24,12 @@ if __name__ == "__main__":
     tables = sys.argv[1:] or ["table10", "table11", "table12", "table13"]
     for table in tables:
         out = f"stiffbeam-output/{table}"
-        options: dict[str, Any] = {"integrators": list(SCHEMES), "views": ["time", "matched"], "kinds": ["contact"]}
+        options: dict[str, Any] = {
+            "kinds": ["contact"],
+            "integrators": list(SCHEMES),
+            "views": ["time", "matched"],
+            "halvings": 8,
+        }
         records = study("converge", table, folder=f"{out}/points", **options)
         records.save(out)
         for error in ERRORS:

@@ -1,95 +1,149 @@
-"""The campaign: random systems until the package certifies something false.
+"""Random systems against independent solvers, or wild input to everything that users call, until something is wrong.
 
-    python tests/campaigns/campaign.py --systems 2000 --seed 1 --jobs 2
+    python tests/campaigns/campaign.py systems --count 2000 --seed 1 --jobs 2
+    python tests/campaigns/campaign.py inputs --count 10000 --seed 1 --jobs 2
 
 Prints the outcomes by family and by subject, and every violation with the numbers that repeat it:
 
-    python tests/campaigns/campaign.py --seed 1 --only 1234 --methods exact
+    python tests/campaigns/campaign.py systems --seed 1 --only 1234 --methods exact
+    python tests/campaigns/campaign.py inputs --seed 1 --only 612
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
+import resource
 import signal
 import sys
+import tempfile
+import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
-from judge import Verdict, judged, methods_for
-from random_systems import case as random_case
-from supervised import supervised
+from judge import Verdict, judged
 
-OUTCOMES = ("right", "refused", "short", "open", "wrong", "hang", "exception", "not finite")
-VIOLATIONS = ("wrong", "hang", "exception", "not finite")
-MEMORY = 12.0  # GiB
+OUTCOMES = ("right", "result", "refused", "failed", "short", "open")
+VIOLATIONS = ("wrong", "hang", "exception", "not finite", "message")
+MEMORY = 12.0  # GiB of addresses for a process
+Task = tuple[str, int, int, tuple[str, ...]]  # kind, seed, number, methods
 
 
-def work(task: tuple[int, int, tuple[str, ...]]) -> list[Verdict]:
-    """The verdicts on a system by its methods."""
+def work(task: Task) -> tuple[str, list[Verdict]]:
+    """The family of a system or an input, and the verdicts on it."""
     import warnings
 
+    kind, seed, index, methods = task
     warnings.simplefilter("ignore")
-    return judged(*task)
+    if kind == "systems":
+        return judged(seed, index, methods)
+    from fuzz import tried  # which imports all that users call
+
+    os.environ["STIFFBEAM_THREADS"] = "1"
+    return tried(seed, index)
 
 
-def campaign(indices: list[int], seed: int, jobs: int, limit: float, only: tuple[str, ...] = (), quiet: bool = False,
-             seconds: float = float("inf")):  # fmt: skip
-    """(outcomes by family, outcomes by subject, violations) of systems ``indices``; limit: of a system and a method."""
-    by_family, by_subject, violations = Counter(), Counter(), []
-    cases = {index: random_case(seed, index) for index in indices}
-    tasks = [(seed, i, tuple(only or methods_for(cases[i], i))) for i in indices]
-    most = limit * max(len(methods) for *_, methods in tasks)
-    for (_, index, methods), answer in supervised(work, tasks, jobs, most, MEMORY, seconds):
-        family = cases[index].notes
-        if not isinstance(answer, list):
-            hang = answer == signal.SIGPROF
-            answer = [Verdict("hang" if hang else "exception", " ".join(methods), f"the process ended with {answer!r}")]
-        for verdict in answer:
-            by_family[family, verdict.outcome] += 1
-            by_subject[verdict.subject.split()[0], verdict.outcome] += 1
-            if verdict.outcome in VIOLATIONS:
-                violations.append((index, family, verdict.outcome, verdict.subject, verdict.reason))
-                if not quiet:
-                    where = f"--seed {seed} --only {index} --methods {verdict.subject}  [{family}]"
-                    print(f"{verdict.outcome}: {where}: {verdict.reason}", flush=True)
+def apart(tasks: list[Task], jobs: int, limit: float) -> Iterator[tuple[str, list[Verdict]]]:
+    """``work`` on the tasks, in order, in ``jobs`` processes that may use so many seconds of processor time a task, and
+    MEMORY; a task that ends its process is a violation."""
+    own, started = threading.local(), []
+
+    def start() -> tuple[Any, Any]:
+        context = multiprocessing.get_context("spawn")
+        pipe, theirs = context.Pipe()
+        started.append(process := context.Process(target=_serve, args=(theirs, limit), daemon=True))
+        process.start()
+        theirs.close()
+        return process, pipe
+
+    def answer(task: Task) -> tuple[str, list[Verdict]]:
+        own.child = getattr(own, "child", None) or start()
+        process, pipe = own.child
+        pipe.send(task)
+        try:
+            return pipe.recv()
+        except EOFError:
+            own.child = None
+            process.join()
+            kind = "hang" if process.exitcode == -signal.SIGPROF else "exception"
+            return "?", [Verdict(kind, " ".join(task[3]) or "?", f"the process ended with {process.exitcode}")]
+
+    try:
+        with ThreadPoolExecutor(jobs) as pool:
+            yield from pool.map(answer, tasks)
+    finally:
+        for process in started:
+            process.kill()
+
+
+def _serve(pipe: Any, limit: float) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (int(MEMORY * 2**30),) * 2)
+    for stream in (1, 2):  # SUNDIALS writes its warnings there
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        while True:
+            task = pipe.recv()
+            signal.setitimer(signal.ITIMER_PROF, limit)  # SIGPROF ends compiled loops too
+            pipe.send(work(task))
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def campaign(
+    kind: str, numbers: list[int], seed: int, jobs: int, limit: float, methods: tuple[str, ...] = ()
+) -> tuple[Counter, Counter, list[str]]:
+    """(outcomes by family, outcomes by subject, violations) of systems or inputs; limit: of each."""
+    by_family, by_subject, violations = Counter(), Counter(), list[str]()
+    tasks = [(kind, seed, i, methods) for i in numbers]
+    for number, (family, verdicts) in zip(numbers, apart(tasks, jobs, limit), strict=True):
+        for x in verdicts:
+            by_family[family, x.outcome] += 1
+            by_subject[x.subject.split()[0], x.outcome] += 1
+            if x.outcome in VIOLATIONS:
+                violations.append(
+                    f"{kind} --seed {seed} --only {number}  {x.subject} [{family}]  {x.outcome}: {x.reason}"
+                )
     return by_family, by_subject, violations
 
 
 def table(counts: Counter) -> str:
     """Rows by name, columns by outcome."""
-    names = sorted({name for name, _ in counts})
-    width = max((len(n) for n in names), default=8) + 2
-    lines = ["".ljust(width) + "".join(o.rjust(11) for o in OUTCOMES)]
-    lines += [n.ljust(width) + "".join(str(counts[n, o]).rjust(11) for o in OUTCOMES) for n in names]
-    total = {o: sum(v for (_, x), v in counts.items() if x == o) for o in OUTCOMES}
-    return "\n".join([*lines, "all".ljust(width) + "".join(str(total[o]).rjust(11) for o in OUTCOMES)])
+    names, outcomes = sorted({name for name, _ in counts}), [*OUTCOMES, *VIOLATIONS]
+    total = {o: sum(v for (_, x), v in counts.items() if x == o) for o in outcomes}
+    rows = {name: [counts[name, o] for o in outcomes] for name in names} | {"all": list(total.values())}
+    width = max(map(len, rows)) + 2
+    lines = ["".ljust(width) + "".join(o.rjust(11) for o in outcomes)]
+    return "\n".join([*lines, *(n.ljust(width) + "".join(str(x).rjust(11) for x in row) for n, row in rows.items())])
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--systems", type=int, default=2000)
+    parser.add_argument("kind", choices=["systems", "inputs"])
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=0, help="go on from this one")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=30.0, help="seconds of processor time for a system and a method")
-    parser.add_argument("--first", type=int, default=0, help="go on from this system")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no system after that")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of systems")
+    parser.add_argument("--limit", type=float, default=90.0, help="seconds of processor time for each")
+    parser.add_argument("--only", type=int, nargs="*", help="numbers of systems or inputs, tried in this process")
     parser.add_argument("--methods", nargs="*", default=[])
-    options = parser.parse_args()
-    indices = options.only or list(range(options.first, options.first + options.systems))
-    begun = time.monotonic()
-    families, subjects, violations = campaign(
-        indices, options.seed, options.jobs, options.limit, tuple(options.methods), seconds=options.seconds
-    )
-    print(f"\nSystems of seed {options.seed}, {len(indices)} asked, in {time.monotonic() - begun:.0f} s\n")
-    print(f"{table(families)}\n\n{table(subjects)}")
-    print(f"\n{len(violations)} violations")
-    return 1 if violations else 0
+    given = parser.parse_args()
+    if given.only:
+        for number in given.only:
+            print(*work((given.kind, given.seed, number, tuple(given.methods))), sep="\n")
+        return 0
+    begun, numbers = time.monotonic(), list(range(given.first, given.first + given.count))
+    found = campaign(given.kind, numbers, given.seed, given.jobs, given.limit, tuple(given.methods))
+    print("\n\n".join([*map(table, found[:2]), *found[2]]))
+    print(f"\n{len(found[2])} violations of {given.count} {given.kind} in {time.monotonic() - begun:.0f} s")
+    return bool(found[2])
 
 
 if __name__ == "__main__":

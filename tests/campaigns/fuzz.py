@@ -1,125 +1,157 @@
-"""Wild input to everything that users call: each ends in a result, or in a refusal with rule, value and remedy.
+"""Wild input to everything that users call: a result, or a refusal with rule, value and remedy; nothing else.
 
-    python tests/campaigns/fuzz.py --seed 1 --inputs 10000 --jobs 2
-
-Input i of a seed is the same everywhere: ``--only i`` repeats it here, with its traceback. Each is tried in a
-process that may use ``--limit`` seconds of processor time and ``--memory`` GiB; what is no result, no InputError
-and no Diverged or SolverFailure is a violation: an exception from inside, a hang, a crash, a number that is not
-finite in what came back, a message of more than 300 characters or of more than one line, and a refusal that
-does not say rule, value and remedy.
+A violation is an exception from inside, a number that is not finite in what came back, and a message that is longer
+than 300 characters, more than one line, or without rule, value and remedy.
 """
 
 from __future__ import annotations
 
-import argparse
-import collections
-import os
+import contextlib
 import re
-import signal
-import time
+import tempfile
 import traceback
-import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz_surfaces import CONSTRUCTORS, FUNCTIONS, Surface, numbers_in
-from fuzz_texts import case_file, command
-from supervised import supervised
+from commands import invoke
+from fuzz_surfaces import CONSTRUCTORS, FUNCTIONS, Surface, beam, marched, numbers_in
+from judge import Verdict
+from wild_values import NUMBERS, TEXTS
 
 import stiffbeam as sb
-from stiffbeam.basics.text import shown
+from stiffbeam.cli.commands import OWN
+from stiffbeam.files.cases import find_case
+from stiffbeam.files.paper import case_blocks, paper_text
+from stiffbeam.studies import studies
 
 LONGEST = 300
-GOOD = ("result", "refused", "failed")
 WHOLE = re.compile(r".+ must .+, got .*: .+")  # field, rule, value and remedy
+
+
+def one_case(text: str) -> Any:
+    """Read, and marched for a few steps where it can be read."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "case.toml"
+        file.write_bytes(text.encode("utf-8", "surrogatepass"))
+        case = find_case(str(file))
+        if case.cells > 100:
+            return case
+        return [case, *marched(sb.semidiscretise(case.problem, case.cells, case.runs[0][1]) if case.runs else beam())]
+
+
+STEEL = """[[case]]
+name = "steel"
+title = "a steel strip"
+cells = 6
+dt = 1e-4
+t_end = 0.01
+runs = ["HHT(alpha=-0.1)", "BDF2@velocity-curvature"]
+inferred = ["cells: as many as suffice"]
+[case.published.impacts]
+bdf2 = 10
+[case.problem]
+length = 0.4
+stiffness = 4.2
+mass_per_length = 0.16
+supports = "clamped-free"
+units = { length = "mm", time = "s", force = "N" }
+initial_velocity = [0.0, 0.0, 1.0]
+stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5, exponent = 1.5, damping = 1.0 }
+base = { sum = [{ amplitude = 1e-3, frequency = 150.0 }, { constant = 0.0 }] }
+loads = [{ position = 0.1, amplitude = 3.0, frequency = 60.0, phase = "pi/2" }, { shape = [0, 1], constant = 2.0 }]
+"""
+LITERALS = [
+    "0", "-1", "true", "nan", "inf", "-inf", "1e400", "1e-400", "1e999999999", "9" * 400, "[]", "{}", "[1, 2]", '""',
+    '"abc"', '"1/0"', '"pi*pi"', '"[/]"', '"\\u001b[31m"', '".."', '"../x"', "2002-01-01", "[[[[]]]]", "1_000",
+    '"HHT(alpha=' + "-" * 1000 + '1)"', '["HHT(alpha=' + "-" * 1000 + '1)"]', "0x10", "1e30", "1e-300", '"' + "x" * 999
+    + '"', "[" * 300 + "]" * 300, '{ amplitude = 1, frequency = 2 }', '{ sampled = "/etc/passwd" }', "[true]",
+]  # fmt: skip
+
+
+def case_file(rng: np.random.Generator) -> Any:
+    """A field with another value, a line less, a byte changed."""
+    text = str(rng.choice([STEEL, *(case_blocks(paper_text())[x] for x in ("table10", "table3"))]))
+    kind = rng.integers(5)
+    if kind == 0:
+        lines = text.splitlines()
+        del lines[rng.integers(len(lines))]
+        return one_case("\n".join(lines))
+    if kind == 1:
+        at = int(rng.integers(len(text)))
+        return one_case(text[:at] + str(rng.choice(["", "\x00", '"', "[", "=", "\n", "9", "\x1b"])) + text[at + 1 :])
+    values = list(re.finditer(r'(?<== )("[^"]*"|[-\d.e]+|\[[^\]]*\]|\{[^{}]*\})', text))
+    for match in sorted(rng.choice(len(values), 1 + (kind == 2), replace=False), reverse=True):
+        place = values[match]
+        text = text[: place.start()] + LITERALS[rng.integers(len(LITERALS))] + text[place.end() :]
+    return one_case(text)
+
+
+STUDIES = [[name] if name in OWN else ["study", name] for name in studies()]
+OPTIONS = {
+    "cases": {"--show": "table10", "--json": "-"},
+    "compare": {"--schemes": "hht", "--references": "exact", "--contact": "implicit", "--dt": "1e-3", "--t-end": "0.02",
+                "--json": "-", "--out": "out"},
+    "reference": {"--method": "exact", "--form": "displacement", "--digits": "30", "--rtol": "1e-6", "--t-end": "0.02",
+                  "--out": "r.nc", "--json": "-"},
+    **{" ".join(words): {"--schemes": "hht", "--integrators": "hht", "--t-end": "0.02", "--dt": "1e-3",
+                         "--halvings": "2", "--jobs": "1", "--values": "9:10:2", "--members": "2",
+                         "--form": "displacement", "--json": "-"}
+       for words in STUDIES},
+}  # fmt: skip
+
+
+def command(rng: np.random.Generator) -> Any:
+    """The status of the command as it is typed, in a folder with a case file."""
+    name = str(rng.choice([*OPTIONS, "compare", "reference"]))
+    case = str(rng.choice(["table10", "table3", "steel.toml", "table"]))
+    words = [
+        *name.split(),
+        *([] if name == "cases" else [case]),
+        *(["--t-end", "0.02"] if name.split() in STUDIES else []),
+    ]
+    for option in rng.choice(list(OPTIONS[name]), min(2, len(OPTIONS[name])), replace=False):
+        value = OPTIONS[name][option] if rng.random() < 0.3 else str(_of(rng, NUMBERS if rng.random() < 0.6 else TEXTS))
+        words += [option, value]
+    if rng.random() < 0.15:
+        words[int(rng.integers(len(words)))] = str(_of(rng, TEXTS))
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("steel.toml").write_text(STEEL, encoding="utf-8")
+        done = invoke([word.replace("\x00", "") for word in words])
+    if isinstance(done.exception, sb.InputError):  # words that are no command or option have the help alone
+        raise done.exception
+    return done.exit_code
+
+
+def _of(rng: np.random.Generator, values: list[Any]) -> str:
+    try:
+        return str(values[rng.integers(len(values))])
+    except ValueError:  # of 5000 digits
+        return "9" * 5000
+
+
 GROUPS: dict[str, tuple[float, list[Any]]] = {
     "constructors": (0.35, CONSTRUCTORS), "functions": (0.4, FUNCTIONS), "case files": (0.15, [case_file]),
     "commands": (0.1, [command]),
 }  # fmt: skip
 
 
-def one(seed: int, index: int) -> tuple[str, str, str]:
-    """(group and surface, outcome, what it says) of one input."""
+def tried(seed: int, index: int) -> tuple[str, list[Verdict]]:
+    """The group of an input, and the verdict on it: "result", "refused", "failed" or a violation."""
     rng = np.random.default_rng([seed, index])
     group = str(rng.choice(list(GROUPS), p=[share for share, _ in GROUPS.values()]))
     choices = GROUPS[group][1]
     weights = np.array([getattr(x, "weight", 1) for x in choices], float)
     chosen = choices[int(rng.choice(len(choices), p=weights / weights.sum()))]
-    where = f"{group}: {chosen.name}" if isinstance(chosen, Surface) else group
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            found = chosen.try_one(rng) if isinstance(chosen, Surface) else chosen(rng)
-            bad = [name for name, values in numbers_in(found) if not np.all(np.isfinite(values))]
-        except sb.InputError as error:
-            return where, _message("refused", error), str(error)
-        except (sb.Diverged, sb.SolverFailure) as error:
-            return where, _message("failed", error), str(error)
-        except BaseException:
-            return where, "exception", traceback.format_exc(limit=-4)
-    return (where, "not finite", ", ".join(bad)) if bad else (where, "result", type(found).__name__)
-
-
-def _message(outcome: str, error: Exception) -> str:
-    text = str(error)
-    if len(text) > LONGEST or not text.isprintable():
-        return "message"
-    return outcome if outcome != "refused" or WHOLE.fullmatch(text) else "no remedy"
-
-
-def work(task: tuple[int, int]) -> dict[str, Any]:
-    """The outcome of an input and the processor time that it used."""
-    os.environ["STIFFBEAM_THREADS"] = "1"
-    used = time.process_time()
-    where, outcome, said = one(*task)
-    seconds = round(time.process_time() - used, 2)
-    return {"index": task[1], "where": where, "outcome": outcome, "said": said[-1500:], "seconds": seconds}
-
-
-def campaign(seed: int, inputs: range, jobs: int, limit: float, memory: float) -> list[dict[str, Any]]:
-    """The outcome of every input, each tried in a process that others are not harmed by."""
-    found = []
-    for (_, index), answer in supervised(work, [(seed, i) for i in inputs], jobs, limit, memory):
-        if not isinstance(answer, dict):
-            kind = "hang" if answer == signal.SIGPROF else "crash"
-            answer = {"index": index, "where": "?", "outcome": kind, "said": f"ended by {answer!r}"}
-        found.append(answer)
-    return sorted(found, key=lambda x: x["index"])
-
-
-def table(found: list[dict[str, Any]]) -> str:
-    """Outcomes by surface group."""
-    counts: dict[str, collections.Counter] = collections.defaultdict(collections.Counter)
-    for x in found:
-        counts[x["where"].partition(":")[0]][x["outcome"]] += 1
-    outcomes = sorted({outcome for counter in counts.values() for outcome in counter})
-    lines = [f"{'':14}" + "".join(f"{x:>20}" for x in ("inputs", *outcomes))]
-    for group, counter in sorted(counts.items()):
-        row = (counter.total(), *(counter[x] for x in outcomes))
-        lines.append(f"{group:14}" + "".join(f"{x:>20}" for x in row))
-    return "\n".join(lines)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--inputs", type=int, default=10000)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=30.0, help="seconds of processor time for an input")
-    parser.add_argument("--memory", type=float, default=12.0, help="GiB of addresses for a process")
-    parser.add_argument("--only", type=int, help="this input alone, here")
-    given = parser.parse_args()
-    if given.only is not None:
-        Surface.told = staticmethod(lambda name, value: print(f"{name} = {shown(value)}", flush=True))
-        print(*one(given.seed, given.only), sep="\n")
-        return
-    found = campaign(given.seed, range(given.inputs), given.jobs, given.limit, given.memory)
-    for x in found:
-        if x["outcome"] not in GOOD:
-            print(f"--seed {given.seed} --only {x['index']}  {x['where']}  {x['outcome']}: {x['said']}")
-    print(table(found))
-    raise SystemExit(any(x["outcome"] not in GOOD for x in found))
-
-
-if __name__ == "__main__":
-    main()
+    try:
+        found = chosen.try_one(rng) if isinstance(chosen, Surface) else chosen(rng)
+        bad = [name for name, values in numbers_in(found) if not np.all(np.isfinite(values))]
+        outcome, reason = ("not finite" if bad else "result"), ", ".join(bad)
+    except (sb.InputError, sb.Diverged, sb.SolverFailure) as error:
+        outcome, reason = ("refused" if isinstance(error, sb.InputError) else "failed"), str(error)
+        whole = outcome == "failed" or WHOLE.fullmatch(reason)
+        if len(reason) > LONGEST or not reason.isprintable() or not whole:
+            outcome = "message"
+    except BaseException:
+        outcome, reason = "exception", traceback.format_exc(limit=-4)
+    return group, [Verdict(outcome, getattr(chosen, "name", group).replace(" ", "-"), reason)]

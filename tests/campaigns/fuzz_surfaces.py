@@ -1,4 +1,4 @@
-"""What users call, with arguments that work: the campaign of ``fuzz.py`` puts wild values in their place."""
+"""What users call, with arguments that work: ``fuzz.py`` puts wild values in their place."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import functools
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from wild_values import near, wild
 
 import stiffbeam as sb
+from stiffbeam.basics.text import shown
 from stiffbeam.measures.amplification import Amplification
 from stiffbeam.model.members import EnsembleMembers
 from stiffbeam.references import METHODS
@@ -28,14 +29,18 @@ class Surface:
     call: Callable[..., Any]
     good: dict[str, Any]
     weight: int = 4
-    told: ClassVar[Callable[[str, Any], None]] = staticmethod(lambda name, value: None)
 
     def try_one(self, rng: np.random.Generator) -> Any:
         arguments = dict(self.good)
-        for name in rng.choice(list(arguments), min(len(arguments), int(rng.choice([1, 1, 1, 2, 3]))), replace=False):
+        count = min(len(arguments), int(rng.choice([1, 1, 1, 2, 3])))
+        changed = rng.choice(list(arguments), count, replace=False)
+        for name in changed:
             arguments[name] = near(rng, arguments[name]) if rng.random() < 0.4 else wild(rng)
-            self.told(name, arguments[name])
-        return self.call(**arguments)
+        try:
+            return self.call(**arguments)
+        except Exception as error:
+            error.add_note(shown({name: arguments[name] for name in changed}))
+            raise
 
 
 STOPS = {"lower": -0.1, "upper": 0.1, "stiffness": 1e4}

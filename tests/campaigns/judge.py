@@ -13,9 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from random_systems import case as random_case
 from systems import system_of
-from vibro_impact import PULSES, Case, Undecided, wave_value
-from vibro_march import Episode, solve
-from vibro_precise import precise
+from witness import Case, Episode, Undecided, solve, wave_value
 
 import stiffbeam as sb
 from stiffbeam.references import best_reference
@@ -69,7 +67,7 @@ class Truth:
         if len(self.motion.pieces) > 400:
             return None
         try:
-            few, many = (precise(self.case, digits, 1000, MOST_SECONDS).tip(t) for digits in (50, 75))
+            few, many = (solve(self.case, digits, 1.0, 1000, MOST_SECONDS).tip(t) for digits in (50, 75))
         except Undecided:
             return None
         return many if np.max(np.abs(few - many), initial=0.0) <= 1e-6 * self.scale else None
@@ -80,25 +78,19 @@ def truth_of(case: Case) -> Truth:
     return Truth(case)
 
 
-def judge(case: Case, method: str) -> list[Verdict]:
+def judge(case: Case, method: str) -> Verdict:
     """What ``method`` of the package makes of the case: a reference method or "ensemble"."""
     try:
-        system = system_of(case)
-    except sb.InputError as error:
-        return [Verdict("refused", method, f"system: {error}"[:200])]
-    try:
-        truth = truth_of(case)
-    except Undecided as error:
-        return [Verdict("open", method, str(error))]
-    try:
+        system, truth = system_of(case), truth_of(case)
         if method == "ensemble":
-            return [judge_ensemble(system, truth)]
-        ref = sb.reference(system, case.t_end, method, t_eval=truth.t)
-        return [judge_reference(ref, truth, method)]
+            return judge_ensemble(system, truth)
+        return judge_reference(sb.reference(system, case.t_end, method, t_eval=truth.t), truth, method)
+    except Undecided as error:
+        return Verdict("open", method, str(error))
     except (sb.InputError, sb.SolverFailure, sb.Diverged) as error:
-        return [Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])]
+        return Verdict("refused", method, f"{type(error).__name__}: {error}"[:240])
     except Exception as error:
-        return [Verdict("exception", method, f"{type(error).__name__}: {error}"[:300])]
+        return Verdict("exception", method, f"{type(error).__name__}: {error}"[:300])
 
 
 def judge_reference(ref: sb.Reference, truth: Truth, method: str) -> Verdict:
@@ -260,15 +252,11 @@ def judge_ensemble(system: sb.System, truth: Truth) -> Verdict:
 
 
 def methods_for(case: Case, index: int) -> list[str]:
-    """What is asked of a case: the exact solution always, the others in turn, of a pulse the adaptive solvers
-    too, where they do not have too many periods of the fastest motion to follow."""
-    able = [method for method in ADAPTIVE if _affordable(case, method)]
-    turn = index // 12
-    if any(wave[0] in PULSES for wave in case.waves):
-        return ["exact", *(able[(turn + k) % len(able)] for k in range(min(3, len(able))))]
-    third = ("ensemble", "multiprecision")[turn % 2]
+    """What is asked of a case: the exact solution always, the others in turn, the adaptive ones where they do not have
+    too many periods of the fastest motion to follow."""
+    able, turn = [method for method in ADAPTIVE if _affordable(case, method)], index // 12
     cheap = case.size <= 2 and case.notes not in ("long time", "several contacts")
-    third = third if cheap else "ensemble"
+    third = "multiprecision" if turn % 2 and cheap else "ensemble"
     return ["exact", *able[turn % max(1, len(able)) :][:1], third]
 
 
@@ -279,8 +267,7 @@ def _affordable(case: Case, method: str) -> bool:
     return method not in ADAPTIVE or phase < {"radau": 1e3, "kvaerno5": 1e3, "dop853": 3e3}.get(method, 1e4)
 
 
-def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> list[Verdict]:
-    """All verdicts on one system of a campaign."""
+def judged(seed: int, index: int, only: tuple[str, ...] = ()) -> tuple[str, list[Verdict]]:
+    """The family of one system of a campaign, and the verdicts on it."""
     case = random_case(seed, index)
-    methods = only or methods_for(case, index)
-    return [v for m in methods for v in judge(case, m)]
+    return case.notes, [judge(case, method) for method in only or methods_for(case, index)]

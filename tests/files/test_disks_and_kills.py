@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from commands import invoke
-from fuzz_texts import STEEL
+from fuzz import STEEL
 
 import stiffbeam as sb
 from stiffbeam.cli.output import file_name

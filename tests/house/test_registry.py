@@ -7,7 +7,6 @@ import re
 from importlib import import_module
 
 import pytest
-from test_house import arrows
 
 import stiffbeam as sb
 from stiffbeam.references import METHODS, REFERENCES, registry, solve
@@ -32,13 +31,6 @@ def test_every_adaptive_solver_has_a_look_of_its_own_and_the_exact_ones_that_of_
     assert exact == {str(look("reference"))}
     assert len({*looks.values(), *exact}) == len(looks) + 1
     assert len({short(name) for name in METHODS}) == len(METHODS)
-
-
-def test_adaptive_and_exact_solvers_do_not_import_each_other():
-    for room, others in (("adaptive", ("exact", "multiprecision")), ("exact", ("adaptive", "multiprecision"))):
-        for module, targets in arrows().items():
-            if module.startswith(f"references.{room}."):
-                assert not [t for t in targets if t.startswith(tuple(f"references.{other}" for other in others))]
 
 
 def test_what_a_method_cannot_take_is_refused(table10_system):

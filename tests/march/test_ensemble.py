@@ -119,23 +119,6 @@ def test_the_company_of_a_member_does_not_change_it(system, monkeypatch):
             assert_is_run(many, i, run)
 
 
-@pytest.mark.parametrize("unknowns", [1, 4])
-@pytest.mark.parametrize("scheme", [sb.Trapezoidal(), sb.Bathe(), sb.HHT(-0.1), sb.BDF2()], ids=str)
-def test_members_start_with_the_bits_of_their_single_runs(scheme, unknowns):
-    """A product or a solve of all starts at once rounds otherwise than that of one."""
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        K, M = rng.normal(size=(2, unknowns, unknowns))
-        system = sb.System.from_matrices(
-            np.eye(unknowns) + 0.2 * M @ M.T, np.eye(unknowns) + K @ K.T, 0.1 * np.outer(K[0], K[0]),
-            loads=[(rng.normal(size=unknowns), sb.Harmonic(1.0, 1.7, phase=2.0))], observe=rng.normal(size=unknowns),
-            initial_displacement=rng.normal(size=unknowns), initial_velocity=rng.normal(size=unknowns),
-        )  # fmt: skip
-        ensemble = sb.integrate_ensemble(system, scheme, 0.05, 3.0, [system] * 3, every=1)
-        run = sb.integrate(system, scheme, 0.05, 3.0)
-        assert all(np.array_equal(tip, run.tip) for tip in ensemble.tip)
-
-
 def test_a_member_that_overflows_leaves_the_others_alone():
     case = sb.paper_case(11)
     system = sb.semidiscretise(case.problem, case.cells)
@@ -177,17 +160,6 @@ def test_contacts_recorded_from_a_time_on_are_those_of_every_step_after_it(schem
         assert np.allclose(given, wanted, rtol=1e-12, equal_nan=True)
 
 
-def test_dense_blocks_record_from_a_time_on():
-    system = replace(two_contacts(), damping=np.diag([0.0, 0.3, 0.0, 0.1]))
-    run = sb.integrate(system, sb.HHT(-0.1), 2e-3, 3.0)
-    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 2e-3, 3.0, [system], since=1.0)
-    assert many.provenance["march"] == "dense blocks"
-    for statistics, record in zip(many.contacts, run.contacts, strict=True):
-        assert statistics.fraction[0] == np.mean(record.force[501:] != 0.0)
-        assert statistics.peak_force[0] == np.max(np.abs(record.force[501:]))
-        assert statistics.impact_count[0] == np.sum(record.impacts.times > 1.0)
-
-
 def test_the_exact_record_from_a_time_on(system):
     """From the middle of a contact: the two halves of the run add up to the whole."""
     whole = solve_exact(system, 0.5)
@@ -199,14 +171,6 @@ def test_the_exact_record_from_a_time_on(system):
     shares = late.contacts[0].fraction[0] * (0.5 - t) + early.fraction * t
     assert shares == pytest.approx(0.5 * contact.fraction, rel=1e-9)
     assert max(late.contacts[0].peak_force[0], early.peak_force) == pytest.approx(contact.peak_force, rel=1e-12)
-
-
-def test_statistics_are_those_of_the_impacts(system):
-    many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, sb.perturbed_members(system, 6))
-    peaks = [np.nanmax(many.contacts[0].impacts_of(i).peaks) for i in range(6)]
-    assert np.all(peaks <= many.contacts[0].peak_force)
-    assert many.contacts[0].impacts.count == np.sum(many.contacts[0].impact_count)
-    assert many.work.steps == 18_000
 
 
 @pytest.mark.parametrize("rigid", [False, True])

@@ -21,12 +21,12 @@ EPS = np.finfo(float).eps
 
 
 @pytest.mark.slow
-def test_the_trapezoidal_rule_keeps_its_energy_without_contact_over_1e7_steps():
+def test_the_trapezoidal_rule_keeps_its_energy_without_contact_over_1e6_steps():
     """Each step rounds the energy by less than a bit, and all of them may go one way."""
     start = sb.PolynomialProfile((0.0, 0.0, 1.0))
     beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, initial_velocity=start), 8)
-    energy = sb.integrate(beam, sb.Trapezoidal(), 1e-3, 1e4, every=10**5).energy.energy
-    assert np.max(np.abs(energy / energy[0] - 1.0)) < EPS * 1e7
+    energy = sb.integrate(beam, sb.Trapezoidal(), 1e-3, 1e3, every=10**4).energy.energy
+    assert np.max(np.abs(energy / energy[0] - 1.0)) < EPS * 1e6
 
 
 @pytest.mark.slow
@@ -70,14 +70,13 @@ def test_2e4_events_of_the_exact_solution_close_their_ledger_and_say_what_is_los
     assert np.max(np.abs(found.energy.loss)) < 100 * EPS * 2.0
 
 
-COUNTER = {"exact": "evaluations", "multiprecision": "evaluations", "kvaerno3": "steps", "kvaerno5": "steps"}
+COUNTER = {"exact": "evaluations", "multiprecision": "evaluations", "kvaerno5": "steps"}
 
 
 @pytest.mark.parametrize(
     ("method", "t_end"),
-    [("exact", 200.0), ("multiprecision", 50.0), ("radau", 25.0), ("kvaerno5", 25.0), ("kvaerno3", 25.0),
-     *((name, 50.0) for name in ("cvode", "cvode-adams", "ida", "dop853", "lsoda"))],
-)  # fmt: skip
+    [("exact", 200.0), ("multiprecision", 50.0), ("kvaerno5", 25.0), ("ida", 50.0), ("dop853", 25.0)],
+)
 @pytest.mark.slow
 def test_twice_the_span_is_twice_the_work(method, t_end):
     """Counted in evaluations, not in seconds; events of one run do not stay for the next."""

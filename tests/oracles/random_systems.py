@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
-from vibro_impact import PULSES, Case, Contact, Wave
+from witness import Case, Contact, Wave
 
 Rng = np.random.Generator
 
@@ -118,16 +118,16 @@ def _moving(rng: Rng) -> Case:
 
 
 def _pulse(rng: Rng) -> Case:
-    """At rest, or nearly, until a load comes and goes: 1e-1 to 1e-5 of the time long."""
+    """At rest, or nearly, until a record's pulse comes and goes: 1e-1 to 1e-5 of the time long."""
     made = _base(rng, contacts=int(rng.integers(1, 3)), periods=3.0)
     n, first = made.size, float(made.frequencies[0])
     pulses = []
     for _ in range(int(rng.integers(1, 3))):
         width = made.t_end * _log(rng, 1e-5, 1e-1)
-        begin = float(rng.uniform(0.0, 0.9)) * made.t_end
+        begin = float(rng.uniform(0.01, 0.9)) * made.t_end
         strength = rng.uniform(0.5, 2.0) * first / width  # a momentum that takes a mass to its stops
-        kind = str(rng.choice(PULSES))
-        pulses.append((rng.normal(size=n), (kind, strength * _sign(rng), begin, begin + width)))
+        times = np.array([0.0, begin, begin + 0.5 * width, begin + width, 1.5 * made.t_end])
+        pulses.append((rng.normal(size=n), ("sampled", times, strength * _sign(rng) * np.eye(5)[2])))
     loads = pulses if rng.random() < 0.6 else [*made.loads, *pulses]
     still = rng.random() < 0.7
     zero = np.zeros(n)
@@ -198,7 +198,7 @@ def _units(rng: Rng) -> Case:
             return w and ("constant", w[1] * factor)
         if w[0] == "harmonic":
             return ("harmonic", w[1] * factor, w[2] / time, w[3])
-        return (w[0], w[1] * factor, w[2] * time, w[3] * time)
+        return ("sampled", w[1] * time, w[2] * factor)
 
     k = force / length
     contacts = tuple(

@@ -1,6 +1,6 @@
 """Nothing certified is wrong where terms cancel: near resonance, over tiny times, with extreme numbers.
 
-The witness is mpmath (vibro_precise.py): matrix exponentials with 60 digits, and closed forms.
+The witness is mpmath (witness.py): matrix exponentials with 60 digits, and closed forms.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from systems import case_of, one_mass
-from vibro_precise import precise
+from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import DISPLACEMENT_TOLERANCE
@@ -17,7 +17,7 @@ from stiffbeam.references.multiprecision.multiprecision import AGREEMENT
 
 
 def truth(system: sb.System, times: np.ndarray) -> np.ndarray:
-    return precise(case_of(system, float(times[-1])), 60).tip(times)
+    return solve(case_of(system, float(times[-1])), 60).tip(times)
 
 
 def driven(frequency: float, stiffness: float = 1.0, phase: float = 0.7) -> sb.System:

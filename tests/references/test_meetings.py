@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from systems import system_of
-from vibro_impact import Case, Contact
-from vibro_march import solve
+from witness import Case, Contact, solve
 
 import stiffbeam as sb
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from systems import case_of, one_mass, two_contacts
-from vibro_precise import precise
+from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import time_tolerance
@@ -80,7 +80,7 @@ def test_a_damped_mass_between_stops_bounces_as_in_mpmath_past_the_float64_horiz
     pytest.importorskip("mpmath")
     system = one_mass(1.0, sb.Stops(-0.5, 0.8, stiffness=400.0), damping=0.02, load=sb.Harmonic(5.0, 2.8), v=1.0)
     many, double = sb.reference(system, 110.0, "multiprecision"), sb.reference(system, 110.0)
-    times, sides = (np.array(x) for x in zip(*precise(case_of(system, 110.0)).switches(0), strict=True))
+    times, sides = (np.array(x) for x in zip(*solve(case_of(system, 110.0), 40).switches(0), strict=True))
     assert many.horizon == 110.0 > double.horizon + 20.0
     assert np.array_equal(many.solution.sides[1:, 0], sides)
     assert np.max(np.abs(many.solution.times[1:] - times)) < 1e-13  # rounding of the times to float64

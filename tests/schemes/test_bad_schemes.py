@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -119,38 +118,19 @@ def test_a_step_that_breaks_the_contract(scheme, words):
         sb.integrate(three_masses(), scheme, 0.01, 0.1)
 
 
-@dataclass(frozen=True)
-class Hertz(sb.Stops):
-    def force(self, v):
-        return -self.stiffness * np.sign(v) * np.abs(self.penetration(v)) ** 1.5
+def subclass_of(kind, **methods):
+    """A subclass of ``kind``."""
+    return type("Own", (kind,), methods)
 
 
-@dataclass(frozen=True)
-class Unchecked(sb.Stops):
-    """Its own constructor checks nothing, so that whoever takes it must look."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
-@dataclass(frozen=True)
-class Chirp(sb.Harmonic):
-    def value(self, t):
-        return self.amplitude * np.sin(self.frequency * np.asarray(t) ** 2)
-
-
-class Sagging(sb.System):
-    def load(self, t):
-        return super().load(t) - 9.81
-
-
-ROW, ONE, STOPS = np.ones(1), np.eye(1), Unchecked(upper=1.0, stiffness=1.0)
-PLAIN = sb.Stops(upper=1.0, stiffness=1.0)
+ROW, ONE, PLAIN = np.ones(1), np.eye(1), sb.Stops(upper=1.0, stiffness=1.0)
+# Its own constructor checks nothing, so that whoever takes it must look.
+UNCHECKED = subclass_of(sb.Stops, __post_init__=lambda self: None)(upper=1.0, stiffness=1.0)
 SUBCLASSES = [
-    lambda: Hertz(upper=0.1, stiffness=1e4), lambda: sb.Contact(ROW, STOPS),
-    lambda: sb.BeamProblem(stiffness=1.0, stops=STOPS), lambda: Chirp(1.0, 2.0),
-    lambda: Sagging.from_matrices(ONE, ONE, observe=ROW), lambda: type("MyContact", (sb.Contact,), {})(ROW, PLAIN),
-    lambda: type("MyBeam", (sb.BeamProblem,), {})(stiffness=1.0),
+    lambda: subclass_of(sb.Stops)(upper=0.1, stiffness=1e4), lambda: sb.Contact(ROW, UNCHECKED),
+    lambda: sb.BeamProblem(stiffness=1.0, stops=UNCHECKED), lambda: subclass_of(sb.Harmonic)(1.0, 2.0),
+    lambda: subclass_of(sb.System).from_matrices(ONE, ONE, observe=ROW), lambda: subclass_of(sb.Contact)(ROW, PLAIN),
+    lambda: subclass_of(sb.BeamProblem)(stiffness=1.0),
 ]  # fmt: skip
 
 
@@ -158,26 +138,6 @@ SUBCLASSES = [
 def test_a_subclass_whose_methods_would_be_ignored(make):
     with pytest.raises(sb.InputError, match=r"itself.*what a subclass overrides would be ignored"):
         make()
-
-
-class Ringing:
-    """A function of time through the protocol: its methods are asked, so it stays allowed."""
-
-    def value(self, t):
-        return np.sin(3.0 * np.asarray(t) ** 2)
-
-    def rate(self, t):
-        return 6.0 * np.asarray(t) * np.cos(3.0 * np.asarray(t) ** 2)
-
-    def acceleration(self, t):
-        return 6.0 * np.cos(3.0 * np.asarray(t) ** 2) - 36.0 * np.asarray(t) ** 2 * np.sin(3.0 * np.asarray(t) ** 2)
-
-
-def test_a_function_of_time_of_ones_own_is_asked_for_its_values():
-    system = sb.System.from_matrices(ONE, ONE, loads=[(ROW, Ringing())], observe=ROW)
-    run = sb.integrate(system, sb.SDIRK(), 1e-3, 2.0, every=100)
-    wanted = sb.reference(system, 2.0, "dop853", run.t, rtol=1e-10).tip
-    assert np.max(np.abs(run.tip - wanted)) < 1e-6 * np.max(np.abs(wanted))
 
 
 def conserving(scheme=None, **law):

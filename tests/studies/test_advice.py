@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from random_systems import _damped, _long, _moving, _plain, _several
 from systems import bouncing_chain, system_of
-from vibro_march import solve
+from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError

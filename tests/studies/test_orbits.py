@@ -49,7 +49,6 @@ def softly_stopped(frequency):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_branch_ends_at_a_fold_and_says_so():
     """Its distance from the orbit that it meets there falls as a square root: the last multiplier is near 1."""
     found = study("orbits", softly_stopped(1.2), values=[1.2, 1.35], **OPTIONS)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -17,72 +14,28 @@ from browser import browse
 from dumont2002 import reproduce as reproducing
 from dumont2002.__main__ import main
 from dumont2002.claims import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY
-from dumont2002.page import DOI, frame, parameters, typeset
+from dumont2002.page import DOI, frame, typeset
 from dumont2002.reproduce import reproduce
 from dumont2002.table import Reading
 
 STORE = Path(__file__).parents[2] / "reference"
 
 
-class Page(HTMLParser):
-    """What a reader meets: ids, links, pictures, texts, and tags that are left open."""
-
-    VOID = ("img", "input", "link", "meta", "br", "hr", "line")
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-        self.links: list[str] = []
-        self.images: list[dict] = []
-        self.tags: list[str] = []
-        self.open: list[str] = []
-        self.sources: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        found = dict(attrs)
-        self.tags.append(tag)
-        if tag not in self.VOID:
-            self.open.append(tag)
-        if "id" in found:
-            self.ids.append(found["id"])
-        if tag == "a":
-            self.links.append(found["href"])
-        if tag == "img":
-            self.images.append(found)
-        self.sources += [found[key] for key in ("src", "href", "data", "poster", "srcset") if key in found]
-
-    def handle_endtag(self, tag):
-        if tag not in self.VOID:
-            assert self.open.pop() == tag
-
-
-def check(text: str) -> Page:
-    """What holds for every page."""
-    page = Page(text)
-    assert not page.open
-    assert text.startswith('<!DOCTYPE html>\n<html lang="en">')
-    assert len(set(page.ids)) == len(page.ids)
-    assert page.links
-    paper = f"https://doi.org/{DOI}"
-    assert page.links.count(paper) == 1
-    inside = [link for link in page.links if link != paper]
-    assert all(link.startswith("#") and link[1:] in page.ids for link in inside)
-    assert page.images
-    for image in page.images:
-        assert len(image["alt"]) > 30
-        assert re.match(r"data:image/png;base64,", image["src"])
-    assert len({image["alt"] for image in page.images}) == len(page.images)
-    # Nothing from outside: no address is loaded, no script, no imported style or font.
-    assert all(source.startswith(("#", "data:")) for source in page.sources if source != paper)
-    assert not {"script", "iframe", "object", "embed", "audio", "video"} & set(page.tags)
-    assert "@import" not in text
-    assert "url(" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
-    assert page.tags.count("h1") == page.tags.count("title") == page.tags.count("main") == page.tags.count("nav") == 1
-    assert page.tags.count("table") == page.tags.count("caption")
-    assert page.tags.count("figure") == page.tags.count("figcaption")
-    assert "nan" not in re.sub(r"<[^>]*>|base64,\S+", " ", text).lower().split()
-    return page
+def check(text: str) -> list[str]:
+    """The pictures' texts of a page that stands alone: links lead to its ids, nothing is loaded from outside."""
+    ids, sources = (re.findall(rf'\s(?:{name})="([^"]*)"', text) for name in ("id", "src|href"))
+    paper, images = f"https://doi.org/{DOI}", re.findall(r"<img [^>]*>", text)
+    assert len(set(ids)) == len(ids)
+    assert sources.count(paper) == 1
+    assert {x for x in sources if x != paper and not x.startswith("data:")} <= {f"#{name}" for name in ids}
+    assert all('src="data:image/png;base64,' in image for image in images)
+    plain = re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
+    assert not re.search(r"<script|<iframe|@import|url\(", plain)
+    assert "nan" not in re.sub(r"<[^>]*>", " ", plain).lower().split()
+    texts = [re.findall(r'alt="([^"]*)"', image)[0] for image in images]
+    assert len(set(texts)) == len(texts) > 0
+    assert all(len(words) > 30 for words in texts)
+    return texts
 
 
 def run(*arguments) -> int:
@@ -100,10 +53,10 @@ def made(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_page_of_one_table_is_whole_and_stands_alone(made):
-    page = check((made / "index.html").read_text(encoding="utf-8"))
-    assert len(page.images) == 1
+    text = (made / "index.html").read_text(encoding="utf-8")
+    assert len(check(text)) == 1
     assert (made / "figure17.png").stat().st_size > 50_000
-    assert "table-17" in page.ids
+    assert 'id="table-17"' in text
     assert not list(made.glob("*.partial"))
 
 
@@ -152,9 +105,8 @@ def test_an_interruption_loses_the_running_table_only(monkeypatch, tmp_path):
     _, made = reproduce([10, 14], Reading(), tmp_path, 1)
     assert made[14]["numbers"] == {"table": 14}
     assert [number for number, *_ in asked] == [10, 14, 14]
-    reproduce([10], Reading("extrapolated"), tmp_path, 1)  # another reading is another table
-    reproduce([10], Reading(), tmp_path, 1, (3, 2))
-    assert asked[3:] == [(10, "extrapolated", 32, 12), (10, "implicit", 3, 2)]
+    reproduce([10], Reading("extrapolated"), tmp_path, 1, (3, 2))  # another reading is another table
+    assert asked[3:] == [(10, "extrapolated", 3, 2)]
 
 
 def test_the_page_escapes_and_typesets_its_texts():
@@ -165,14 +117,6 @@ def test_the_page_escapes_and_typesets_its_texts():
     assert "1.2 × 10⁻⁵" in made
     assert "HHT(alpha=-0.1), −3" in made
     assert typeset("5e+07 to 1e-04") == "5 × 10⁷ to 1 × 10⁻⁴"
-
-
-def test_the_parameters_of_a_table_are_written_in_the_papers_symbols():
-    found = dict(parameters(15))
-    assert found["k²"] == "282.84"
-    assert (found["w"], found["E"], found["x_d"], found["g₂"]) == ("6", "67.024", "0.23", "0.001")
-    found = dict(parameters(10))
-    assert (found["a"], found["α"], found["γ"], found["κ"]) == ("10", "-0.1", "0.4359", "5e+06")
 
 
 @pytest.mark.parametrize(
@@ -191,12 +135,6 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert run(*arguments) == 2
     assert words in capsys.readouterr().err
-
-
-def test_the_package_imports_no_study():
-    """The paper's page is found by its path when it is asked for, and by nothing else."""
-    code = "import sys, stiffbeam.cli.commands; sys.exit(any('dumont2002' in name for name in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 # ---------------------------------------------------------------- a real browser
@@ -229,9 +167,8 @@ def test_the_whole_reproduction(tmp_path):
     file, tables = reproduce(None, Reading(references=str(STORE)), tmp_path, 2, (6, 2))
     assert list(tables) == list(range(1, 18))
     text = file.read_text(encoding="utf-8")
-    page = check(text)
-    assert len(page.images) == 17 + 3  # Table 10 at its stop, shares of contact, Section 5.1
-    assert {f"table-{n}" for n in range(1, 18)} <= set(page.ids)
+    assert len(check(text)) == 17 + 3  # Table 10 at its stop, shares of contact, Section 5.1
+    assert all(f'id="table-{n}"' in text for n in range(1, 18))
     assert not any(part["numbers"]["failures"] for part in tables.values())
     row = r"<td>([^<]*)</td>\s*<td>[^<]*</td>\s*<td>[^<]*</td>\s*<td>([^<]*)</td>\s*</tr>"
     verdicts = dict(re.findall(row, text[text.index('id="claims"') : text.index('id="without-contact"')]))
@@ -247,6 +184,3 @@ def test_the_whole_reproduction(tmp_path):
     }
     for words, verdict in known.items():
         assert [found for claim, found in verdicts.items() if claim.startswith(words)] == [verdict], words
-    (seen,) = browse(file.parent, [file.name], [1280], LOOK, tmp_path / "profile")
-    assert seen["complaints"] == []
-    assert all(natural > 0 for natural, _ in seen["look"]["images"])

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import invoke
 from systems import one_mass
 
 import stiffbeam as sb
@@ -177,17 +176,6 @@ def test_a_drop_without_a_drive_is_swept_from_its_start_to_its_end(method):
         assert row["count"] == exact.impacts.count
         assert row["peak_force"] == pytest.approx(exact.contacts[0].peak_force, rel=1e-7 if method == "exact" else 1e-2)
     assert "Single runs, t = 0 to 1" in str(records)
-
-
-def run_cli(*arguments: str):
-    return invoke(["sweep", *arguments])
-
-
-@pytest.mark.parametrize("values", ["8:14", "8:14:x", "8:14:0", "8:14:3:cubic", "0:14:3:log", "8,nine", "8:14:3:log:2"])
-def test_values_that_cannot_be_read_are_refused(values):
-    result = run_cli("table10", "--values", values)
-    assert isinstance(result.exception, sb.InputError)
-    assert "numbers with commas between them" in str(result.exception)
 
 
 def driven(stop: sb.Stops, damping: float) -> sb.System:

@@ -40,16 +40,6 @@ def radau(system, dt, t_end):
     return np.arange(steps + 1) * h, ode.displacement(states), ode.velocity(states)
 
 
-def midpoint(system, dt, t_end):
-    """The trapezoidal rule of one free mass, by hand."""
-    k, t = system.stiffness[0, 0] / system.mass[0, 0], np.linspace(0.0, t_end, round(t_end / dt) + 1)
-    step = np.linalg.solve([[1.0, -0.5 * dt], [0.5 * dt * k, 1.0]], [[1.0, 0.5 * dt], [-0.5 * dt * k, 1.0]])
-    y = [np.array([system.q0[0], system.v0[0]])]
-    for _ in t[1:]:
-        y.append(step @ y[-1])
-    return t, *np.array(y).T
-
-
 def pair() -> sb.System:
     return sb.System.from_matrices(
         np.diag([2.0, 1.0]), [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
@@ -131,17 +121,6 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]
     assert "overflowed at t = 0.3" in messages["overflowing@matrices"]
     assert [run.label for run in result.runs] == ["Trapezoidal@matrices"]
-
-
-def test_studies_run_a_function_as_the_scheme_that_it_is(tmp_path):
-    """A trapezoidal rule by hand: the errors and orders of ours, to rounding."""
-    system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
-    case, both = {"dt": 0.05, "t_end": 2.0}, ["trapezoidal", midpoint]
-    records = sb.study("converge", system, integrators=both, halvings=4, kinds=["smooth"], folder=tmp_path, **case)
-    table = records.found
-    assert len(table) == len(records.table)
-    ours, theirs = (rows.tip_error.to_numpy() for _, rows in table.groupby("integrator", sort=False))
-    assert theirs == pytest.approx(ours, rel=1e-6)
 
 
 def test_a_function_that_fails_at_every_step_is_named_in_the_answer():

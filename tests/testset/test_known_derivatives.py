@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -70,17 +68,3 @@ def test_power_laws_by_their_scaling():
                 slope = mp.diff(restitution, 1)
                 assert abs(velocity[DISSIPATION] / -slope - 1) < mp.mpf(10) ** -12
                 assert abs(velocity["v0[0]"] / -(e + slope) - 1) < mp.mpf(10) ** -12
-
-
-@pytest.mark.slow
-def test_the_differences_made_again_give_the_files_section():
-    script = ROOT / "studies" / "test_set"
-    code = (
-        f"import sys; sys.path.insert(0, {str(script)!r})\n"
-        "import make\n"
-        "for d in make.DEFINITIONS:\n"
-        "    if d.name in ('bilinear-gap', 'kelvin-voigt', 'impact-oscillator'):\n"
-        "        there = (make.FOLDER / f'{d.name}.toml').read_text(encoding='utf-8')\n"
-        "        assert there.endswith(make.derivatives_text(d)), d.name\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=300)

@@ -6,7 +6,6 @@ import json
 import re
 import subprocess
 import sys
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,33 +38,27 @@ def outcomes(card):
     return {entry.problem.name: entry.outcome for entry in card.entries}
 
 
-def newmark(system, dt, t_end, kappa=1.0, late=False, pull=False):
-    """The trapezoidal rule for one mass, with an error on request: the stop's stiffness times kappa, its force of the
-    step before, or a damper that may pull."""
-    m, k, c = system.mass[0, 0], system.stiffness[0, 0], system.contacts[0].stops
-    stiff, damp, g = kappa * c.stiffness, c.damping, c.upper_bound
-    steps = round(t_end / dt)
-    u, v = np.empty(steps + 1), np.empty(steps + 1)
-    u[0], v[0] = system.q0[0], system.v0[0]
+def wrong(stiffness=1.0, restitution=1.0, damping=1.0, late=0.0, delay=0.0, velocity=1.0, scheme=None):
+    """A solver with planted errors: numbers of the system off by factors, loads ``late`` steps late, and the run late
+    by a share ``delay`` of its span and its velocity off by a factor."""
 
-    def touches(x, w):
-        return x > g and (pull or stiff * (x - g) + damp * w > 0.0)
+    def solve(system, dt, t_end):
+        stops = [c.stops for c in system.contacts]
+        changed = [replace(x, restitution=x.restitution * restitution) if x.rigid
+                   else replace(x, stiffness=x.stiffness * stiffness) for x in stops]  # fmt: skip
+        contacts = tuple(replace(c, stops=x) for c, x in zip(system.contacts, changed, strict=True))
+        other = replace(system, contacts=contacts, damping=damping * system.damping)
+        if late:
+            shifted = lambda f: replace(f, phase=f.phase - late * f.frequency * dt)  # noqa: E731
+            other = replace(other, loads=tuple((vector, shifted(f)) for vector, f in system.loads))
+        run = sb.integrate(other, scheme or (sb.MoreauJean(theta=0.5) if system.rigid else sb.Trapezoidal()), dt, t_end)
+        u, v = (np.interp(run.t - delay * t_end, run.t, x) for x in (run.tip, run.tip_velocity))
+        return run.t, u, velocity * v
 
-    def force(x, w):
-        return stiff * (x - g) + damp * w if touches(x, w) else 0.0
+    return solve
 
-    a = (-k * u[0] - force(u[0], v[0])) / m
-    for n in range(steps):
-        for pressed in (False,) if late else (False, True):  # does the step end on the stop?
-            K, C, F = (k + stiff, damp, stiff * g) if pressed else (k, 0.0, 0.0)
-            F -= force(u[n], v[n]) if late else 0.0
-            x, w = u[n] + dt * v[n] + 0.25 * dt**2 * a, v[n] + 0.5 * dt * a
-            new = (F - K * x - C * w) / (m + 0.5 * dt * C + 0.25 * dt**2 * K)
-            x, w = x + 0.25 * dt**2 * new, w + 0.5 * dt * new
-            if touches(x, w) == pressed:
-                break
-        u[n + 1], v[n + 1], a = x, w, new
-    return np.arange(steps + 1) * dt, u, v
+
+right = wrong()
 
 
 @pytest.mark.parametrize("scheme", [*registered(), *(kind() for kind in RIGID.values())], ids=str)
@@ -73,11 +66,11 @@ def test_every_scheme_obeys_the_laws(scheme):
     assert set(check_scheme(scheme)["law"]) >= {"order", "energy", "zero data", "units", "stiff contact"}
 
 
-@pytest.mark.parametrize("solver", ["exact", "dop853", "cvode-adams", newmark])
+@pytest.mark.parametrize("solver", ["exact", "dop853", "cvode-adams", wrong(stiffness=1.01)])
 @pytest.mark.fast(1)
 def test_solvers_obey_the_laws(solver):
-    if solver is newmark:
-        with pytest.raises(AssertionError, match=r"known answers: two-mass-chain: "):
+    if callable(solver):
+        with pytest.raises(AssertionError, match=r"known answers: "):
             check_solver(solver)
     else:
         assert len(check_solver(solver)) == 4
@@ -119,35 +112,6 @@ def test_a_law_that_does_not_hold_is_named(scheme, law):
         check_scheme(scheme)
 
 
-class ShortSteps(sb.Scheme):
-    """v^{n+1} = v^n + dt a^n, q^{n+1} = q^n + dt v^{n+1}: stable to w dt = 2."""
-
-    order, nodes = 1, (0.0,)
-
-    def step(self, equation, dt, z, loads, reactions):
-        v = z[1] + dt * equation.acceleration(z, loads[0] + reactions[0])
-        return np.stack([z[0] + dt * v, v]), [z]
-
-
-def test_a_scheme_for_short_steps_is_asked_for_no_stiff_stop():
-    laws = set(check_scheme(ShortSteps())["law"])
-    assert "units" in laws
-    assert "stiff contact" not in laws
-
-
-def test_what_ignores_its_step_does_not_set_the_order_that_is_expected_of_it():
-    """Errors that scatter and end small by chance; whatever converges is of order 1 where the motion is smooth."""
-
-    def steady(system, dt, t_end):
-        t = np.linspace(0.0, t_end, round(t_end / dt) + 1)
-        error = 3e-4 if len(t) < 1500 else 1e-4
-        return t, sb.reference(system, t_end, t_eval=t).tip * (1.0 + error)
-
-    card = sb.score(steady, ["free-oscillator", "bilinear-gap"])
-    print(card)
-    assert len(card.flagged) == 2
-
-
 @pytest.mark.parametrize("label", ["trapezoidal", "hht", "sdirk", "bdf2", "GeneralisedAlpha(rho=0.8)"])
 @pytest.mark.fast(2)
 def test_a_good_scheme_is_not_flagged(label):
@@ -158,67 +122,27 @@ def test_a_good_scheme_is_not_flagged(label):
         assert abs(entry.order.slope - entry.expected) < 0.6 or entry.order.slope > entry.expected
 
 
-def test_a_written_out_trapezoidal_rule_scores_as_ours():
-    """The same scheme through the other door: the same errors to rounding."""
-    ours, theirs = (sb.score(x, SOME) for x in (sb.Trapezoidal(), newmark))
-    for a, b in zip(ours.entries, theirs.entries, strict=True):
-        errors = np.array([[run["tip_error"] for run in e.runs] for e in (a, b)])
-        assert np.allclose(errors[0], errors[1], rtol=1e-6, atol=1e-11)
-        assert a.best["impacts"] == b.best["impacts"]
-        assert a.best["peak_force_error"] == pytest.approx(b.best["peak_force_error"], abs=1e-9, nan_ok=True)
-
-
-def off(**error):
-    """``newmark`` with an error."""
-    return lambda system, dt, t_end: newmark(system, dt, t_end, **error)
-
-
 @pytest.mark.parametrize(
-    ("integrator", "problems", "found"),
+    ("integrator", "problem", "outcome", "reason"),
     [
-        (sb.HHT(alpha=-0.1).printed(), SOME[:3], [CONVERGES, LOW_ORDER, LOW_ORDER]),
-        (off(late=True), SOME[:3], [CONVERGES, LOW_ORDER, LOW_ORDER]),
-        (off(kappa=1.01), SOME[:3], [CONVERGES, STAYS, STAYS]),
-        (off(), ["kelvin-voigt"], [CONVERGES]),
-        (off(pull=True), ["kelvin-voigt"], [STAYS]),
+        (sb.HHT(alpha=-0.1).printed(), "bilinear-gap", LOW_ORDER, "tip"),
+        (wrong(stiffness=1.01), "bilinear-gap", STAYS, "tip from"),
+        (wrong(delay=1e-3), "two-mass-chain", STAYS, "tip from"),
+        (wrong(velocity=1.05), "two-mass-chain", STAYS, "velocity from"),
+        (wrong(velocity=1.2), "table10", STAYS, "velocity"),
+        (wrong(velocity=1.2), "aster-beam", STAYS, "velocity"),
+        (wrong(damping=0.0), "damped-chain", STAYS, "tip"),
+        (wrong(late=1.0), "damped-chain", LOW_ORDER, "tip"),
+        *((wrong(restitution=0.98), x, STAYS, "") for x in ("bouncing-ball", "preloaded-chatter", "impact-oscillator")),
+        *((right, x, CONVERGES, "") for x in ("two-mass-chain", "damped-chain", "table10", "bouncing-ball",
+                                              "preloaded-chatter", "impact-oscillator")),
     ],
-    ids=["misprinted", "contact a step late", "wrong stiffness", "damper", "damper that pulls"],
-)
-def test_a_planted_error_is_found(integrator, problems, found):
-    assert list(outcomes(sb.score(integrator, problems)).values()) == found
-
-
-def moreau_jean(data, steps, t_end, e=None):
-    """Moreau and Jean's scheme, theta = 1/2, for one mass and a rigid stop, from a problem's file: t, u, v."""
-    (m,), (k,), contact, h = data["mass"][0], data["stiffness"][0], data["contacts"][0], t_end / steps
-    side, stop = (1.0, contact["upper"]) if "upper" in contact else (-1.0, contact["lower"])
-    e = contact["restitution"] if e is None else e
-    sine = lambda t, w: w["amplitude"] * np.sin(w["frequency"] * t + w["phase"])  # noqa: E731
-    wave = [lambda t, w=w: w["constant"] if "constant" in w else sine(t, w) for w in data.get("loads", ())]
-    t, u, v = np.arange(steps + 1) * h, np.empty(steps + 1), np.empty(steps + 1)
-    u[0], v[0] = data["initial_displacement"][0], data["initial_velocity"][0]
-    W = m + (0.5 * h) ** 2 * k
-    for n in range(steps):
-        f = sum(0.5 * (w(t[n]) + w(t[n + 1])) for w in wave)
-        new = v[n] + h * (f - k * (u[n] + 0.5 * h * v[n])) / W
-        if side * (u[n] + 0.5 * h * v[n] - stop) >= 0.0:
-            new -= side * max(0.0, side * (new + e * v[n]))
-        v[n + 1], u[n + 1] = new, u[n] + 0.5 * h * (v[n] + new)
-    return t, u, v
-
-
-@pytest.mark.parametrize("name", ["bouncing-ball", "preloaded-chatter", "impact-oscillator"])
-def test_rigid_stops_by_a_strangers_moreau_jean(name):
-    """Right with the restitution of the file, found out with another."""
-    data = tomllib.loads((folder() / f"{name}.toml").read_text(encoding="utf-8"))
-    steps, e = sb.problem(name).steps, data["system"]["contacts"][0]["restitution"]
-    runs = [[moreau_jean(data["system"], n, data["t_end"], e) for n in steps] for e in (None, 0.98 * e)]
-    right, wrong = (score_trajectories(name, r).entries[0] for r in runs)
-    assert (right.outcome, wrong.outcome) == (CONVERGES, STAYS)
-    assert right.order.slope == pytest.approx(1.0, abs=0.4)
-    if name == "impact-oscillator":
-        assert right.best["impacts"] == 3
-        assert right.best["impact_time_error"] < 2.0 * data["t_end"] / steps[-1]
+)  # fmt: skip
+def test_a_planted_error_is_found(integrator, problem, outcome, reason):
+    """Outcome and reason name the same quantity. The order on smooth motion is that of the free oscillator."""
+    entry = sb.score(integrator, ["free-oscillator", problem]).entries[-1]
+    assert entry.outcome == outcome
+    assert reason in entry.reason
 
 
 def test_an_impact_at_one_time_in_nested_steps_is_no_fault():
@@ -240,57 +164,20 @@ def test_an_impact_at_one_time_in_nested_steps_is_no_fault():
     assert (right.outcome, wrong.outcome) == (CONVERGES, STAYS)
 
 
-def spoilt(kind):
-    """The trapezoidal rule with an error that stays, small beside those of its coarse steps, or that breaks it."""
-
-    def solve(system, dt, t_end):
-        run = sb.integrate(system, sb.Trapezoidal(), dt, t_end)
-        t, u, v = run.t, run.tip.copy(), run.tip_velocity.copy()
-        if kind == "late by a thousandth":
-            u, v = (np.interp(t - 1e-3 * t_end, t, x) for x in (u, v))
-        if kind == "velocity 5 % too large":
-            v *= 1.05
-        for x in {"velocity": [v], "motion": [u, v]}[kind.split()[0]] if kind.endswith("before") else []:
-            x[1:] = x[:-1] if "half" not in kind else 0.5 * (x[1:] + x[:-1])
-        if kind == "ends in NaN where steps are short" and len(t) > 1000:
-            u[-1] = np.nan
-        return (t, u, v) if kind != "in reverse" else (t[::-1], u[::-1], v[::-1])
-
-    return solve
-
-
 @pytest.mark.parametrize(
-    ("kind", "outcome", "reason"),
-    [("", CONVERGES, ""), ("late by a thousandth", STAYS, "tip from"),
-     ("velocity 5 % too large", STAYS, "velocity from"),
-     ("velocity of the step before", LOW_ORDER, "velocity: 1."),
-     ("velocity of half a step before", LOW_ORDER, "velocity: 1."),
-     ("ends in NaN where steps are short", FAILED, "overflowed at t = 20"),
-     ("in reverse", NOT_TAKEN, "sort the rows by time")],
-)  # fmt: skip
-def test_an_error_that_stays_is_found_however_small_beside_those_of_coarse_steps(kind, outcome, reason):
-    """Outcome and reason name the same quantity."""
-    (entry,) = sb.score(spoilt(kind), "two-mass-chain").entries
+    ("change", "outcome", "reason"),
+    [
+        (lambda t, u, v: (t, u, np.append(v[:1], v[:-1])), LOW_ORDER, "velocity: 1."),
+        (lambda t, u, v: (t, u, np.append(v[:1], 0.5 * (v[1:] + v[:-1]))), LOW_ORDER, "velocity: 1."),
+        (lambda t, u, v: (t, np.where((t < t[-1]) | (len(t) <= 1000), u, np.nan), v), FAILED, "overflowed at t = 20"),
+        (lambda t, u, v: (t[::-1], u[::-1], v[::-1]), NOT_TAKEN, "sort the rows by time"),
+    ],
+    ids=["velocity of the step before", "of half a step before", "ends in NaN where steps are short", "in reverse"],
+)
+def test_spoilt_arrays_are_found(change, outcome, reason):
+    (entry,) = sb.score(lambda *arguments: change(*right(*arguments)), "two-mass-chain").entries
     assert entry.outcome == outcome
     assert reason in entry.reason
-
-
-@pytest.mark.parametrize(
-    ("kind", "outcome"),
-    [("", CONVERGES), ("damping left out", STAYS),
-     ("dashpots apart", STAYS), ("load of the step before", LOW_ORDER)],
-)  # fmt: skip
-def test_wrong_damping_and_a_late_load_are_found(kind, outcome):
-    """By the one problem with a damping matrix and a smooth drive."""
-
-    def solve(system, dt, t_end):
-        C, loads = system.damping, system.loads
-        wrong = {"damping left out": 0.0 * C, "dashpots apart": np.diag(np.diag(C))}
-        if kind.startswith("load"):
-            loads = tuple((vector, replace(f, phase=f.phase - f.frequency * dt)) for vector, f in loads)
-        return sb.integrate(replace(system, damping=wrong.get(kind, C), loads=loads), sb.Trapezoidal(), dt, t_end)
-
-    assert sb.score(solve, ["free-oscillator", "damped-chain"]).entries[1].outcome == outcome
 
 
 def test_a_missing_impact_is_flagged_and_never_converges():
@@ -322,7 +209,7 @@ def test_a_method_whose_coarse_steps_overflow_is_judged_by_shorter_ones():
     """Of its ten steps only the shortest holds."""
 
     def solve(system, dt, t_end):
-        t, u, v = newmark(system, dt, t_end)
+        t, u, v = right(system, dt, t_end)
         return t, u * (np.inf if len(t) < 1500 else 1.0), v
 
     card = sb.score(solve, "bilinear-gap")
@@ -355,20 +242,6 @@ def test_exact_motions_at_halved_steps(name, steps):
     assert (entry.outcome, entry.reason) == (CONVERGES, "")
 
 
-@pytest.mark.parametrize(
-    ("name", "factor", "outcome"),
-    [("table10", 1.0, CONVERGES), ("table10", 1.2, STAYS), ("aster-beam", 1.2, STAYS), ("bilinear-gap", 1.05, STAYS)],
-)
-def test_a_velocity_that_is_off_by_a_factor(name, factor, outcome):
-    def integrator(system, dt, t_end):
-        run = sb.integrate(system, sb.Trapezoidal(), dt, t_end)
-        return run.t, run.tip, factor * run.tip_velocity
-
-    entry = sb.score(integrator, name).entries[0]
-    assert entry.outcome == outcome
-    assert ("velocity" in entry.reason) == (factor != 1.0)
-
-
 def test_a_stop_that_moves():
     """With all unknowns its impacts are counted and its peak is known, with the tip alone neither is."""
     name = "stop-along-the-beam"
@@ -386,7 +259,7 @@ def test_what_is_not_taken_and_what_fails_is_said():
     def broken(system, dt, t_end):
         if system.size == 2:
             raise ZeroDivisionError("no second mass")
-        return newmark(system, dt, t_end)
+        return right(system, dt, t_end)
 
     card = sb.score([broken, "exact"], ["bilinear-gap", "two-mass-chain"])
     assert card.entry("broken", "two-mass-chain").outcome == FAILED
@@ -415,7 +288,7 @@ def test_adaptive_solvers_stay_within_their_tolerance_and_a_loose_one_is_found(m
 
 @pytest.mark.slow
 def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
-    card = sb.score(["trapezoidal", newmark], ["bilinear-gap", "bouncing-ball"])
+    card = sb.score(["trapezoidal", right], ["bilinear-gap", "bouncing-ball"])
     names = {file.name for file in card.save(tmp_path)}
     assert names == {"score.txt", "score.csv", "score.json", "bilinear-gap.png", "bouncing-ball.png"}
     again = json.loads((tmp_path / "score.json").read_text(encoding="utf-8"))
@@ -445,7 +318,7 @@ def test_a_trajectory_that_cannot_be_scored_is_refused(lines, says, tmp_path, co
 
 
 def test_a_trajectory_file_is_scored(tmp_path, command):
-    t, u, v = newmark(sb.problem("bilinear-gap").system, 0.001, 5.0)
+    t, u, v = right(sb.problem("bilinear-gap").system, 0.001, 5.0)
     np.savetxt(tmp_path / "run.csv", np.column_stack([t, u, v]), delimiter=",", header="t,u,v", comments="")
     code, out, _ = command("score", "--trajectory", "run.csv", "--problem", "bilinear-gap", "--json", "-")
     assert code == 0
@@ -489,7 +362,7 @@ def test_the_page_runs_as_written(tmp_path):
     (block,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     done = subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert "5 converges" in done.stdout
+    assert "4 converges" in done.stdout
     for name in sb.problems():
         assert f"## {name}\n" in PAGE
         assert (ROOT / "reference" / "problems" / f"{name}.png").is_file()

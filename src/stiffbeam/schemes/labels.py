@@ -60,7 +60,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     # name or module:Class, arguments, printed form, semi-discrete form.
     pattern = (
         r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
-        r"\s*(?P<printed>\.printed(\((?P<errata>[^()]*)\))?)?"
+        r"\s*(?P<printed>\.printed(\((?P<erratum>[^()]*)\))?)?"
         r"\s*(@\s*(?P<form>[\w-]+))?\s*"
     )
     match = re.fullmatch(pattern, text)
@@ -86,7 +86,7 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
             raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
     scheme = make(match["name"], **parameters)
     if match["printed"]:
-        scheme = scheme.printed(*filter(None, (e.strip() for e in (match["errata"] or "").split(","))))
+        scheme = scheme.printed((match["erratum"] or "").strip() or None)
     form = match["form"] or default_form
     return scheme, one_of("form", form, KNOWN_FORMS)
 

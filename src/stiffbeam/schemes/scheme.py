@@ -104,18 +104,15 @@ class Scheme(ABC):
         """
         return None
 
-    def printed(self, *errata: str) -> Scheme:
+    def printed(self, erratum: str | None = None) -> Scheme:
         """The scheme as the paper prints it: with the named erratum, or with the one that runs at any step."""
         forms = {form.erratum: form for form in self.printed_forms()}
         if not forms:
             remedy = "HHT and SDIRK have one"
             raise InputError("scheme", str(self), "have a printed form that runs and differs", remedy)
-        names = list(errata) or [name for name, form in forms.items() if form.at_any_step]
-        for name in names:
-            one_of("erratum", name, forms, "be one the paper prints for this scheme")
-        if len(names) > 1:
-            raise InputError("errata", names, "be one at a time", "each is a scheme of its own")
-        return forms[names[0]](**self.parameters)
+        if erratum is None:
+            erratum = next(name for name, form in forms.items() if form.at_any_step)
+        return forms[one_of("erratum", erratum, forms, "be one the paper prints for this scheme")](**self.parameters)
 
     @classmethod
     def printed_forms(cls) -> list[type[Scheme]]:
