@@ -49,6 +49,13 @@ def test_a_body_that_rests_alone_on_its_stop_has_no_neighbours():
         sb.lyapunov(system, 1.0)
 
 
+@pytest.mark.slow
+def test_pairs_start_before_their_rigid_stops():
+    found = sb.study("chaos", held(), dt=1e-3, t_end=2.0, span=0.5, starts=6, schemes=["moreau-jean"], jobs=1)
+    assert not found.lost
+    assert set(found.table.method[found.table.pair.notna()]) == {"exact", "MoreauJean(theta=0.5)"}
+
+
 @pytest.mark.parametrize(("row", "stop"), [(1.0, 0.5), (1.1, 0.55)])
 def test_a_mass_that_is_held_has_no_neighbours(row, stop):
     """What its projection leaves of them is rounding, whatever the row is: no exponent is made of that."""

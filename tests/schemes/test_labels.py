@@ -20,6 +20,7 @@ STUDIES = {
     "sweep": ({"values": [140.0, 160.0], "periods": 2, "transient": 1}, ["(N)"],
               ["(rad/s)", "(N)", "(m)"]),
     "energy": ({"schemes": LABELS[:1]}, ["to t = 0.1"], ["(s)", "(J)"]),
+    "chaos": ({"schemes": LABELS[:1], "starts": 8}, ["(1/s)", "digits per s"], ["(1/s)"]),
     "ensemble": ({"schemes": LABELS[:1], "members": 3}, ["per s", "(N)", "(J)"],
                  ["(N)", "(J)"]),
     "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
@@ -37,7 +38,7 @@ def words_of(figure) -> list[str]:
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_of_a_physical_case_names_its_units(name):
     options, answered, drawn = STUDIES[name]
-    records = sb.study(name, Case("steel", "steel", STEEL, 8, 1e-4, 0.1, RUNS), **options)
+    records = sb.study(name, Case("steel", "steel", STEEL, 8, 1e-4, 0.6 if name == "chaos" else 0.1, RUNS), **options)
     words = words_of(records.figure())
     assert not records.lost
     assert all(text in str(records) for text in answered)

@@ -121,7 +121,7 @@ def test_a_script_without_a_guard_runs_its_study_in_processes(tmp_path):
 
 
 def test_every_study_of_the_package_has_a_question_and_help_for_its_options():
-    assert {"converge", "energy", "ensemble", "modes", "orbits", "rigid", "space", "sweep"} <= set(studies())
+    assert {"chaos", "converge", "energy", "ensemble", "modes", "orbits", "rigid", "space", "sweep"} <= set(studies())
     for kind in studies().values():
         assert kind.question().endswith("?")
         for each in fields(kind):
