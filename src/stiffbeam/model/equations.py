@@ -144,6 +144,7 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[Arra
     return rows * E / unit, rows * P @ (t * inverse / fastest), rows * Q @ (t * inverse / fastest)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of exponentials whose place cosine and sine take
 def _modal_flow(damping: Array, squares: Array, t: float) -> tuple[Array, Array, Array]:
     """``_flow`` of each mode; squares: omega^2."""
     E, P, Q = _flow(np.ones((len(squares), 1, 1)), damping[:, None, None], squares[:, None, None], t)
