@@ -109,7 +109,7 @@ FAULTS = [
     ("model", "model/members.py", "else list(range(len(system.contacts)))", "else [0]"),
     ("model", "model/members.py", "if len(values) > 1:\n        require_kept", "if False:\n        require_kept"),
     ("model", "model/members.py", "or _terms(member) != terms", ""),
-    ("schemes", "model/equations.py", "2.0 * np.sin(0.5 * wide) ** 2", "np.sin(0.5 * wide) ** 2"),
+    ("schemes", "model/equations.py", "(Q[..., 0], force1 - force0)", "(Q[..., 0], force1)"),
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),
     ("model", "model/time_functions.py", "(factor * inner, f) for factor, term", "(inner, f) for factor, term"),
     ("model", "model/time_functions.py", "function.amplitude * math.cos(function.phase)", "function.amplitude * math.sin(function.phase)"),

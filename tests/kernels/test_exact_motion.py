@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -150,4 +148,3 @@ def test_wrong_arrays_are_errors_of_python():
         Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
     with pytest.raises(TypeError, match="a kernel takes"):
         Marks(*motion.marks[:3], motion.marks.side.astype("i4")).argument(made.free)
-    assert dataclasses.is_dataclass(made.free)

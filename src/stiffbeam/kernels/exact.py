@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from functools import cache
+from functools import cache, partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,66 +65,32 @@ def _done(result: int) -> None:
         raise MemoryError("no memory for an exact motion")
 
 
-@dataclass(frozen=True, eq=False)
-class Free:
-    """The free system in its modes, and its contacts: see exact.h for the shapes."""
+class Free(SimpleNamespace):
+    """The free system in its modes, and its contacts: numbers and arrays as exact.h states them; ``c`` holds them for
+    C. They do not change."""
 
-    w2: Array
-    drag: Array
-    damping: Array
-    coupling: int
-    rows: Array
-    stops: Array
-    laws: Array
-    meet: Array
-    loads: Array
-    offsets: Array
-    waves: Array
-    edges: Array
-    pieces: Array
-    kind: int
-    poles: Array
-    order: IntArray
-    answer: Array
-    apart: IntArray
-    longest: float
-    out: Array = field(default_factory=lambda: np.zeros((4, 0, 0)))
-    back: Array = field(default_factory=lambda: np.zeros((2, 0, 0)))
-    seen: Array = field(default_factory=lambda: np.zeros((2, 0, 0)))
-    c: Any = field(init=False, repr=False)
-    sorted: Array = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, **stated: Any) -> None:
+        super().__init__(**stated, stated=stated)
         n, m, F, E, R = len(self.w2), len(self.rows), len(self.waves), len(self.edges), self.pieces.shape[1]
-        N = self.poles.shape[1] - F
-        p = self.poles[:, self.order]
-        object.__setattr__(self, "sorted", np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]])))
+        N, p = self.poles.shape[1] - F, self.poles[:, self.order]
+        self.sorted = np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]]))
         if self.kind == 1 and n != N:
             raise ValueError("kind: one pair a mode wanted")
-        if self.kind == 2 and not self.out.size:
+        if self.kind == 2 and "out" not in stated:
             raise ValueError("kind: complex modes wanted")
         sizes = {
             "n": n, "m": m, "F": F, "R": R, "E": E, "N": N, "coupling": self.coupling, "kind": self.kind,
             "damped": bool(self.poles[0].any()), "longest": self.longest, "B": 2 * F + R, "T": N + F, "2F": 2 * F,
             "2n": 2 * n,
         }  # fmt: skip
-        object.__setattr__(self, "c", _Free(sizes, vars(self)))
-
-    @property
-    def stated(self) -> dict[str, Any]:
-        """The arguments that make it."""
-        return {x.name: getattr(self, x.name) for x in fields(self) if x.init}
+        self.c = _Free(sizes, vars(self))
 
     def changed(self, **values: Any) -> Free:
         """A copy with other values."""
         return Free(**self.stated | values)
 
     def __reduce__(self) -> Any:
-        return _made, (self.stated,)  # addresses do not travel
-
-
-def _made(stated: dict[str, Any]) -> Free:
-    return Free(**stated)
+        return partial(Free, **self.stated), ()  # addresses do not travel
 
 
 class Pressed(NamedTuple):
@@ -165,23 +131,31 @@ class Blows(NamedTuple):
         return -self.side * self.impulse
 
 
+class Marks(NamedTuple):
+    """States from which parts of a motion are computed again: times (k,), eta, rate (k, n), sides (k, m)."""
+
+    t: Array
+    eta: Array
+    rate: Array
+    side: IntArray
+
+    def argument(self, free: Free) -> Any:
+        """The argument of the library."""
+        k, n, m = len(self.t), len(free.w2), len(free.rows)
+        floats = (address(x, (k, *width)) for x, width in ((self.t, ()), (self.eta, (n,)), (self.rate, (n,))))
+        return ctypes.byref(_Marks(k, *floats, address(self.side, (k, m), INTEGER)))
+
+
 class Followed(NamedTuple):
-    """A motion to t_end or to where it cannot go on (``result``): marks, events, blows, and the stations passed."""
+    """A motion to t_end or to where it cannot go on (``result``). events: times, contacts, sides and marks behind.
+    passed: eta, rate (k, n) and held forces (k, m) at the stations that it has passed."""
 
     result: int
     t: float
-    mark_t: Array  # (marks,)
-    mark_eta: Array  # (marks, n)
-    mark_rate: Array
-    mark_side: IntArray  # (marks, m)
-    event_t: Array  # (events,)
-    event_contact: IntArray
-    event_side: IntArray
-    event_mark: IntArray
+    marks: Marks
+    events: tuple[Array, IntArray, IntArray, IntArray]
     blows: Blows
-    eta_at: Array  # (stations, n)
-    rate_at: Array
-    force_at: Array  # (stations, m)
+    passed: tuple[Array, Array, Array]
     evaluations: int
 
 
@@ -227,9 +201,8 @@ class Follower:
                 between(self.state.t, kept, events)
             room = min(4 * room, max(LARGEST_ROOM, FIRST_ROOM + 8 * m * m))
         whole: Any = ([np.concatenate(x) for x in zip(*(p[j] for p in parts), strict=True)] for j in range(4))
-        marks, found, blows, at = whole
-        numbers: Any = (*marks, *found, Blows(*blows), *at, self.state.evaluations)
-        return Followed(result, self.state.t, *numbers)
+        marks, found, blows, at = map(tuple, whole)
+        return Followed(result, self.state.t, Marks(*marks), found, Blows(*blows), at, self.state.evaluations)
 
     def first_event(self, t_end: float) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event before t_end; None for none."""
@@ -256,21 +229,6 @@ class Follower:
         kept = ((marks, out.marks), (found, out.events), (blows, out.blows))
         parts = [[x[:count].copy() for x in some] for some, count in kept]
         return result, parts, [x[: out.station] for x in at]
-
-
-class Marks(NamedTuple):
-    """States from which parts of a motion are computed again: times (k,), eta, rate (k, n), sides (k, m)."""
-
-    t: Array
-    eta: Array
-    rate: Array
-    side: IntArray
-
-    def argument(self, free: Free) -> Any:
-        """The argument of the library."""
-        k, n, m = len(self.t), len(free.w2), len(free.rows)
-        floats = (address(x, (k, *width)) for x, width in ((self.t, ()), (self.eta, (n,)), (self.rate, (n,))))
-        return ctypes.byref(_Marks(k, *floats, address(self.side, (k, m), INTEGER)))
 
 
 def read(free: Free, pressed: Pressed, marks: Marks, times: Array, mark: IntArray) -> tuple[Array, Array, Array]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache, cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 
-from ..basics.arrays import Array, IntArray
+from ..basics.arrays import Array
 from .library import FLOAT, Int, Real, Structure, address, library
 from .march import LAW
 
@@ -50,49 +50,25 @@ class Rows:
         self.entries = sparse.data.astype(float)
 
 
-@dataclass(frozen=True, eq=False)
-class Equations:
-    """Numbers of E y' = A y + loads + contact forces, for C, and with them for Python.
+class Equations(SimpleNamespace):
+    """Numbers of E y' = A y + loads + contact forces, for C, and with them for Python: arrays as rhs.h states them.
 
-    n unknowns, m contacts; d functions of time: 1, sin w_1 t, cos w_1 t, ..., R records, and those that Python
-    evaluates. z is y with the integrals of the energy balance, see ``model.right_hand_side``. A solver writes to
-    the arrays from ``lengths`` on.
+    z (size,) is y with the integrals of the energy balance, see ``model.right_hand_side``. called: number of functions
+    of time that Python evaluates. matrix: A. damping: D, whose quadratic form is the viscous power, or no rows.
+    inertia: E, None for the identity. bandwidths: of a Jacobian of SUNDIALS, None for a full one. A solver writes to
+    ``lengths``, ``levels``, ``regime`` and ``window``.
     """
 
-    size: int  # of z
-    damped: bool  # a stop damps
-    called: int  # number of functions of time that Python evaluates
-    matrix: Array  # A (n, n)
-    damping: Array  # (n, n), whose quadratic form is the viscous power, or no rows
-    inertia: Array | None  # E (size, size), None for the identity
-    frequencies: Array  # (F,)
-    edges: Array
-    records: Array  # (edges, R, P): polynomials from one edge on
-    loads: Array  # (d, n)
-    power: Array  # (d, n): the loads on the velocities
-    offsets: Array  # (d, m)
-    pushes: Array  # (m, n), what a unit force of a contact adds to E y'
-    positions: Array  # (m, n)
-    velocities: Array  # (m, n)
-    accelerations: Array  # (m, n), of E y'
-    law: Array  # (m, 6)
-    bandwidths: tuple[int, int] | None  # of a Jacobian of SUNDIALS, None for a full one
-    lengths: Array = field(init=False)  # (m,), of the contacts' motion
-    levels: Array = field(init=False)  # (roots,), at which an event function counts as zero
-    regime: IntArray = field(init=False)  # (m,): the side on which a contact presses, 0 where it is open, or THROUGH
-    window: Array = field(init=False)  # (2,): the times at which records may be asked
-    given: Array = field(init=False)  # (3, called): values, rates and accelerations
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).copy().items():
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, np.ascontiguousarray(value, float))
+    def __init__(
+        self, size: int, damped: bool, called: int, bandwidths: tuple[int, int] | None, inertia: Array | None,
+        **arrays: Array,
+    ) -> None:  # fmt: skip
+        super().__init__(size=size, damped=damped, called=called, bandwidths=bandwidths, inertia=inertia)
+        vars(self).update((name, np.ascontiguousarray(x, float)) for name, x in arrays.items())
         m = len(self.law)
-        object.__setattr__(self, "lengths", np.ones(m))
-        object.__setattr__(self, "levels", np.zeros(self.roots))
-        object.__setattr__(self, "regime", np.full(m, THROUGH, np.int64))
-        object.__setattr__(self, "window", np.array([-np.inf, np.inf]))
-        object.__setattr__(self, "given", np.zeros((3, self.called)))
+        self.lengths, self.levels = np.ones(m), np.zeros(self.roots)
+        self.regime, self.window = np.full(m, THROUGH, np.int64), np.array([-np.inf, np.inf])
+        self.given = np.zeros((3, called))
 
     @cached_property
     def rows(self) -> tuple[Rows, Rows, Rows]:

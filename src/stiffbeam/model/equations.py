@@ -111,11 +111,9 @@ class Matrices(Equation):
         """By the exponential of the block matrix of (q, v), kept for every t."""
         if ("flow", t) not in self._factors:
             self._factors["flow", t] = _flow(self._mass, self._damping, self._stiffness, t)
-        fastest, E, P, Q = self._factors["flow", t]
-        state = np.concatenate([y[0], y[1] / fastest], axis=-1)
-        new = state @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
-        n = len(self._mass)
-        return np.array([new[..., :n], new[..., n:] * fastest])
+        E, P, Q = self._factors["flow", t]
+        new = np.concatenate(list(y), axis=-1) @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
+        return np.array(np.split(new, 2, axis=-1))
 
 
 def _solver(matrix: Array) -> Callable[..., Array]:
@@ -126,19 +124,42 @@ def _solver(matrix: Array) -> Callable[..., Array]:
     return partial(scipy.linalg.lu_solve, scipy.linalg.lu_factor(matrix))
 
 
-def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[float, Array, Array, Array]:
-    """The speed that velocities are divided by, and e^{At}, t phi_1(At) B, t phi_2(At) B of y' = A y + B f, y = (q, v):
-    what a state, a force and its change over t do."""
-    n, inverse = len(mass), np.linalg.inv(mass)
-    # Velocities in units of the fastest motion, so that the two halves are of one size.
-    fastest = np.sqrt(np.max(np.abs(inverse @ stiffness), initial=0.0)) or 1.0 / t
+def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[Array, Array, Array]:
+    """e^{At}, t phi_1(At) B, t phi_2(At) B of y' = A y + B f, y = (q, v): what a state, a force and its change over t
+    do. The matrices are (..., n, n)."""
+    n, inverse = mass.shape[-1], np.linalg.inv(mass)
+    # Velocities in units of the fastest motion, so that the two halves are of one size; forces in units of its rates.
+    fastest = np.maximum(np.sqrt(np.max(np.abs(inverse @ stiffness), axis=(-1, -2), keepdims=True)), 1.0 / t)
     # One exponential gives all three: that of [[A, B, 0], [0, 0, I], [0, 0, 0]], with A and B times t (Van Loan).
-    whole = np.zeros((4 * n, 4 * n))
-    whole[:n, n : 2 * n] = fastest * t * np.eye(n)
-    whole[n : 2 * n, : 2 * n] = -t * np.hstack([inverse @ stiffness / fastest, inverse @ damping])
-    whole[n : 2 * n, 2 * n : 3 * n], whole[2 * n : 3 * n, 3 * n :] = t * inverse / fastest, np.eye(n)
-    E, P, Q = np.split(scipy.linalg.expm(whole)[: 2 * n], [2 * n, 3 * n], axis=1)
-    return fastest, E.copy(), P.copy(), Q.copy()  # without the matrix that they are parts of
+    whole = np.zeros((*mass.shape[:-2], 4 * n, 4 * n))
+    whole[..., :n, n : 2 * n] = fastest * t * np.eye(n)
+    whole[..., n : 2 * n, :n], whole[..., n : 2 * n, n : 2 * n] = (
+        -t * inverse @ stiffness / fastest,
+        -t * inverse @ damping,
+    )
+    whole[..., n : 2 * n, 2 * n : 3 * n] = whole[..., 2 * n : 3 * n, 3 * n :] = np.eye(n)
+    E, P, Q = np.split(scipy.linalg.expm(whole)[..., : 2 * n, :], [2 * n, 3 * n], axis=-1)
+    unit = np.concatenate([np.ones_like(fastest), fastest], axis=-1).repeat(n, axis=-1)
+    rows = np.swapaxes(unit, -1, -2)
+    return rows * E / unit, rows * P @ (t * inverse / fastest), rows * Q @ (t * inverse / fastest)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of exponentials whose place cosine and sine take
+def _modal_flow(damping: Array, squares: Array, t: float) -> tuple[Array, Array, Array]:
+    """``_flow`` of each mode; squares: omega^2."""
+    E, P, Q = _flow(np.ones((len(squares), 1, 1)), damping[:, None, None], squares[:, None, None], t)
+    # Of fast modes the exponential loses what the phase turns by: cosine and sine keep their size.
+    wide = np.sqrt(np.maximum(squares - 0.25 * damping**2, 0.0))
+    fast = wide * t > 1.0
+    c, k, wide = damping[fast], squares[fast], wide[fast]
+    decay = np.exp(-0.5 * c * t)
+    even, S = decay * np.cos(wide * t), decay * np.sin(wide * t) / wide
+    C, rate = even + 0.5 * c * S, even - 0.5 * c * S
+    V = (1.0 - C) / k
+    E[fast] = np.array([[C, S], [-k * S, rate]]).transpose(2, 0, 1)
+    P[fast, :, 0] = np.array([V, S]).T
+    Q[fast, :, 0] = np.array([(1.0 - (S + c * V) / t) / k, V / t]).T
+    return E, P, Q
 
 
 class Modal(Equation):
@@ -165,51 +186,9 @@ class Modal(Equation):
         return x / (1.0 + a * self._damping + b * self._stiffness)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
-        """By ``oscillation`` of each mode, kept for every t."""
+        """By ``_modal_flow``, kept for every t."""
         if t not in self._flows:
-            self._flows[t] = oscillation(np.sqrt(self._stiffness), self._damping, t)
-        C, S, rate, V, X = self._flows[t]
-        q, v = y
-        slope = (force1 - force0) / t
-        position = C * q + S * v + V * force0 + X * slope
-        return np.array([position, rate * v - self._stiffness * S * q + S * force0 + V * slope])
-
-
-def oscillation(omega: Array, damping: Array, t: float) -> tuple[Array, ...]:
-    """C, S, S', V, X at t of x'' + c x' + omega^2 x = f: x = C from x(0) = 1, x = S from x'(0) = 1, and from rest
-    x = V for f = 1, x = X for f = time.
-
-    C = 1 - omega^2 V, S = V' = X'', S' = 1 - c S - omega^2 V. By cosine and sine; of a slow mode, whose 1 - C would
-    cancel, by the exponential of the equation with time in units of t.
-    """
-    c, sigma = damping, 0.5 * damping
-    # Closed form: cosine and sine below critical damping, two decaying exponentials above.
-    root = sigma**2 - omega**2
-    wide = np.sqrt(np.abs(root)) * t
-    decay = np.exp(-sigma * t)
-    safe = np.where(wide > 0.0, wide, 1.0)
-    # sigma - sqrt(root) cancels under strong damping, so the slow rate is omega^2/(sigma + sqrt(root)).
-    slow = np.exp(-(omega**2) * t / np.where(sigma > 0.0, sigma + np.sqrt(np.maximum(root, 0.0)), 1.0))
-    fast = np.exp(-(sigma + np.sqrt(np.maximum(root, 0.0))) * t)
-    over = (root >= 0.0) & (wide >= 1.0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        # Near critical damping, wide < 1, the difference of the exponentials cancels: sinh does not.
-        sinc = np.where(root < 0.0, np.sin(wide) / safe, np.where(wide < 1.0, np.sinh(wide) / safe, 0.0))
-        sinc = np.where(wide > 0.0, sinc, 1.0)
-        S = np.where(over, t * (slow - fast) / (2.0 * safe), decay * t * sinc)
-        even = np.where(root < 0.0, np.cos(wide), np.cosh(np.minimum(wide, 1.0)))
-        even = np.where(over, 0.5 * (slow + fast), decay * even)
-        # Undamped, 1 - cos as 2 sin^2 of half the angle, which does not cancel.
-        less = np.where((c == 0.0), 2.0 * np.sin(0.5 * wide) ** 2, 1.0 - even - sigma * S)  # 1 - C, C = even + sigma S
-        squares = np.where(omega > 0.0, omega**2, 1.0)
-        V, X = less / squares, (t - S - c * less / squares) / squares
-    C, rate = even + sigma * S, even - sigma * S
-    # Slow modes: the columns are those of x, x', a constant force and one that grows with time.
-    few = omega * t < 0.5
-    A = np.zeros((np.count_nonzero(few), 4, 4))
-    A[:, 0, 1] = A[:, 1, 2] = A[:, 2, 3] = 1.0
-    A[:, 1, 0], A[:, 1, 1] = -((omega[few] * t) ** 2), -c[few] * t
-    E = scipy.linalg.expm(A)
-    C[few], rate[few] = E[:, 0, 0], E[:, 1, 1]
-    S[few], V[few], X[few] = t * E[:, 0, 1], t**2 * E[:, 0, 2], t**3 * E[:, 0, 3]
-    return C, S, rate, V, X
+            self._flows[t] = _modal_flow(self._damping, self._stiffness, t)
+        E, P, Q = self._flows[t]
+        terms = (E[..., 0], y[0]), (E[..., 1], y[1]), (P[..., 0], force0), (Q[..., 0], force1 - force0)
+        return np.array([sum(column[:, i] * x for column, x in terms) for i in range(2)])

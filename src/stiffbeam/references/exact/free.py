@@ -70,20 +70,10 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
         for c in system.contacts
     ]
     shared: dict[str, Any] = {
-        "w2": w2,
-        "drag": drag,
-        "damping": D,
-        "coupling": coupling,
-        "rows": rows,
-        "stops": stops,
-        "laws": np.array(law, float).reshape(m, 3),
-        "meet": rows @ rows.T,
-        "loads": loads,
-        "offsets": offsets,
-        "waves": waves,
-        "edges": np.ascontiguousarray(drive.edges),
-        "pieces": pieces,
-    }
+        "w2": w2, "drag": drag, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
+        "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
+        "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": pieces,
+    }  # fmt: skip
     stiffness = shared["laws"][:, 0] * np.diag(shared["meet"])
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
@@ -100,36 +90,23 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
 
 def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
-    w2, d, waves, loads, coupling = (shared[x] for x in ("w2", "drag", "waves", "loads", "coupling"))
-    n, F = len(w2), len(waves)
-    over = d * d > (4.0 + CRITICAL) * w2
-    if coupling < 2 and not np.any(over & (w2 > 0.0)):
-        answer, apart = particular(w2, d, waves, loads)
-        poles = np.zeros((2, n + F))
-        poles[0, :n], poles[1, :n], poles[1, n:] = -0.5 * d, np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0)), waves
-        return assembled(shared, 1, poles, answer, apart, d)
-    found = complex_modes(shared) if coupling == 2 else overdamped_modes(shared)
-    none = np.zeros(n, np.int64)
-    if found is None:
-        poles = np.zeros((2, n + F))
-        poles[1, :n], poles[1, n:] = np.sqrt(w2), waves
-        return assembled(shared, 0, poles, np.zeros((2 * F, n)), none, d)
-    s, out, back, answer = found
-    poles = np.zeros((2, len(s) + F))
-    poles[0, : len(s)], poles[1, : len(s)], poles[1, len(s) :] = s.real, s.imag, waves
-    seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
-    return assembled(shared | {"out": out, "back": back, "seen": seen}, 2, poles, answer, none, d)
-
-
-def assembled(shared: dict[str, Any], kind: int, poles: Array, answer: Array, apart: Any, d: Array) -> Free:
-    """A Free with the length of flights that its modes ``apart`` allow."""
-    rates = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + shared["w2"])
-    fastest = np.max(
-        np.append(rates, shared["waves"])[np.append(apart > 0, np.any(apart) & (shared["waves"] >= 0.0))], initial=0.0
-    )
+    w2, d, waves, coupling = (shared[x] for x in ("w2", "drag", "waves", "coupling"))
+    n, F, more = len(w2), len(waves), dict[str, Array]()
+    kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
+    if coupling < 2 and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
+        kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
+        answer, apart = particular(w2, d, waves, shared["loads"])
+    elif found := complex_modes(shared) if coupling == 2 else overdamped_modes(shared):
+        s, out, back, answer = found
+        seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
+        kind, more = 2, {"out": out, "back": back, "seen": seen}
+    poles = np.array([np.append(s.real, np.zeros(F)), np.append(s.imag, waves)])
+    # The length of flights that the modes ``apart`` allow.
+    rates, some = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + w2), apart > 0
+    fastest = max(np.max(rates[some]), np.max(waves, initial=0.0)) if np.any(some) else 0.0
     order = np.argsort(np.hypot(*poles), kind="stable")
     return Free(
-        **shared, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
+        **shared, **more, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
         longest=1.0 / fastest if fastest else math.inf,
     )  # fmt: skip
 

@@ -216,16 +216,15 @@ class Solver:
         if found.result == NOT_FINITE:
             raise SolverFailure("exact", found.t, "the motion overflows float64", REMEDY)
         # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
-        first = np.unique(np.concatenate([[0], found.event_mark]))
-        first = first[: np.searchsorted(first, len(found.mark_t))]
-        seen = (stations, found.eta_at, found.rate_at, found.force_at) if len(found.eta_at) == len(stations) else None
-        times = found.mark_t[first]
+        marks, passed = found.marks, found.passed
+        first = np.unique(np.concatenate([[0], found.events[3]]))
+        first = first[: np.searchsorted(first, len(marks.t))]
+        seen = (stations, *passed) if len(passed[0]) == len(stations) else None
+        times = marks.t[first]
         times[0] = begun
         return Motion(
-            self.system, self.made, times, found.mark_side[first], first,
-            Marks(found.mark_t, found.mark_eta, found.mark_rate, found.mark_side),
-            found.evaluations,
-            (found.event_t, found.event_contact, found.event_side, found.event_mark), found.blows, seen,
+            self.system, self.made, times, marks.side[first], first, marks, found.evaluations, found.events,
+            found.blows, seen,
         )  # fmt: skip
 
 
