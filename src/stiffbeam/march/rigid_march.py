@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps, solve_node
-from ..model.equations import Modal
+from ..model.contact import Contact, Stops
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
@@ -21,10 +21,9 @@ from ..schemes.scheme import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord
 from .block_march import initial_channels
-from .probe import Coordinates, StepMap, components
+from .probe import Coordinates, StepMap
 
 STEPS_PER_PIECE = 4096
-FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
 CODES = {POSITION: AT_A_STOP, RESTITUTED: AT_A_STOP, VELOCITY: WHERE_PREDICTED, CONDITION: WHERE_CLOSED}
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
@@ -162,8 +161,6 @@ def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]
     compliance = moved[: m * S].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:
         _require_giving_way(scheme, compliance)
-        if not isinstance(scheme, RigidScheme):
-            _require_lasting_contact(scheme)
     # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
     ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
     codes = [CODES[kind] for kind in kinds]
@@ -195,36 +192,23 @@ def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
             raise InputError("scheme", str(scheme), rule, remedy)
 
 
-def _require_lasting_contact(scheme: Scheme) -> None:
-    """Raise InputError where a free mass held on a stop meets reactions that grow from step to step.
+def _weights(scheme: Scheme, dt: float) -> Array:
+    """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step.
 
-    Held, q = 0 at every node: z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
+    Raises InputError for a scheme of compliant stops where reactions grow from step to step. Held on a stop, q = 0 at
+    every node, the mass goes by z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
     the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
     """
-    # One batch: unit states of a free mass, then unit forces at the nodes.
-    S, a = len(scheme.nodes), components(scheme, FREE, 1)
-    z, acting = np.zeros((a, a + S, 1)), np.zeros((S, a + S, 1))
-    z[np.arange(a), np.arange(a)] = acting[np.arange(S), a + np.arange(S)] = 1.0
-    new, at_nodes = scheme.step(FREE, 1.0, z, list(np.zeros_like(acting)), list(acting))
-    state, read = np.asarray(new)[..., 0], np.array([y[0] for y in at_nodes])[..., 0]
-    # Reactions G^-1 R z keep q = 0 at every node.
-    held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
-    if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
-        rule = "have reactions that do not grow while a contact lasts, for rigid stops"
-        raise InputError("scheme", str(scheme), rule, "use MoreauJean")
-
-
-def _weights(scheme: Scheme, dt: float) -> Array:
-    """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step."""
-    S = len(scheme.nodes)
-    acting = np.zeros((S, S, 1))
-    acting[np.arange(S), np.arange(S)] = 1.0
-    z = np.zeros((components(scheme, FREE, 1), S, 1))
+    mass = System.from_matrices([[1.0]], [[0.0]], contacts=[Contact(np.ones(1), Stops(upper=1.0, stiffness=np.inf))])
+    free = StepMap(scheme, Coordinates(mass, modes(mass)), dt, reduced=False)
+    T, P, at_nodes = free.transition[0], free.push[0], free.readers.at_nodes
+    if not isinstance(scheme, RigidScheme):
+        held = T - P @ np.linalg.solve(free.at_once[at_nodes], free.reading[0, at_nodes])
+        if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
+            rule = "have reactions that do not grow while a contact lasts, for rigid stops"
+            raise InputError("scheme", str(scheme), rule, "use MoreauJean")
     # Forces act in the first step only; a scheme may spread their momentum over later ones.
-    for _ in range(FREE_STEPS):
-        z, _ = scheme.step(FREE, dt, z, list(np.zeros((S, S, 1))), list(acting))
-        acting = np.zeros_like(acting)
-    return z[1, :, 0] / dt
+    return (np.linalg.matrix_power(T, FREE_STEPS) @ P)[1] / dt
 
 
 def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Array, dt: float) -> Array:
