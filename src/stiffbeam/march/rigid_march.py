@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps, solve_node
-from ..model.contact import Contact, Stops
+from ..model.contact import Contact, Stops, channel_motion
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
@@ -29,15 +28,7 @@ CODES = {POSITION: AT_A_STOP, RESTITUTED: AT_A_STOP, VELOCITY: WHERE_PREDICTED, 
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Consecutive steps first + 1 .. first + k of a run."""
-
-    first: int
-    positions: Array  # (k, channels) at the ends of the steps
-    velocities: Array  # (k, channels)
-    states: tuple[Array, Array]  # q, q' at the ends of the steps, each (k, n)
-    reactions: Array  # (k, contacts): means over the steps, by the momentum that they bring
+Piece = tuple[int, Array, Array, Array]  # steps, those of the piece among them; q and q' at their ends, mean reactions
 
 
 def rigid_run(
@@ -46,23 +37,26 @@ def rigid_run(
 ) -> dict[str, Any]:  # fmt: skip
     """Fields of the Trajectory; impacts are counted after step ``since``."""
     m, tip = len(system.contacts), system.tip_channel
-    u0, v0 = initial_channels([system])
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin, diverged = every or steps + 1, np.nan
-    outputs, at_steps, means = [(u0, v0)], [u0[:, :m]], [np.zeros((0, m))]
-    for piece in _pieces(system, scheme, dt, steps):
+    outputs, at_steps, means = [initial_channels([system])], [initial_channels([system])[0][:, :m]], [np.zeros((0, m))]
+    for done, q, v, reactions in _pieces(system, scheme, dt, steps):
+        first = done - len(q)
+        t = (first + 1 + np.arange(len(q))) * dt
+        motion = [channel_motion(row, offset, t, q, v) for row, offset in system.channels]
+        positions, velocities = (np.stack(x, axis=1) for x in zip(*motion, strict=True))
         # The first step beyond the bound ends the run.
-        bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
+        bad = ~np.all(np.abs(positions) < OVERFLOW, axis=1)
         if np.any(bad):
-            diverged = (piece.first + 1 + int(np.argmax(bad))) * dt
+            diverged = float(t[np.argmax(bad)])
             break
         # Outputs of this piece: the multiples of ``thin`` among its steps, the first of which is ``first`` + 1.
-        here = slice(thin - 1 - piece.first % thin, None, thin)
-        outputs.append((piece.positions[here], piece.velocities[here]))
-        at_steps.append(piece.positions[:, :m])
-        means.append(piece.reactions)
+        here = slice(thin - 1 - first % thin, None, thin)
+        outputs.append((positions[here], velocities[here]))
+        at_steps.append(positions[:, :m])
+        means.append(reactions)
         if progress is not None:
-            progress(piece.first + len(piece.positions))
+            progress(done)
     positions, velocities = (np.concatenate(x)[: None if every else 0] for x in zip(*outputs, strict=True))
     u, R = np.concatenate(at_steps), np.concatenate(means)
     forces, contacts = np.concatenate([np.zeros((1, m)), R])[::thin][: len(positions)], []
@@ -78,9 +72,9 @@ def rigid_run(
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
     """See ``Pieces``: the forces are the reactions of the steps that end there."""
     last, none = (system.q0[None], system.v0[None]), np.full((1, len(system.contacts)), np.nan)
-    for piece in _pieces(system, scheme, dt, steps):
-        q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
-        yield (piece.first + np.arange(len(q))) * dt, q, v, np.concatenate([none, piece.reactions])
+    for done, *states, reactions in _pieces(system, scheme, dt, steps):
+        q, v = (np.concatenate(both) for both in zip(last, states, strict=True))
+        yield (done + 1 - len(q) + np.arange(len(q))) * dt, q, v, np.concatenate([none, reactions])
         last = q[-1:], v[-1:]
 
 
@@ -94,7 +88,7 @@ def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[P
         history = [y]
         for piece, z in _march(view, system, scheme.starter, dt, y, [y], 0, min(count, scheme.history - 1)):
             history.insert(0, z[:2])
-            done += len(piece.positions)
+            done = piece[0]
             yield piece
     if done < count:
         for piece, _ in _march(view, system, scheme, dt, y, history or [y], done, count - done):
@@ -104,7 +98,7 @@ def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[P
 def _march(
     view: Coordinates, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
 ) -> Iterator[tuple[Piece, Array]]:
-    m, S, channels, n = len(system.contacts), len(scheme.nodes), *view.rows.shape
+    m, S, n = len(system.contacts), len(scheme.nodes), view.rows.shape[1]
     is_rigid = isinstance(scheme, RigidScheme)
     kinds = scheme.conditions if is_rigid else (POSITION,) * S
     loads = np.array([view.vector(vector) for vector, _ in system.loads]).reshape(-1, n)
@@ -119,7 +113,6 @@ def _march(
         force = force + _first_reactions(view, y, force) if first == 0 else force
         z = scheme.initial(view.equation, history, force)
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
-    offsets = [offset for _, offset in system.channels]
     for start in range(first, first + count, STEPS_PER_PIECE):
         length = min(STEPS_PER_PIECE, first + count - start)
         at = (start + np.arange(length)) * dt
@@ -128,16 +121,12 @@ def _march(
         values = np.array([evaluate(f, nodes) for _, f in system.loads]).reshape(len(system.loads), length, S)
         values = np.moveaxis(values, 0, 1).reshape(length, -1)
         shifts = (values @ shifts_by_load).reshape(length, S, m) + _offset_shifts(system, kinds, at, nodes, dt)
-        predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
+        predicted = np.array([offset_values(c.offset, at + AHEAD * dt) for c in system.contacts]).reshape(m, length).T
         path, reactions = rigid_steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z)
         states = path.reshape(length, *shape)
-        ends = (start + 1 + np.arange(length)) * dt
-        positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
-        positions = positions + np.array([offset_values(o, ends) for o in offsets]).reshape(channels, length).T
-        velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
         # Each node counts by the momentum that its reaction brings in the end.
         means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
-        yield Piece(start, positions, velocities, view.states(both), means), states[-1]
+        yield (start + length, *view.states(both), means), states[-1]
 
 
 def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]) -> tuple[Linear, Array, Array]:
