@@ -9,14 +9,13 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from ..basics.arrays import Array, Recent
 from ..basics.progress import current, silent, working
 from ..basics.resources import afford, clock, over_slices
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
 from ..model.members import EnsembleMembers, as_members, march_apart
-from ..model.modes import modes
+from ..model.modes import modes, undamped_modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
@@ -48,18 +47,10 @@ class Plan:
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
         self.scheme = self.treatment.form_of(given)
         covered(system.time_functions, self.t_end)
-        # For the check of the time step, and for the message of a run that overflows.
-        basis = modes(system)
-        if basis:
-            self.omega_max = float(basis.omega[-1])
-        else:
-            squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
-            self.omega_max = float(np.sqrt(max(0.0, squares[-1])))
-        self.scheme.check(self.omega_max, self.dt)
         check_contract(self.scheme)
         self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
         # The modes, or where the damping couples them all unknowns, which then step together.
-        self.coordinates = Coordinates(system, basis)
+        self.coordinates = Coordinates(system, modes(system))
         if self.rule != RIGID:
             length = block_length(self.coordinates, self.scheme, self.steps)
             self.stepper = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, self.rule)
@@ -247,7 +238,7 @@ def integrate(
     run = plan.run(system, every, progress, begun=begun)
     if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
-        hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
+        hint = f"{remedy} (omega_max dt is {undamped_modes(system).omega[-1] * dt:.3g})"
         raise Diverged(str(scheme), run.diverged, hint)
     return run
 

@@ -50,9 +50,9 @@ class MeanReaction(Scheme):
         """Parameters of the original scheme."""
         return self.scheme.parameters
 
-    def label(self, digits: int | None = None, kind: str = "") -> str:
+    def label(self, digits: int | None = None) -> str:
         """Label of the original scheme."""
-        return self.scheme.label(digits, kind)
+        return self.scheme.label(digits)
 
 
 def midpoint(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:
