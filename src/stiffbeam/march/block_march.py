@@ -213,7 +213,9 @@ class March:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                self.state = self.state._replace(z=stepper.packed(block, scheme, history, self._force()))
+                t, motion = self.done * stepper.dt, (self.state.position, self.state.velocity)
+                force = stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
+                self.state = self.state._replace(z=stepper.packed(block, scheme, history, force))
             forcing = self.forcing(block)
             # The more members, the fewer steps a call, down to a sixteenth: progress is reported between calls.
             most = STEPS_PER_CALL // min(16, len(self.members))
@@ -251,11 +253,6 @@ class March:
         self.done += steps
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
-
-    def _force(self) -> Array:
-        """Load plus contact force at this time, (members, N)."""
-        t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
-        return self.stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
 
     def fields(self, member: int, tip_only: bool = False) -> dict[str, Any]:
         """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed. tip_only: of

@@ -39,13 +39,13 @@ class Plan:
 
     def __init__(self, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> None:
         # Every argument by itself, then in combination.
-        self.system, given = require_system(system), require_scheme(scheme)
+        self.system, self.given = require_system(system), require_scheme(scheme)
         self.dt, self.t_end = positive("dt", dt), positive("t_end", t_end)
         self.steps = step_count(self.dt, self.t_end)
         if not 1e-150 <= self.dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
-        self.scheme = self.treatment.form_of(given)
+        self.scheme = self.treatment.form_of(self.given)
         covered(system.time_functions, self.t_end)
         check_contract(self.scheme)
         self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
@@ -74,14 +74,6 @@ class Plan:
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
 
-    def passed(self, since: float) -> int:
-        """The steps to the time ``since``. Raises InputError for a time within a step."""
-        passed = round(record_from(since, self.t_end) / self.dt)
-        if abs(passed * self.dt - since) > 1e-9 * self.t_end:
-            remedy = f"for example {self.dt * int(since / self.dt):.12g}"
-            raise InputError("since", since, f"be a whole number of steps dt = {self.dt:g}", remedy)
-        return passed
-
     def of(self, member: System, apart: bool) -> Plan:
         """The plan of a member: its own where members march ``apart``, or where its law is of another kind. Raises
         InputError for rigid stops beside compliant ones."""
@@ -90,10 +82,10 @@ class Plan:
             raise InputError("members", "compliant and rigid stops", "be of one kind", "integrate them apart")
         if not apart and rule == self.rule:
             return self
-        return Plan(member, self.scheme, self.dt, self.t_end, self.treatment.name)
+        return Plan(member, self.given, self.dt, self.t_end, self.treatment.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Plan, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name)
+        return Plan, (self.system, self.given, self.dt, self.t_end, self.treatment.name)
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:
@@ -298,7 +290,11 @@ def integrate_ensemble(
     plan.afford(len(members), every if every is None else integer("every", every, 1))
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart, show = march_apart(members), current()
-    march = partial(plan.runs, apart=apart, every=every, since=plan.passed(since))
+    passed = round(record_from(since, plan.t_end) / plan.dt)
+    if abs(passed * plan.dt - since) > 1e-9 * plan.t_end:
+        remedy = f"for example {plan.dt * int(since / plan.dt):.12g}"
+        raise InputError("since", since, f"be a whole number of steps dt = {plan.dt:g}", remedy)
+    march = partial(plan.runs, apart=apart, every=every, since=passed)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
     report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
