@@ -29,15 +29,12 @@ BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between two reports of progress
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
-# Seconds, measured on one core: a product of matrices, of a matrix in cache and one out of it, per multiply-add.
-MATRIX, CACHED, STREAMED = 1.2e-10, 1.5e-10, 5e-10
-CACHE = 2.5e5  # numbers
 LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
 LEAST, LONGEST = 32, 256  # force nodes of a block
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
-    """Steps in a block, a power of two: those with which ``steps`` of them, set-up included, take least time.
+    """Steps in a block, a power of two.
 
     A block of K steps is a product with (R + D) x D numbers, D = k N for the k components that a scheme carries of N
     unknowns, once the powers of one step are made. In modes these are few, and K is bounded by the contact alone: it
@@ -54,16 +51,12 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
         "reduce_model leaves the modes that matter",
         floats=10.0 * D**2,
     )
-    step = CACHED if D**2 < CACHE else STREAMED
-
-    def seconds(length: int) -> float:
-        # A product of D x D matrices for each doubling; a block reads its matrices once.
-        return MATRIX * np.log2(length) * D**3 + steps * step * (D**2 / length + D * nodes)
-
-    longest, loads = np.clip(D / 4, LEAST, LONGEST) / nodes, len(coordinates.system.loads) * len(scheme.nodes)
-    powers = range(1 + int(np.log2(max(1.0, longest))))
-    lengths = (2**i for i in powers if not i or (i + 2) * D**2 + 2**i * loads * D <= LARGEST)
-    return min(lengths, key=seconds)
+    loads = max(1, len(coordinates.system.loads)) * len(scheme.nodes)
+    longest = min(np.clip(D / 4, LEAST, LONGEST) / nodes, LARGEST / (loads * D))
+    # The doubling to K costs a product of D x D matrices, and saves one of steps/K with D numbers each. In memory a
+    # matrix is read at half the speed of that product.
+    doublings = min(np.log2(min(longest, 2.0 * steps / D)), LARGEST / D**2 - 2.0)
+    return 2 ** max(0, int(doublings))
 
 
 class Launch(NamedTuple):
@@ -220,7 +213,9 @@ class March:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                self.state = self.state._replace(z=stepper.packed(block, scheme, history, self._force()))
+                t, motion = self.done * stepper.dt, (self.state.position, self.state.velocity)
+                force = stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
+                self.state = self.state._replace(z=stepper.packed(block, scheme, history, force))
             forcing = self.forcing(block)
             # The more members, the fewer steps a call, down to a sixteenth: progress is reported between calls.
             most = STEPS_PER_CALL // min(16, len(self.members))
@@ -258,11 +253,6 @@ class March:
         self.done += steps
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
-
-    def _force(self) -> Array:
-        """Load plus contact force at this time, (members, N)."""
-        t, motion = self.done * self.stepper.dt, (self.state.position, self.state.velocity)
-        return self.stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
 
     def fields(self, member: int, tip_only: bool = False) -> dict[str, Any]:
         """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed. tip_only: of

@@ -9,14 +9,13 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from ..basics.arrays import Array, Recent
 from ..basics.progress import current, silent, working
 from ..basics.resources import afford, clock, over_slices
 from ..basics.validation import InputError, function, integer, one_of, positive, step_count
 from ..model.members import EnsembleMembers, as_members, march_apart
-from ..model.modes import modes
+from ..model.modes import modes, undamped_modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
@@ -40,27 +39,21 @@ class Plan:
 
     def __init__(self, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> None:
         # Every argument by itself, then in combination.
-        self.system, given = require_system(system), require_scheme(scheme)
+        self.system, self.given = require_system(system), require_scheme(scheme)
         self.dt, self.t_end = positive("dt", dt), positive("t_end", t_end)
         self.steps = step_count(self.dt, self.t_end)
         if not 1e-150 <= self.dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
-        self.scheme = self.treatment.form_of(given)
+        self.scheme = self.treatment.form_of(self.given)
         covered(system.time_functions, self.t_end)
-        # For the check of the time step, and for the message of a run that overflows.
-        basis = modes(system)
-        if basis:
-            self.omega_max = float(basis.omega[-1])
-        else:
-            squares = scipy.linalg.eigh(system.stiffness, system.mass, eigvals_only=True)
-            self.omega_max = float(np.sqrt(max(0.0, squares[-1])))
-        self.scheme.check(self.omega_max, self.dt)
         check_contract(self.scheme)
         self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
-        self._steppers: dict[int, Stepper] = {}  # by rule
+        # The modes, or where the damping couples them all unknowns, which then step together.
+        self.coordinates = Coordinates(system, modes(system))
         if self.rule != RIGID:
-            self.stepper_for(system)
+            length = block_length(self.coordinates, self.scheme, self.steps)
+            self.stepper = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, self.rule)
 
     @classmethod
     def recent(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
@@ -81,41 +74,22 @@ class Plan:
         floats = float(members) * (kept * (2.0 * len(self.system.channels) + contacts + 1.0) + 100.0)
         afford("every", every, remedy, floats=floats)
 
-    def passed(self, since: float) -> int:
-        """The steps to the time ``since``. Raises InputError for a time within a step."""
-        passed = round(record_from(since, self.t_end) / self.dt)
-        if abs(passed * self.dt - since) > 1e-9 * self.t_end:
-            remedy = f"for example {self.dt * int(since / self.dt):.12g}"
-            raise InputError("since", since, f"be a whole number of steps dt = {self.dt:g}", remedy)
-        return passed
-
-    @cached_property
-    def coordinates(self) -> Coordinates:
-        """The modes, or where the damping couples them all unknowns, which then step together."""
-        return Coordinates(self.system, modes(self.system))
-
-    def rule_of(self, member: System) -> int:
-        """The rule of a member. Raises InputError for rigid stops beside compliant ones."""
+    def of(self, member: System, apart: bool) -> Plan:
+        """The plan of a member: its own where members march ``apart``, or where its law is of another kind. Raises
+        InputError for rigid stops beside compliant ones."""
         rule = self.rule if member is self.system else self.treatment.rule(member, self.scheme)
         if (rule == RIGID) != (self.rule == RIGID):
             raise InputError("members", "compliant and rigid stops", "be of one kind", "integrate them apart")
-        return rule
-
-    def stepper_for(self, member: System) -> Stepper:
-        """The block march of a member. Its law may be of another kind than that of the system."""
-        rule = self.rule_of(member)
-        # Kept by rule: nodes of linear stops and of other laws read different entries of a block.
-        if rule not in self._steppers:
-            length = block_length(self.coordinates, self.scheme, self.steps)
-            self._steppers[rule] = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, rule)
-        return self._steppers[rule]
+        if not apart and rule == self.rule:
+            return self
+        return Plan(member, self.given, self.dt, self.t_end, self.treatment.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Plan, (self.system, self.scheme, self.dt, self.t_end, self.treatment.name)
+        return Plan, (self.system, self.given, self.dt, self.t_end, self.treatment.name)
 
     @cached_property
     def _provenance(self) -> dict[str, Any]:
-        march = "rigid steps" if self.rule == RIGID else self._steppers[self.rule].kind
+        march = "rigid steps" if self.rule == RIGID else self.stepper.kind
         return {
             "method": label_of_run(self.scheme),
             "form": self.system.form,
@@ -142,7 +116,7 @@ class Plan:
         if self.rule == RIGID:
             fields = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
         else:
-            march = March(self.stepper_for(system), [system], self.steps, every, since)
+            march = March(self.stepper, [system], self.steps, every, since)
             for done in march.advance():
                 if progress is not None and not march.state.diverged[0]:
                     progress(done)
@@ -158,29 +132,25 @@ class Plan:
             ledger=partial(self.ledger, system, every or self.steps),
         )
 
-    def runs(self, members: EnsembleMembers, every: int | None, since: int = 0) -> list[Trajectory]:
+    def runs(self, members: EnsembleMembers, apart: bool, every: int | None, since: int) -> list[Trajectory]:
         """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
-        if self.rule == RIGID:
-            for member in members:
-                self.rule_of(member)
-            return [slim(self.run(member, every, None, since)) for member in members]
-        kinds = [self.stepper_for(member) for member in members]
-        runs: dict[int, Trajectory] = {}
-        # Members of one rule march together.
-        for stepper in dict.fromkeys(kinds):
-            places = [i for i, kind in enumerate(kinds) if kind is stepper]
-            march = March(stepper, [members[i] for i in places], self.steps, every, since)
+        plans = [self.of(member, apart) for member in members]
+        together = [i for i, plan in enumerate(plans) if plan is self and self.rule != RIGID]
+        alone = set(range(len(plans))) - set(together)
+        runs = {i: slim(plans[i].run(members[i], every, None, since)) for i in alone}
+        if together:
+            march = March(self.stepper, [members[i] for i in together], self.steps, every, since)
             for _ in march.advance():
                 pass
-            for k, i in enumerate(places):
+            for k, i in enumerate(together):
                 runs[i] = Trajectory(**march.fields(k, tip_only=True), work=Work(), provenance={})
-        return [runs[i] for i in range(len(members))]
+        return [runs[i] for i in range(len(plans))]
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""
         if self.rule == RIGID:
             return rigid_states(system, self.scheme, self.dt, self.steps)
-        return replay(self.stepper_for(system), system, self.steps)
+        return replay(self.stepper, system, self.steps)
 
     @working("adding up the energy balance")
     def ledger(self, system: System, every: int) -> Ledger:
@@ -190,7 +160,7 @@ class Plan:
             impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
             return step_ledger(system, self.states(system), outputs, impacts)
         basis = self.coordinates.basis
-        pieces = replay(self.stepper_for(system), system, self.steps, modal=basis is not None)
+        pieces = replay(self.stepper, system, self.steps, modal=basis is not None)
         return step_ledger(system, pieces, outputs, basis=basis)
 
 
@@ -260,7 +230,7 @@ def integrate(
     run = plan.run(system, every, progress, begun=begun)
     if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
-        hint = f"{remedy} (omega_max dt is {plan.omega_max * dt:.3g})"
+        hint = f"{remedy} (omega_max dt is {undamped_modes(system).omega[-1] * dt:.3g})"
         raise Diverged(str(scheme), run.diverged, hint)
     return run
 
@@ -320,18 +290,16 @@ def integrate_ensemble(
     plan.afford(len(members), every if every is None else integer("every", every, 1))
     # Members with records, or with other matrices, share no propagator and are set up one by one.
     apart, show = march_apart(members), current()
-    march = partial(_march, plan, every, plan.passed(since), apart)
+    passed = round(record_from(since, plan.t_end) / plan.dt)
+    if abs(passed * plan.dt - since) > 1e-9 * plan.t_end:
+        remedy = f"for example {plan.dt * int(since / plan.dt):.12g}"
+        raise InputError("since", since, f"be a whole number of steps dt = {plan.dt:g}", remedy)
+    march = partial(plan.runs, apart=apart, every=every, since=passed)
     # A slice holds at least as much work as a thread takes to start.
     least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
     report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
     runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
-    return _collected(plan, members, runs, every, apart, perf_counter() - begun)
-
-
-def _collected(
-    plan: Plan, members: EnsembleMembers, runs: list[Trajectory], every: int | None, apart: bool, seconds: float
-) -> Ensemble:
-    """The ensemble of these runs."""
+    seconds = perf_counter() - begun
     return Ensemble.of(
         runs,
         members=members,
@@ -342,17 +310,5 @@ def _collected(
     )
 
 
-def _march(plan: Plan, every: int | None, since: int, apart: bool, part: EnsembleMembers) -> list[Trajectory]:
-    """Runs of some of the members."""
-    if apart:
-        return [slim(_alone(plan, member).run(member, every, None, since)) for member in part]
-    return plan.runs(part, every, since)
-
-
-def _alone(plan: Plan, member: System) -> Plan:
-    """Plan of a member with its own records, whose loads no other member shares."""
-    return Plan(member, plan.scheme, plan.dt, plan.t_end, plan.treatment.name)
-
-
 def _ledger(plan: Plan, members: EnsembleMembers, every: int, apart: bool, i: int) -> Ledger:
-    return (_alone(plan, members[i]) if apart else plan).ledger(members[i], every)
+    return plan.of(members[i], apart).ledger(members[i], every)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps, solve_node
-from ..model.equations import Modal
+from ..model.contact import Contact, Stops, channel_motion
 from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
@@ -21,24 +20,15 @@ from ..schemes.scheme import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord
 from .block_march import initial_channels
-from .probe import Coordinates, StepMap, components
+from .probe import Coordinates, StepMap
 
 STEPS_PER_PIECE = 4096
-FREE = Modal(np.zeros(1), np.zeros(1))  # a free mass
 FREE_STEPS = 200  # after which it has all that one unit force will give it
 CODES = {POSITION: AT_A_STOP, RESTITUTED: AT_A_STOP, VELOCITY: WHERE_PREDICTED, CONDITION: WHERE_CLOSED}
 GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Consecutive steps first + 1 .. first + k of a run."""
-
-    first: int
-    positions: Array  # (k, channels) at the ends of the steps
-    velocities: Array  # (k, channels)
-    states: tuple[Array, Array]  # q, q' at the ends of the steps, each (k, n)
-    reactions: Array  # (k, contacts): means over the steps, by the momentum that they bring
+Piece = tuple[int, Array, Array, Array]  # steps, those of the piece among them; q and q' at their ends, mean reactions
 
 
 def rigid_run(
@@ -47,23 +37,26 @@ def rigid_run(
 ) -> dict[str, Any]:  # fmt: skip
     """Fields of the Trajectory; impacts are counted after step ``since``."""
     m, tip = len(system.contacts), system.tip_channel
-    u0, v0 = initial_channels([system])
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin, diverged = every or steps + 1, np.nan
-    outputs, at_steps, means = [(u0, v0)], [u0[:, :m]], [np.zeros((0, m))]
-    for piece in _pieces(system, scheme, dt, steps):
+    outputs, at_steps, means = [initial_channels([system])], [initial_channels([system])[0][:, :m]], [np.zeros((0, m))]
+    for done, q, v, reactions in _pieces(system, scheme, dt, steps):
+        first = done - len(q)
+        t = (first + 1 + np.arange(len(q))) * dt
+        motion = [channel_motion(row, offset, t, q, v) for row, offset in system.channels]
+        positions, velocities = (np.stack(x, axis=1) for x in zip(*motion, strict=True))
         # The first step beyond the bound ends the run.
-        bad = ~np.all(np.abs(piece.positions) < OVERFLOW, axis=1)
+        bad = ~np.all(np.abs(positions) < OVERFLOW, axis=1)
         if np.any(bad):
-            diverged = (piece.first + 1 + int(np.argmax(bad))) * dt
+            diverged = float(t[np.argmax(bad)])
             break
         # Outputs of this piece: the multiples of ``thin`` among its steps, the first of which is ``first`` + 1.
-        here = slice(thin - 1 - piece.first % thin, None, thin)
-        outputs.append((piece.positions[here], piece.velocities[here]))
-        at_steps.append(piece.positions[:, :m])
-        means.append(piece.reactions)
+        here = slice(thin - 1 - first % thin, None, thin)
+        outputs.append((positions[here], velocities[here]))
+        at_steps.append(positions[:, :m])
+        means.append(reactions)
         if progress is not None:
-            progress(piece.first + len(piece.positions))
+            progress(done)
     positions, velocities = (np.concatenate(x)[: None if every else 0] for x in zip(*outputs, strict=True))
     u, R = np.concatenate(at_steps), np.concatenate(means)
     forces, contacts = np.concatenate([np.zeros((1, m)), R])[::thin][: len(positions)], []
@@ -79,9 +72,9 @@ def rigid_run(
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:
     """See ``Pieces``: the forces are the reactions of the steps that end there."""
     last, none = (system.q0[None], system.v0[None]), np.full((1, len(system.contacts)), np.nan)
-    for piece in _pieces(system, scheme, dt, steps):
-        q, v = (np.concatenate(both) for both in zip(last, piece.states, strict=True))
-        yield (piece.first + np.arange(len(q))) * dt, q, v, np.concatenate([none, piece.reactions])
+    for done, *states, reactions in _pieces(system, scheme, dt, steps):
+        q, v = (np.concatenate(both) for both in zip(last, states, strict=True))
+        yield (done + 1 - len(q) + np.arange(len(q))) * dt, q, v, np.concatenate([none, reactions])
         last = q[-1:], v[-1:]
 
 
@@ -95,7 +88,7 @@ def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[P
         history = [y]
         for piece, z in _march(view, system, scheme.starter, dt, y, [y], 0, min(count, scheme.history - 1)):
             history.insert(0, z[:2])
-            done += len(piece.positions)
+            done = piece[0]
             yield piece
     if done < count:
         for piece, _ in _march(view, system, scheme, dt, y, history or [y], done, count - done):
@@ -105,7 +98,7 @@ def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[P
 def _march(
     view: Coordinates, system: System, scheme: Scheme, dt: float, y: Array, history: list[Array], first: int, count: int
 ) -> Iterator[tuple[Piece, Array]]:
-    m, S, channels, n = len(system.contacts), len(scheme.nodes), *view.rows.shape
+    m, S, n = len(system.contacts), len(scheme.nodes), view.rows.shape[1]
     is_rigid = isinstance(scheme, RigidScheme)
     kinds = scheme.conditions if is_rigid else (POSITION,) * S
     loads = np.array([view.vector(vector) for vector, _ in system.loads]).reshape(-1, n)
@@ -120,7 +113,6 @@ def _march(
         force = force + _first_reactions(view, y, force) if first == 0 else force
         z = scheme.initial(view.equation, history, force)
     shape, z = z.shape, np.ascontiguousarray(z.reshape(-1))
-    offsets = [offset for _, offset in system.channels]
     for start in range(first, first + count, STEPS_PER_PIECE):
         length = min(STEPS_PER_PIECE, first + count - start)
         at = (start + np.arange(length)) * dt
@@ -129,16 +121,12 @@ def _march(
         values = np.array([evaluate(f, nodes) for _, f in system.loads]).reshape(len(system.loads), length, S)
         values = np.moveaxis(values, 0, 1).reshape(length, -1)
         shifts = (values @ shifts_by_load).reshape(length, S, m) + _offset_shifts(system, kinds, at, nodes, dt)
-        predicted = np.array([offset_values(o, at + AHEAD * dt) for o in offsets[:m]]).reshape(m, length).T
+        predicted = np.array([offset_values(c.offset, at + AHEAD * dt) for c in system.contacts]).reshape(m, length).T
         path, reactions = rigid_steps(linear, values @ pulses, shifts, np.ascontiguousarray(predicted), z)
         states = path.reshape(length, *shape)
-        ends = (start + 1 + np.arange(length)) * dt
-        positions, velocities = (states[:, i] @ view.rows.T for i in (0, 1))
-        positions = positions + np.array([offset_values(o, ends) for o in offsets]).reshape(channels, length).T
-        velocities = velocities + np.array([offset_rate(o, ends) for o in offsets]).reshape(channels, length).T
         # Each node counts by the momentum that its reaction brings in the end.
         means, both = np.einsum("s,ksc->kc", weights, reactions), np.moveaxis(states[:, :2], 1, 0).copy()
-        yield Piece(start, positions, velocities, view.states(both), means), states[-1]
+        yield (start + length, *view.states(both), means), states[-1]
 
 
 def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]) -> tuple[Linear, Array, Array]:
@@ -162,8 +150,6 @@ def _probed(view: Coordinates, scheme: Scheme, dt: float, kinds: tuple[str, ...]
     compliance = moved[: m * S].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
     if m:
         _require_giving_way(scheme, compliance)
-        if not isinstance(scheme, RigidScheme):
-            _require_lasting_contact(scheme)
     # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
     ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
     codes = [CODES[kind] for kind in kinds]
@@ -195,36 +181,23 @@ def _require_giving_way(scheme: Scheme, compliance: Array) -> None:
             raise InputError("scheme", str(scheme), rule, remedy)
 
 
-def _require_lasting_contact(scheme: Scheme) -> None:
-    """Raise InputError where a free mass held on a stop meets reactions that grow from step to step.
+def _weights(scheme: Scheme, dt: float) -> Array:
+    """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step.
 
-    Held, q = 0 at every node: z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
+    Raises InputError for a scheme of compliant stops where reactions grow from step to step. Held on a stop, q = 0 at
+    every node, the mass goes by z <- (T - P G^-1 R) z with the responses T, P of the state and R, G of the positions at
     the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
     """
-    # One batch: unit states of a free mass, then unit forces at the nodes.
-    S, a = len(scheme.nodes), components(scheme, FREE, 1)
-    z, acting = np.zeros((a, a + S, 1)), np.zeros((S, a + S, 1))
-    z[np.arange(a), np.arange(a)] = acting[np.arange(S), a + np.arange(S)] = 1.0
-    new, at_nodes = scheme.step(FREE, 1.0, z, list(np.zeros_like(acting)), list(acting))
-    state, read = np.asarray(new)[..., 0], np.array([y[0] for y in at_nodes])[..., 0]
-    # Reactions G^-1 R z keep q = 0 at every node.
-    held = state[:, :a] - state[:, a:] @ np.linalg.solve(read[:, a:], read[:, :a])
-    if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
-        rule = "have reactions that do not grow while a contact lasts, for rigid stops"
-        raise InputError("scheme", str(scheme), rule, "use MoreauJean")
-
-
-def _weights(scheme: Scheme, dt: float) -> Array:
-    """(S,), the momentum over dt that a free mass takes in the end from a unit reaction at each node of a step."""
-    S = len(scheme.nodes)
-    acting = np.zeros((S, S, 1))
-    acting[np.arange(S), np.arange(S)] = 1.0
-    z = np.zeros((components(scheme, FREE, 1), S, 1))
+    mass = System.from_matrices([[1.0]], [[0.0]], contacts=[Contact(np.ones(1), Stops(upper=1.0, stiffness=np.inf))])
+    free = StepMap(scheme, Coordinates(mass, modes(mass)), dt, reduced=False)
+    T, P, at_nodes = free.transition[0], free.push[0], free.readers.at_nodes
+    if not isinstance(scheme, RigidScheme):
+        held = T - P @ np.linalg.solve(free.at_once[at_nodes], free.reading[0, at_nodes])
+        if np.max(np.abs(np.linalg.eigvals(held))) > 1.0 + GROWTH:
+            rule = "have reactions that do not grow while a contact lasts, for rigid stops"
+            raise InputError("scheme", str(scheme), rule, "use MoreauJean")
     # Forces act in the first step only; a scheme may spread their momentum over later ones.
-    for _ in range(FREE_STEPS):
-        z, _ = scheme.step(FREE, dt, z, list(np.zeros((S, S, 1))), list(acting))
-        acting = np.zeros_like(acting)
-    return z[1, :, 0] / dt
+    return (np.linalg.matrix_power(T, FREE_STEPS) @ P)[1] / dt
 
 
 def _offset_shifts(system: System, kinds: tuple[str, ...], at: Array, nodes: Array, dt: float) -> Array:

@@ -27,11 +27,6 @@ class MeanReaction(Scheme):
         self.scheme, self.advance = scheme, advance
         self.order = scheme.order
 
-    @property
-    def conserving(self) -> Scheme:
-        """The scheme itself: it has this form already."""
-        return self
-
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(y, f) with the load f at the start."""
         return np.concatenate([history[0], force[None]])
@@ -41,18 +36,14 @@ class MeanReaction(Scheme):
         y = self.advance(equation, dt, z[:-1], z[-1], loads[0], reactions[0])
         return np.concatenate([y, loads[0][None]]), [y]
 
-    def characteristic(self, x: float, xi: float) -> Array | None:
-        """Characteristic polynomial of the original scheme: without contact both forms take the same step."""
-        return self.scheme.characteristic(x, xi)
-
     @property
     def parameters(self) -> dict[str, Any]:
         """Parameters of the original scheme."""
         return self.scheme.parameters
 
-    def label(self, digits: int | None = None, kind: str = "") -> str:
+    def label(self, digits: int | None = None) -> str:
         """Label of the original scheme."""
-        return self.scheme.label(digits, kind)
+        return self.scheme.label(digits)
 
 
 def midpoint(equation: Any, dt: float, y: Array, f0: Array, f1: Array, reaction: Array) -> Array:

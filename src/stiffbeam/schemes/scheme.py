@@ -55,7 +55,6 @@ class Scheme(ABC):
     look: ClassVar[tuple[int, int, int] | None] = None  # colour, dashes and marker, see figures/chart.py
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
-    at_any_step: ClassVar[bool] = False  # whether that form runs at any step
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
@@ -105,13 +104,13 @@ class Scheme(ABC):
         return None
 
     def printed(self, erratum: str | None = None) -> Scheme:
-        """The scheme as the paper prints it: with the named erratum, or with the one that runs at any step."""
+        """The scheme as the paper prints it: with the named erratum, or with the first."""
         forms = {form.erratum: form for form in self.printed_forms()}
         if not forms:
             remedy = "HHT and SDIRK have one"
             raise InputError("scheme", str(self), "have a printed form that runs and differs", remedy)
         if erratum is None:
-            erratum = next(name for name, form in forms.items() if form.at_any_step)
+            erratum = next(iter(forms))
         return forms[one_of("erratum", erratum, forms, "be one the paper prints for this scheme")](**self.parameters)
 
     @classmethod
@@ -119,20 +118,15 @@ class Scheme(ABC):
         """Subclasses of the scheme that state an ``erratum``; none if the scheme is itself a printed form."""
         return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
 
-    def check(self, omega_max: float, dt: float) -> None:
-        """Raise InputError where the scheme cannot be used with this step; omega_max is the top frequency."""
-        return
-
     @property
     def parameters(self) -> dict[str, Any]:
         """The arguments that make this scheme again, for labels and provenance."""
         return {name: getattr(self, name) for name in self.arguments}
 
-    def label(self, digits: int | None = None, kind: str = "") -> str:
+    def label(self, digits: int | None = None) -> str:
         """Return the one name of the scheme in tables, pictures, files and JSON, its class with its parameters.
 
-        digits: of the parameters, where space is short; flags that leave the scheme the same are left out then. kind:
-        the name of the class, where another is wanted.
+        digits: of the parameters, where space is short; flags that leave the scheme the same are left out then.
 
         >>> from stiffbeam import BDF2, HHT, SDIRK
         >>> str(HHT(alpha=-0.1)), str(BDF2()), SDIRK(nystrom=True).label(digits=4)
@@ -144,7 +138,7 @@ class Scheme(ABC):
             if digits is None or not isinstance(value, bool)
         )
         # A printed form is a subclass of the scheme that it misprints.
-        kind = kind or (type(self).__bases__[0] if self.erratum else type(self)).__name__
+        kind = (type(self).__bases__[0] if self.erratum else type(self)).__name__
         label = f"{kind}({inside})" if inside else kind
         return f"{label}.printed({self.erratum})" if self.erratum else label
 

@@ -115,7 +115,6 @@ class Advise(Study):
         """A row of kind "run" for every trial, and remarks."""
         begun, show, t_end = clock(), current(), case.t_end
         system = case.system(self.form)
-        wanted = _wanted(system, self.want)
         exact = best_reference(system, t_end, progress=show, seconds=0.4 * self.seconds)
         remarks = [remark(system, exact)]
         if "budget" in exact.provenance:
@@ -126,21 +125,16 @@ class Advise(Study):
             remarks.append(f"The advice is for the time to the horizon t = {t_end:.4g} of the exact motion.")
             exact = best_reference(system, t_end, progress=show)
         most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_DIRECT)
-        search = Search(system, t_end, exact, begun + self.seconds)
-        chosen = search.cheapest(self._candidates(case, system), wanted, most)
+        search = Search(system, t_end, exact, begun + self.seconds, _wanted(system, self.want))
+        chosen = search.cheapest(self._candidates(case, system), most)
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
         if search.ended:
             remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
-        facts = {"t_end": t_end, "horizon": exact.horizon}
-        rows = [
-            {"kind": "run"} | vars(p) | {"scheme": label_of_run(p.scheme), "advised": p is chosen}
-            | {f"error_{x}": p.errors[x] for x in p.errors} for p in search.tried
-        ]  # fmt: skip
-        for row in rows:
-            del row["errors"]
-        rows += [{"kind": "remark", "reason": text} for text in remarks if text]
-        return [row | facts for row in rows]
+        if chosen is not None:
+            chosen["advised"] = True
+        rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
+        return [row | {"t_end": t_end, "horizon": exact.horizon} for row in rows]
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The run that is advised with its errors, or the run that is nearest to what is wanted."""
@@ -223,35 +217,20 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
     return wanted
 
 
-@dataclass(frozen=True)
-class Probe:
-    """A trial run: its errors by quantity, infinite if it broke off. work: linear solves."""
-
-    scheme: Scheme
-    contact: str
-    dt: float
-    steps: int
-    work: int
-    seconds: float
-    errors: dict[str, float]
-
-    def meets(self, want: Mapping[str, float]) -> bool:
-        """Return True where every error is at most the one wanted."""
-        return all(self.errors[name] <= tolerance for name, tolerance in want.items())
-
-
 @dataclass(eq=False)
 class Search:
-    """Trial runs of all candidates, refined together until ``until``, a time of ``clock``. tried: all runs so far."""
+    """Trial runs of all candidates, refined together until ``until``, a time of ``clock``. tried: a row for each run,
+    whose work is in linear solves, with infinite errors if it broke off."""
 
     system: System
     t_end: float
     exact: Reference
     until: float
-    tried: list[Probe] = field(default_factory=list)
+    want: Mapping[str, float]
+    tried: list[Row] = field(default_factory=list)
     ended: str = ""  # number of steps at which the time was over
 
-    def probe(self, scheme: Scheme, contact: str, steps: int) -> Probe | None:
+    def probe(self, scheme: Scheme, contact: str, steps: int) -> Row | None:
         """The run with this number of steps; None if the scheme refuses the system."""
         dt = self.t_end / steps
         try:
@@ -260,36 +239,42 @@ class Search:
             if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
                 return None
             errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
-        return Probe(scheme, contact, dt, steps, steps * len(scheme.nodes), seconds, errors)
+        row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
+                    "work": steps * len(scheme.nodes), "seconds": seconds, "advised": False}  # fmt: skip
+        return row | {f"error_{name}": x for name, x in errors.items()}
 
-    def cheapest(self, candidates: list[tuple[Scheme, str]], want: dict[str, float], most: int) -> Probe | None:
+    def meets(self, run: Row) -> bool:
+        """Return True where every error is at most the one wanted."""
+        return all(run[f"error_{name}"] <= tolerance for name, tolerance in self.want.items())
+
+    def cheapest(self, candidates: list[tuple[Scheme, str]], most: int) -> Row | None:
         """The cheapest run that meets the want, None where there is none.
 
         A candidate is refined from PER_PERIOD steps a period to ``most`` until two numbers of steps in a row meet the
         want and so do those between them, or until it costs more than the best that does.
         """
         show, steps = current(), self._coarsest(most)
-        best: Probe | None = None
-        alive: list[tuple[Scheme, str, Probe | None]] = [(scheme, contact, None) for scheme, contact in candidates]
+        best: Row | None = None
+        alive: list[tuple[Scheme, str, Row | None]] = [(scheme, contact, None) for scheme, contact in candidates]
         while alive and steps <= most and not self.ended:
             refined, level = [], []
             for done, (scheme, contact, before) in enumerate(alive):
                 show(f"advise: runs of {steps} steps", done, len(alive))
                 # A run takes twice as long as the one of half the steps.
-                last = 0.0 if before is None else 2.0 * before.seconds
+                last = 0.0 if before is None else 2.0 * before["seconds"]
                 if clock() + last > self.until and (level or self.tried):
                     self.ended = f"{steps} steps"
                     continue
-                good = before if before is not None and before.meets(want) else None
+                good = before if before is not None and self.meets(before) else None
                 # What costs more than the best run that meets the requirements cannot be chosen.
-                if best is not None and (good.work if good else steps * len(scheme.nodes)) >= best.work:
+                if best is not None and (good["work"] if good else steps * len(scheme.nodes)) >= best["work"]:
                     continue
                 run = self.probe(scheme, contact, steps)
                 if run is None:
                     continue  # what this scheme or these stops do not take
                 level.append(run)
                 # Runs between two that meet the requirements may show that this was chance.
-                if good and run.meets(want) and self._confirmed(good, want):
+                if good and self.meets(run) and self._confirmed(scheme, good):
                     best = good
                     continue
                 refined.append((scheme, contact, run))
@@ -303,13 +288,13 @@ class Search:
         period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
         return min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
 
-    def _confirmed(self, coarse: Probe, want: Mapping[str, float]) -> bool:
+    def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
         for k in range(1, BETWEEN + 1):
-            run = self.probe(coarse.scheme, coarse.contact, round(coarse.steps * 2.0 ** (k / (BETWEEN + 1))))
+            run = self.probe(scheme, coarse["contact"], round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))))
             if run is not None:
                 self.tried.append(run)
-                if not run.meets(want):
+                if not self.meets(run):
                     return False
         return True
 

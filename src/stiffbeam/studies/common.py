@@ -15,15 +15,12 @@ from ..basics.validation import InputError, exact_float, sequence
 from ..figures.chart import short
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
-from ..march.integrate import integrate_ensemble
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..model.members import EnsembleMembers
 from ..model.system import System
 from ..references import best_reference
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs
-from ..trajectory.ensemble import Ensemble
-from ..trajectory.trajectory import Diverged, Reference
+from ..trajectory.trajectory import Reference
 from .base import Table, option
 
 _SOLVED = Recent[Reference](4)
@@ -123,11 +120,6 @@ def takes(case: Case, scheme: Scheme) -> bool:
     return takes_stops(scheme, (c.stops for c in case.system().contacts))
 
 
-def significant(value: float, form: str, least: float = 1e-12) -> str:
-    """A number as text, "0" where its size is below ``least``: rounding."""
-    return "0" if abs(value) < least else f"{value:{form}}"
-
-
 def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
     """The least and the largest of the numbers that are known, each with the short name of its method."""
     known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
@@ -143,17 +135,6 @@ def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     """The observed order of column ``error`` in a step that is taken from the table, of errors above 0."""
     kept = table[table[error] > 0.0]
     return observed_order(step(kept), kept[error])
-
-
-def run_members(
-    scheme: Scheme, members: EnsembleMembers, dt: float, t_end: float, contact: str, every: int | None = None
-) -> Ensemble:
-    """The ensemble of a scheme. Raises Diverged where a member overflows."""
-    many = integrate_ensemble(members.system, scheme, dt, t_end, members, contact, every)
-    if np.any(np.isfinite(many.diverged)):
-        remedy = "use a smaller dt" if contact == "implicit" else "use the implicit contact or a smaller dt"
-        raise Diverged(str(scheme), float(np.nanmin(many.diverged)), remedy)
-    return many
 
 
 def solve_once(system: System, t_end: float) -> Reference:

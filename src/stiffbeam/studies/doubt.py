@@ -38,12 +38,14 @@ from ..basics.units import with_unit
 from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import style_of
 from ..files.cases import Case
+from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
 from ..model.system import System
 from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
+from ..trajectory.trajectory import Diverged
 from . import common
 from .base import Answer, Row, Study, Table, option
 
@@ -103,8 +105,11 @@ class Doubt(Study):
         drawn = drawn_members(system, uncertain, self.members, self.rng)
         every = max(1, round(t_end / case.dt) // OUTPUTS)
         show(f"doubt: {scheme}, {self.members} members", 0, 0)
-        many = {"scheme": common.run_members(scheme, drawn, case.dt, t_end, self.contact, every)}
-        t = many["scheme"].t
+        runs = integrate_ensemble(system, scheme, case.dt, t_end, drawn, self.contact, every)
+        if np.any(np.isfinite(runs.diverged)):
+            remedy = "use the implicit contact or a smaller dt"
+            raise Diverged(str(scheme), float(np.nanmin(runs.diverged)), remedy)
+        many, t = {"scheme": runs}, runs.t
         show("doubt: the exact members", 0, 0)
         exact = reference_ensemble(system, t_end, drawn, t)
         mesh, of_mesh = finer_mesh(case, form)

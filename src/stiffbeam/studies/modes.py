@@ -23,6 +23,7 @@ from .base import Answer, Row, Study, Table, option
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ROUNDING = 1e-12
 QUANTITIES = (  # with the size below which the axis is linear
     ("period_elongation", "relative period elongation", 1e-11),
     ("damping_ratio", "damping ratio", 1e-10),
@@ -88,10 +89,10 @@ class Modes(Study):
         first = measured.groupby("scheme", sort=False).first()
 
         def late(value: float) -> str:
-            return f"{common.significant(100.0 * value, '.2g')} %"
+            return "0 %" if abs(value) < ROUNDING else f"{100.0 * value:.2g} %"
 
         def damped(value: float) -> str:
-            return common.significant(value, ".1e")
+            return "0" if abs(value) < ROUNDING else f"{value:.1e}"
 
         small = pd.DataFrame({
             f"mode {first['mode'].iloc[0]:g}": first.index, "late": first.period_elongation.map(late).to_numpy(),

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.units import with_unit
-from ..basics.validation import InputError, near, number
+from ..basics.validation import InputError
 from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
@@ -27,7 +27,7 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import EXACT, PARAMETERS, drive_period, is_path, named, setup_of
+from .parameters import EXACT, drive_period, named, require_parameter, setup_of, values_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,12 +73,8 @@ class Orbits(Study):
         if period is None:
             remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
             raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-        if self.parameter not in PARAMETERS and not is_path(self.parameter):
-            rule = "be one of the system, a branch is one of the exact solution"
-            raise InputError("parameter", self.parameter, rule, near(self.parameter, PARAMETERS))
-        if self.values is None and self.parameter != "frequency":
-            raise InputError("values", None, f"be given for {self.parameter}", "for example 8:14:60")
-        along = [number("values", x) for x in self.values or np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period]
+        require_parameter(self.parameter, None, "be one of the system, a branch is one of the exact solution")
+        along = values_of(self.parameter, self.values, self.count, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
         branch: Row = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from ..basics.arrays import content
 from ..basics.units import with_unit
-from ..basics.validation import InputError, positive
+from ..basics.validation import InputError, near, number, positive
 from ..files.cases import Case
 from ..model.members import value_at, with_values
 from ..model.problem import PointLoad
@@ -84,17 +85,22 @@ def quantity_of(case: Case, parameter: str) -> str:
     return "force" if point == {True} else "force per length" if point == {False} else ""
 
 
-def is_path(parameter: str) -> bool:
-    """Return True where a parameter is named by its path in the system, as in "stops[0].damping"."""
-    return "." in parameter or "[" in parameter
+def require_parameter(parameter: str, scheme: Scheme | None, rule: str) -> None:
+    """Raise InputError for what is neither a parameter of this method nor a path."""
+    known = list(PARAMETERS)
+    if scheme is not None:  # the exact solution has none of its own
+        known += ["dt", *(name for name, value in scheme.parameters.items() if not isinstance(value, bool))]
+    if parameter not in known and "." not in parameter and "[" not in parameter:
+        raise InputError("parameter", parameter, rule, f"{near(parameter, known)}, or a path such as stops[0].upper")
 
 
-def parameters_of(scheme: Scheme | None) -> list[str]:
-    """The names that can be varied with this method; None: the exact solution."""
-    if scheme is None:
-        return [*PARAMETERS]
-    own = (name for name, value in scheme.parameters.items() if not isinstance(value, bool))
-    return [*PARAMETERS, "dt", *own]
+def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
+    """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
+    if values is None and parameter == "frequency" and period is not None:
+        values = (np.linspace(0.7, 1.3, count) * 2.0 * np.pi / period).tolist()
+    if not values:
+        raise InputError("values", values, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
+    return [number(parameter, x) for x in values]
 
 
 def scheme_of(case: Case, method: Any) -> Scheme | None:

@@ -19,7 +19,7 @@ import pandas as pd
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import InputError, near, number
+from ..basics.validation import InputError
 from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
@@ -31,22 +31,12 @@ from ..model.time_functions import covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
-from ..schemes import Scheme
 from ..schemes.scheme import RigidScheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import (
-    EXACT,
-    Setup,
-    drive_period,
-    is_path,
-    named,
-    parameters_of,
-    scheme_of,
-    setup_of,
-)
+from .parameters import EXACT, Setup, drive_period, named, require_parameter, scheme_of, setup_of, values_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,14 +90,14 @@ class Sweep(Study):
         # Without a period of the drive, every value is one run from 0 to t_end, without sections.
         period = drive_period(base, parameter)
         once = period is None
-        self._check(case, scheme, method, once)
-        values = self.values
-        if values is None:
-            assert period is not None  # else refused
-            values = np.linspace(0.7, 1.3, self.count) * 2.0 * np.pi / period
-        if not len(values):
-            raise InputError("values", values, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
-        values = [number(parameter, x) for x in values]
+        if once:
+            covered(base.time_functions, case.t_end)
+        if once and self.values is None:
+            paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
+            remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
+            raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
+        require_parameter(parameter, scheme, f"be one of the case or of {method}")
+        values = values_of(parameter, self.values, self.count, period)
         transient = 0 if once else self.transient
         shared = {
             "parameter": parameter, "method": method, "form": self.form or case.forms[0],
@@ -124,22 +114,6 @@ class Sweep(Study):
                 raise InputError(error.field, error.value, error.rule, remedy) from None
         size = -(-len(values) // BATCHES)
         return [{**shared, "values": values[i : i + size]} for i in range(0, len(values), size)]
-
-    def _check(self, case: Case, scheme: Scheme | None, method: str, once: bool) -> None:
-        """Raise InputError for options that do not go together; once: without a period of the drive."""
-        parameter, base = self.parameter, case.system(self.form)
-        if once:
-            covered(base.time_functions, case.t_end)
-            if self.values is None:
-                paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
-                remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
-                raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
-        elif self.values is None and parameter != "frequency":
-            raise InputError("values", None, f"be given for {parameter}", "for example 8:14:400 or 8,9,10.5")
-        known = parameters_of(scheme)
-        if parameter not in known and not is_path(parameter):
-            remedy = f"{near(parameter, known)}, or a path such as stops[0].upper"
-            raise InputError("parameter", parameter, f"be one of the case or of {method}", remedy)
 
     def run(self, case: Case, values: list[float], **point: Any) -> list[Row]:
         """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
