@@ -169,10 +169,10 @@ def test_a_file_makes_the_system_that_python_makes(file):
     [
         ('"M.mtx"', '"missing.mtx"', "mass|be a file beside the case"),
         ('"M.mtx"', '"M.csv"', ".mtx, .npz, .npy"),
-        ('"M.mtx"', '"two.npz"', "hold one array"),
+        ('"M.mtx"', '"two.npz"', "be a readable matrix in .npz"),
         ('"M.mtx"', '"model.mat"', r"mass must be a file of .*: in Python: scipy.io.mmwrite"),
-        ('"M.mtx"', '"pickled.npy"', "be readable"),
-        ('"M.mtx"', '"abaqus.mtx"', r"mass must be readable as Matrix Market, got .*: write it by scipy.io.mmwrite"),
+        ('"M.mtx"', '"pickled.npy"', "be a readable matrix"),
+        ('"M.mtx"', '"abaqus.mtx"', r"mass must be a readable matrix in .mtx, got .*: write it by scipy.io.mmwrite"),
         ("upper = 0.2\n", "upper = 0.2\nscale = 2.0\n", r"got 2.0: .*known: damping, .*upper"),
         ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
         ('"M.mtx"', '"/dev/zero"', "be a file"),

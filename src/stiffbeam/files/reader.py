@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, NewType
 
@@ -26,37 +27,29 @@ from ..model.system import System
 from ..model.time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction
 from .columns import read_samples
 
-SUFFIXES = (".mtx", ".npz", ".npy")
-
 
 def read_matrix(file: Path) -> Any:
     """The array, dense or SciPy sparse, of a regular file: Matrix Market .mtx (a symmetric half stands for the whole),
-    SciPy's or NumPy's .npz with one array, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
+    SciPy's .npz, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
     from scipy.io import mmread
     from scipy.sparse import load_npz
 
-    kind = file.suffix
-    if kind not in SUFFIXES:
+    readers = {".mtx": partial(mmread, spmatrix=False), ".npz": load_npz, ".npy": np.load}
+    if file.suffix not in readers:
         remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
-        if kind == ".mat":
+        if file.suffix == ".mat":
             remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
-        raise InputError("", str(file), f"be a file of {', '.join(SUFFIXES)}", remedy)
+        raise InputError("", str(file), f"be a file of {', '.join(readers)}", remedy)
     if not file.is_file():  # devices and pipes have no end
         raise InputError("", str(file), "be a file beside the case", "give its path relative to the case file")
     if file.stat().st_size > LARGEST:
         raise InputError("", str(file), f"have at most {LARGEST} bytes", "reduce the model first")
     try:
-        if kind != ".npz":
-            return np.load(file) if kind == ".npy" else mmread(file, spmatrix=False)
-        with np.load(file) as archive:
-            # SciPy's archives name their format; NumPy's hold arrays only.
-            arrays = [load_npz(file)] if "format" in archive else list(archive.values())
+        return readers[file.suffix](file)
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
-        write, name = ("scipy.io.mmwrite", "Matrix Market") if kind == ".mtx" else ("numpy.save", "NumPy or SciPy")
-        raise InputError("", str(file), f"be readable as {name}", f"write it by {write} ({error})") from None
-    if len(arrays) != 1:
-        raise InputError("", f"{file} with {len(arrays)} arrays", "hold one array", "save each by itself")
-    return arrays[0]
+        writers = {".mtx": "scipy.io.mmwrite", ".npz": "scipy.sparse.save_npz", ".npy": "numpy.save"}
+        remedy = f"write it by {writers[file.suffix]} ({error})"
+        raise InputError("", str(file), f"be a readable matrix in {file.suffix}", remedy) from None
 
 
 # ---------------------------------------------------------------- tables
