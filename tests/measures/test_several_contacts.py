@@ -101,7 +101,7 @@ def test_pictures_show_six_contacts_that_are_touched():
     assert [line.get_label().partition(":")[0] for line in force.lines] == [f"contact {i}" for i in range(1, 7)]
     free = row_of_masses((9.0, 9.0))
     exact, run = sb.reference(free, 3.0), sb.integrate(free, sb.HHT(), 1e-3, 3.0)
-    assert sb.compare(run, exact).figure().axes[2].get_title(loc="left") == "(c) first oscillations"
+    assert len(sb.compare(run, exact).figure().axes) == 2
     assert [text.get_text() for text in run.plot().axes[1].texts] == ["no contact"]
 
 

@@ -16,7 +16,6 @@ from zlib import crc32
 
 import numpy as np
 
-from ..basics.arrays import Array
 from ..basics.storage import write_whole
 from ..measures.report import short
 from ..references.registry import REFERENCES
@@ -162,15 +161,12 @@ def mark_order(axis: Axes, orders: Sequence[float], x: float = 0.96, y: float = 
         x -= width + 0.05
 
 
-def signed_log(axis: Axes, values: Iterable[Array], threshold: float) -> None:
-    """A logarithmic y axis for ``values``; where some lie below ``threshold``, linear around zero and no
-    further down than they go."""
-    known = np.concatenate([*values, np.zeros(0)])
-    known = known[np.isfinite(known)]
-    if not known.size or np.min(known) > threshold:
+def signed_log(axis: Axes, threshold: float) -> None:
+    """A logarithmic y axis; where some of what is drawn lies below ``threshold``, linear around zero."""
+    low, high = axis.dataLim.y0, axis.dataLim.y1
+    if low > threshold:
         log_scale(axis, x=False)
         return
-    low, high = float(np.min(known)), float(np.max(known))
     decades = np.log10(max(-low, high, threshold) / threshold)
     # The linear part is as wide as a twelfth of all decades, so that the ticks at its ends stay apart from zero's.
     axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, decades / 6.0))

@@ -58,7 +58,7 @@ def comparison_panels(
     system = main.system
     assert system is not None
     window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([*references, *runs])
-    count = 3 + len(contacts)
+    count = 2 + len(contacts) + bool(contacts)
     lines = (count + 1) // 2
     figure = new_figure(4.1 * lines, title)
     grid = figure.add_gridspec(lines, 2)
@@ -79,8 +79,6 @@ def comparison_panels(
     if contacts:
         hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force))
         _draw_forces(panel(f"force of {contact_name(system, hardest)} to the horizon"), main, runs, window, hardest)
-    else:
-        _draw_first_impacts(panel("first oscillations"), main, runs, window, None)
     shared_legend(figure)
     return figure
 
@@ -189,19 +187,16 @@ def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[fl
     return t[seen], error[seen], ([until], [error[max(0, np.searchsorted(t, until, side="right") - 1)]])
 
 
-def _draw_first_impacts(
-    axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int | None
-) -> None:
-    """The first impacts at a contact, or the first oscillations of the tip."""
+def _draw_first_impacts(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int) -> None:
+    """The first impacts at a contact."""
     system = main.system
     assert system is not None
-    start, end = first_contact(main, system, window, contact or 0)
+    start, end = first_contact(main, system, window, contact)
     for run, t, (u, _) in _curves(main, runs, end, contact, start):
         axis.plot(t, u, **_style(run, main))
-    axis.set(xlim=(start, end), ylabel=tip_label(system) if contact is None else position_label(system, contact))
-    if contact is not None:
-        draw_stops(axis, system.contacts[contact].stops, horizontal=True)
-        zoom_on_stop(axis, main, start, end, contact)
+    axis.set(xlim=(start, end), ylabel=position_label(system, contact))
+    draw_stops(axis, system.contacts[contact].stops, horizontal=True)
+    zoom_on_stop(axis, main, start, end, contact)
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:

@@ -109,7 +109,7 @@ class Energy(Study):
             lines(axis, main, "t", name, "scheme", marker="")
             values = main[name].to_numpy(float)
             if np.nanmax(np.abs(values), initial=0.0) > ROUNDING * largest:
-                signed_log(axis, [values], 1e-3 * float(np.nanmax(np.abs(values))))
+                signed_log(axis, 1e-3 * float(np.nanmax(np.abs(values))))
             elif largest:
                 axis.set_ylim(-largest, largest)
             axis.set(title=f"lost {words}, {forms[0]} form", xlabel=labels["t"], ylabel=labels[name])

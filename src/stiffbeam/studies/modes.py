@@ -127,7 +127,7 @@ class Modes(Study):
                 upper.plot(group.dt_over_period, group[name], label=short(str(label)), **style | {"linestyle": ""})
                 lower.plot(group.dt_over_period, _distances(group, name), **style | {"linestyle": ""})
             log_scale(upper, y=False)
-            signed_log(upper, [table[name].to_numpy(float), table[f"{name}_theory"].to_numpy(float)], threshold)
+            signed_log(upper, threshold)
             upper.set(title=f"{words}: markers runs, lines theory", xlabel=across, ylabel=words)
             log_scale(lower)
             lower.set(title="distance of runs from theory", xlabel=across, ylabel="|run - theory|")
