@@ -235,7 +235,7 @@ def test_what_a_derivative_refuses(table10):
         reference.derivative(["stops.stifness"])
     with pytest.raises(sb.InputError, match="name parameters"):
         reference.derivative([])
-    with pytest.raises(sb.InputError, match=r"t must increase in"):
+    with pytest.raises(sb.InputError, match=r"t must increase"):
         reference.derivative(["v0[0]"], [0.015, 0.01])
     with pytest.raises(sb.InputError, match="be of method"):
         sb.reference(system, 0.01, method="cvode").derivative(["viscosity"])

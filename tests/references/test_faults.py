@@ -90,7 +90,7 @@ def files(system, tmp_path_factory):
     ("kind", "attribute", "value", "message"),
     [
         ("saved", "stiffbeam_format", 5, "be a stiffbeam trajectory of format 4.*it has format 5"),
-        ("frozen", "stiffbeam_frozen", 2, "be of format 1.*it has 2"),
+        ("frozen", "stiffbeam_frozen", 2, "of format 1.*it has format 2"),
         ("saved", "horizon", 0.06, "hold what its hash says"),
         ("frozen", "t_end", 0.2, "hold what its hash says"),
     ],

@@ -84,9 +84,6 @@ def freeze(solution: Reference, file: str | Path) -> Path:
 def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Array | None) -> Reference:
     """The Reference in an opened file; its events are computed again. t_eval: output times, by default 2001."""
     begun = time.perf_counter()
-    if data.attrs["stiffbeam_frozen"] != FROZEN_FORMAT:
-        remedy = f"it has {data.attrs['stiffbeam_frozen']}: remake it"
-        raise InputError("file", str(path), f"be of format {FROZEN_FORMAT}", remedy)
     if system is None:
         rule = "be read together with its system"
         raise InputError("file", str(path), rule, "it holds events and states: stiffbeam.load(file, system)")
@@ -162,18 +159,17 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
     try:
         data = read_netcdf(path)
-        known = (data.attrs.get("stiffbeam_frozen"), data.attrs.get("stiffbeam_format")) in (
-            (FROZEN_FORMAT, None),
-            (None, FORMAT),
-        )
-        if known and data.attrs.get("hash") != content_hash(data):
+        frozen = "stiffbeam_frozen" in data.attrs
+        kind, known = ("stiffbeam_frozen", FROZEN_FORMAT) if frozen else ("stiffbeam_format", FORMAT)
+        if data.attrs.get(kind) != known:
+            remedy = f"it has format {data.attrs.get(kind)}: make it again"
+            raise InputError("file", str(path), f"be a stiffbeam trajectory of format {known}", remedy)
+        if data.attrs.get("hash") != content_hash(data):
             raise InputError("file", str(path), "hold what its hash says", "it is damaged: make it again")
-        if known and system is not None and system.fingerprint != data.attrs["fingerprint"]:
+        if system is not None and system.fingerprint != data.attrs["fingerprint"]:
             remedy = "it is of another one: read it with that"
             raise InputError("file", str(path), "be of the system it is read with", remedy)
-        if "stiffbeam_frozen" in data.attrs:
-            return _load_frozen(data, path, system, t_eval)
-        return _from_arrays(data, path, system)
+        return (_load_frozen if frozen else _from_arrays)(data, path, system, t_eval)
     except InputError:
         raise
     except Exception as error:  # a file that another tool has written may lack anything
@@ -181,12 +177,8 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         raise InputError("file", str(path), "be a whole netCDF-4 file", remedy) from None
 
 
-def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
-    # Kind of file, content and system, in this order.
-    if data.attrs.get("stiffbeam_format") != FORMAT:
-        rule = f"be a stiffbeam trajectory of format {FORMAT}"
-        remedy = f"it has format {data.attrs.get('stiffbeam_format')}: save the run again"
-        raise InputError("file", str(path), rule, remedy)
+def _from_arrays(data: xr.Dataset, path: Path, system: System | None, _: Array | None) -> Trajectory:
+    """The run or Reference in an opened file."""
     if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
     contacts, kinds = [], data.attrs["impact_kind"].split(",")
@@ -194,18 +186,9 @@ def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Traject
         mine = data["impact_contact"].values == i
         columns: Any = {field: data[name].values[mine] for field, name in IMPACT_FIELDS.items()}
         impacts = Impacts(**columns, kind=kinds[i]).started(data["impact_open_at_start"].values[mine] > 0)
-        contacts.append(
-            ContactRecord(
-                stops=Stops(**stops_data),
-                impacts=impacts,
-                position=data["contact_position"].values[i],
-                velocity=data["contact_velocity"].values[i],
-                force=data["contact_force"].values[i],
-                fraction=float(data["contact_fraction"].values[i]),
-                peak_force=float(data["contact_peak_force"].values[i]),
-                impulse=float(data["contact_impulse"].values[i]),
-            )
-        )
+        arrays: Any = {name: data[f"contact_{name}"].values[i] for name in ("position", "velocity", "force")}
+        arrays |= {name: float(data[f"contact_{name}"].values[i]) for name in ("fraction", "peak_force", "impulse")}
+        contacts.append(ContactRecord(stops=Stops(**stops_data), impacts=impacts, **arrays))
     work, notes = json.loads(data.attrs["work"]), json.loads(data.attrs["provenance"])
     notes = {name: printable(x) if isinstance(x, str) else x for name, x in notes.items()}
     common: dict[str, Any] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -140,17 +141,11 @@ def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:
-    """Roots (len(x), degree) of the characteristic polynomial: eigenvalues of its companion matrix."""
-    polynomials = [scheme.characteristic(value, xi) for value in 2.0 * np.pi * x]
+    """Roots (len(x), degree) of the characteristic polynomial."""
+    polynomials: list[Any] = [scheme.characteristic(value, xi) for value in 2.0 * np.pi * x]
     if polynomials[0] is None:
         raise InputError("scheme", str(scheme), "state its characteristic polynomial", "use source='kernel'")
-    coefficients = np.array(polynomials)
-    degree = coefficients.shape[1] - 1
-    # The eigenvalues of the companion matrix are the roots of the polynomial.
-    companion = np.zeros((len(x), degree, degree), coefficients.dtype)
-    companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
-    companion[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
-    return np.linalg.eigvals(companion)
+    return np.array([np.roots(coefficients) for coefficients in polynomials])
 
 
 START = 0.1  # the share of the run left out, in which a scheme's parasitic roots die

@@ -184,11 +184,7 @@ class Trajectory:
         end = f"{self.t[-1]:g}"
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
         impacts += f" at {len(self.contacts)} contacts" if len(self.contacts) > 1 else ""
-        return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}{self._trust()}>"
-
-    def _trust(self) -> str:
-        """The horizon, for the repr; "" for a run."""
-        return ""
+        return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}>"
 
     @property
     def label(self) -> str:
@@ -358,20 +354,13 @@ class Reference(Trajectory):
         end = f"{self.horizon:.4g}"
         return f"{self!r}\nValid to t = {end}: {within or 'to 0.001 of max|u|'}. Compared with {other}."
 
-    def _trust(self) -> str:
-        if not self.horizon < self.t[-1]:
-            return ""
-        known = f"{self.horizon:.4g}"
-        return f"; valid to its horizon {known}, one realisation past it"
+    def __repr__(self) -> str:
+        trust = f"; valid to its horizon {self.horizon:.4g}, one realisation past it"
+        return f"{super().__repr__()[:-1]}{trust if self.horizon < self.t[-1] else ''}>"
 
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
-        t = np.atleast_1d(numbers("t", t))
-        end = float(self.provenance["t_end"])
-        if t.ndim != 1 or not t.size:
-            raise InputError("t", t, "be one time or some in a row", "ravel it")
-        if np.any((t < 0.0) | (t > end * (1 + 1e-12))):
-            raise InputError("t", (t.min(), t.max()), f"lie in [0, {end:g}]", "solve for a longer t_end")
+        t = self._times(t)
         if contact is not None:
             self._contact(contact)
         if self.evaluate is None:  # a copy from another process has its outputs
@@ -381,7 +370,7 @@ class Reference(Trajectory):
             return self.contacts[contact].position[index], self.contacts[contact].velocity[index]
         tip = self.system.tip_channel if self.system else len(self.contacts)
         channel = tip if contact is None else contact
-        seen = self.evaluate(np.minimum(t, end), channel)
+        seen = self.evaluate(t, channel)
         return seen if self.system is None else as_it_starts(self.system, channel, t, *seen)
 
     def derivative(self, wrt: Sequence[Any], t: ArrayLike | None = None) -> Any:
@@ -424,13 +413,19 @@ class Reference(Trajectory):
         paths = (wrt,) if isinstance(wrt, str) else tuple(sequence("wrt", wrt, "name parameters"))
         if not paths or not all(isinstance(x, str) or (isinstance(x, tuple) and len(x) == 2) for x in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')
-        times = self.t if t is None else np.atleast_1d(numbers("t", t))
-        end = float(self.provenance["t_end"])
-        if times.ndim != 1 or not len(times) or np.any(np.diff(times) <= 0.0) or times[0] < 0.0:
-            raise InputError("t", t, f"increase in [0, {end:g}]", "sort the times")
-        if times[-1] > end * (1 + 1e-12):
-            raise InputError("t", float(times[-1]), f"lie in [0, {end:g}]", "solve for a longer t_end")
-        return self.derive(self, paths, np.minimum(times, end))
+        times = self._times(self.t if t is None else t)
+        if np.any(np.diff(times) <= 0.0):
+            raise InputError("t", t, "increase", "sort the times")
+        return self.derive(self, paths, times)
+
+    def _times(self, t: ArrayLike) -> Array:
+        """Times in [0, t_end] as an array; beyond t_end by rounding is t_end."""
+        times, end = np.atleast_1d(numbers("t", t)), float(self.provenance["t_end"])
+        if times.ndim != 1 or not times.size:
+            raise InputError("t", t, "be one time or some in a row", "ravel it")
+        if np.any((times < 0.0) | (times > end * (1 + 1e-12))):
+            raise InputError("t", (times.min(), times.max()), f"lie in [0, {end:g}]", "solve for a longer t_end")
+        return np.minimum(times, end)
 
     def impacts_sampled(self, dt: float, t_end: float | None = None, contact: int = 0) -> Impacts:
         """The impacts that a perfect scheme with step ``dt`` would count at a contact: those of the exact u(n dt)."""
