@@ -99,14 +99,6 @@ def test_every_frozen_reference_of_the_repository_is_as_the_manifest_states():
             assert data.attrs["hash"] == entry["hash"]
 
 
-def test_a_stored_table_agrees_with_a_fresh_float64_run_inside_the_horizon():
-    system = sb.paper_case(13).system("displacement")
-    frozen = sb.load(STORE / "table13-displacement.nc", system)
-    fresh = sb.reference(system, 0.1, t_eval=np.linspace(0, 0.1, 201))
-    inside = fresh.t <= fresh.horizon
-    assert np.max(np.abs(frozen.at(fresh.t[inside])[0] - fresh.tip[inside])) < 1e-3 * np.max(np.abs(fresh.tip))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["table 10", "viscous", "two contacts"])
 def test_a_frozen_reference_comes_back_within_its_bound_past_the_float64_horizon(kind, many, table10, tmp_path):

@@ -213,19 +213,3 @@ def test_through_an_impact_every_scheme_is_of_first_order(scheme):
     slope = np.polyfit(np.log(dts), np.log(errors), 1)[0]
     assert 0.75 < slope < 1.25  # the scatter over starts is a factor of ten
     assert max(errors[-12:]) < 2.0 * dts[-1]
-
-
-def test_a_comparison_and_a_file_keep_the_impacts(tmp_path):
-    system, _ = chain(1, e=0.5)
-    run, reference = sb.integrate(system, sb.MoreauJean(), 0.002, 2.0), sb.reference(system, 2.0)
-    found = sb.compare(run, reference)
-    (contact,) = found.contacts
-    assert contact.run.impacts == run.contacts[0].impacts.until(found.window).count
-    assert contact.reference.impacts == reference.contacts[0].impacts.until(found.window).count
-    assert np.isnan(contact.run.peak_force)
-    assert contact.run_totals.impulse == run.contacts[0].impulse
-    assert found.tip_error_to(found.matched_until) < 0.02
-    assert abs(contact.matching.first_error) < 0.02
-    again = sb.load(run.save(tmp_path / "run.nc"))
-    assert again.contacts[0].stops == system.contacts[0].stops
-    assert np.array_equal(again.contacts[0].impacts.impulses, run.contacts[0].impacts.impulses, equal_nan=True)
