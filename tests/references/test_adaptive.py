@@ -64,16 +64,6 @@ def test_a_function_states_its_breakpoints_itself():
         parts(load)
 
 
-def test_a_load_bounds_the_step():
-    (function,) = parts(lambda t: np.sin(500.0 * t))
-    (other,) = parts(lambda t: np.sin(500.0 * t), other=True)
-    assert function.max_step == 5e-3 > other.max_step
-    (harmonic,) = parts(sb.Harmonic(1.0, 500.0))
-    assert harmonic.max_step * 500.0 / (2.0 * np.pi) == pytest.approx(0.25)
-    (still,) = parts(sb.Constant(0.0))
-    assert still.max_step == np.inf
-
-
 def test_max_step_is_held_and_what_makes_no_sense_is_refused():
     system = struck(2e-3)
     few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, None, steps=Steps(max_step=h)) for h in (None, 1e-4))
