@@ -49,6 +49,8 @@ def test_a_changed_number_in_a_frozen_file_is_found(name, frozen, tmp_path):
 @pytest.mark.slow
 def test_only_a_confirmed_reference_is_frozen(many, tmp_path):
     few = sb.reference(many.system, 2.0, "multiprecision", digits=25)
+    assert few.provenance["digits_confirmed_with"] == 25
+    assert 0.3 < few.horizon < 2.0
     with pytest.raises(sb.InputError, match="confirmed"):
         freeze(few, tmp_path / "few.nc")
     assert not list(tmp_path.iterdir())
