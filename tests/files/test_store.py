@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -251,13 +250,6 @@ def test_a_failing_write_leaves_what_was_there(tmp_path, monkeypatch, target):
             results()["run"].save(file)
     assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
     assert old.read_bytes() == before
-
-
-def test_an_adaptive_reference_travels_to_another_process():
-    run = sb.reference(one_mass(1.0, sb.Stops(upper=0.5, stiffness=9.0), v=1.0), 2.0, "cvode")
-    again = pickle.loads(pickle.dumps(run))
-    assert np.array_equal(again.tip, run.tip)
-    assert np.array_equal(again.energy.energy, run.energy.energy)
 
 
 @pytest.mark.slow

@@ -6,27 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import exact_linear
-from systems import linear_part
 
 import stiffbeam as sb
 from stiffbeam.model.modes import modes
-
-
-@pytest.mark.parametrize("method", ["exact", "multiprecision"])
-@pytest.mark.parametrize("damped", [False, True])
-def test_without_contact_the_exact_solution_is_the_matrix_exponential(damped, method, three_masses):
-    damping = 0.3 * three_masses.mass + 0.02 * three_masses.stiffness  # couples no modes
-    three_masses = dataclasses.replace(three_masses, damping=damping) if damped else three_masses
-    times = np.linspace(0.0, 20.0, 11)
-    load = np.array([1.0, 0.0, -1.0])
-    q, v = exact_linear(
-        *linear_part(three_masses), times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
-    )
-    ref = sb.reference(three_masses, 20.0, method, times)
-    assert np.max(np.abs(ref.states[0] - q)) < 1e-12
-    assert np.max(np.abs(ref.states[1] - v)) < 1e-12
-    assert ref.horizon == 20.0
 
 
 def test_frequencies_from_the_curvature_factor_lose_less_than_from_the_stiffness():
