@@ -22,6 +22,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 import hypothesis
 import pytest
 import systems
+from commands import invoke
 
 import stiffbeam as sb
 from stiffbeam.basics import progress, storage
@@ -100,18 +101,12 @@ def three_masses() -> sb.System:
 
 
 @pytest.fixture
-def command(tmp_path, monkeypatch, capsys):
+def command(tmp_path, monkeypatch):
     """The command in this process and in an empty folder: (exit code, stdout, stderr)."""
-    from stiffbeam import cli
-
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["stiffbeam", *arguments])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        captured = capsys.readouterr()
-        return int(stopped.value.code or 0), captured.out, captured.err
+        done = invoke(arguments)
+        return done.exit_code, done.stdout, done.stderr
 
     return run

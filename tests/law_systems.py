@@ -160,7 +160,7 @@ class Witness:
         return y
 
     def solve(self, times):
-        """(tip, switches): the first contact's position at ``times``, without its offset, and how many events."""
+        """(position, switches): of the first contact at ``times``, and how many events."""
         t, y, out, switches = 0.0, np.concatenate([self.system.q0, self.system.v0]), [], 0
         self.start(y)
         while True:
@@ -174,7 +174,8 @@ class Witness:
             assert path.success
             out += list(path.y.T) if np.size(path.y) else []
             if path.status != 1:
-                return np.array(out)[:, : self.n] @ self.system.contacts[0].row, switches
+                moved = np.array([self.offset(0, t) for t in times])
+                return np.array(out)[:, : self.n] @ self.system.contacts[0].row + moved, switches
             k = next(k for k, found in enumerate(path.t_events) if len(found))
             t, y = float(path.t_events[k][0]), path.y_events[k][0]
             y, switches = found[k][1](t, y), switches + 1

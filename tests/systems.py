@@ -70,24 +70,6 @@ def bouncing_chain(**kwargs) -> sb.System:
     )
 
 
-def thrown_case(tolerance: float) -> str:
-    """Case file of a beam thrown against one stop, its stiffness uncertain by so much to either side."""
-    return f"""
-[[case]]
-name = "thrown"
-cells = 8
-dt = 1e-3
-t_end = 0.6
-[case.problem]
-stiffness = 3.0
-viscosity = 0.02
-stops = {{ upper = 0.02, stiffness = 400.0 }}
-initial_velocity = [0.0, 0.0, 0.5]
-[case.uncertain]
-stiffness = [{3.0 - 3.0 * tolerance}, {3.0 + 3.0 * tolerance}]
-"""
-
-
 def three_masses(damping: Any = None) -> sb.System:
     """A smooth forced linear system with frequencies 0.8 to 3.2, a full mass matrix and no contact."""
     mass = np.array([[2.0, 0.5, 0.0], [0.5, 2.0, 0.5], [0.0, 0.5, 1.0]])

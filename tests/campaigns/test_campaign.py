@@ -40,12 +40,6 @@ def test_nothing_certified_is_wrong_by_any_method(systems):
     assert {family for family, _ in families} == set(FAMILIES)
 
 
-def test_a_system_is_named_by_its_seed_and_number():
-    one, again, other = case(3, 17), case(3, 17), case(4, 17)
-    assert np.array_equal(one.stiffness, again.stiffness)
-    assert one.t_end == again.t_end != other.t_end
-
-
 def solved():
     """A case with impacts, what is known of it and an exact reference of it."""
     made = case(SEED, 12)

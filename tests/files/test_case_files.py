@@ -52,9 +52,18 @@ FULL = (
 runs = ["Theta(theta=0.6)"]
 inferred = ["dt: a guess"]
 [case.problem]
+supports = "clamped-free"
 stiffness = 300
 viscosity = 0.5
-stops = { upper = 0.1, stiffness = 1e6 }
+length = 1.5
+mass_per_length = 0.7
+mass_damping = 0.3
+modal_damping = [0.01, 0.02]
+tip_mass = 0.4
+stops = [
+  { upper = 0.1, stiffness = 1e6 },
+  { lower = -0.03, stiffness = 4e4, position = 0.6, motion = { amplitude = 0.004, frequency = "pi/5" } },
+]
 base = { amplitude = 0.2, frequency = 10, phase = 0.5 }
 loads = [
   { position = 0.5, amplitude = 3.0, frequency = 2.0 },
@@ -74,9 +83,12 @@ def test_a_full_file_holds_everything_that_python_can(write):
     problem, x = case.problem, np.array([0.0, 0.5, 1.0])
     assert (case.title, case.notes) == ("All of it", ("dt: a guess",))
     assert case.published == {"impacts": {"Theta(theta=0.6)": 3}}
-    assert [(s.theta, form) for s, form in case.runs] == [(0.6, "displacement")]
-    assert (problem.stiffness, problem.viscosity) == (300, 0.5)
-    assert problem.stops == sb.Stops(upper=0.1, stiffness=1e6)
+    assert [(s.theta, form) for s, form in case.runs] == [(0.6, "hermite")]
+    assert (problem.stiffness, problem.viscosity, problem.length) == (300, 0.5, 1.5)
+    assert (problem.mass_per_length, problem.tip_mass, problem.mass_damping) == (0.7, 0.4, 0.3)
+    assert (problem.supports, problem.modal_damping) == ("clamped-free", (0.01, 0.02))
+    moving = sb.Stops(-0.03, stiffness=4e4, position=0.6, motion=sb.Harmonic(0.004, "pi/5"))
+    assert problem.stops == (sb.Stops(upper=0.1, stiffness=1e6), moving)
     assert problem.base == sb.Harmonic(0.2, 10, 0.5)
     assert problem.loads[:2] == (sb.PointLoad(0.5, sb.Harmonic(3.0, 2.0)), sb.PointLoad(1, sb.Constant(-4)))
     assert problem.loads[2].time == sb.Constant(7.0)

@@ -195,7 +195,7 @@ def test_examples_in_docstrings_print_what_they_show():
         ("`cases`", "cases"),
         ("`reference`", "reference table10 --t-end 0.01"),
         ("`compare`", "compare table10 --t-end 0.02 --references exact"),
-        ("a study", "study energy table10 --schemes HHT(alpha=-0.1),BDF2"),
+        ("a study", "study energy table10 --t-end 0.1 --schemes HHT(alpha=-0.1),BDF2"),
     ],
 )
 def test_records_are_as_documented(command, name, arguments):
@@ -214,7 +214,7 @@ def test_records_are_as_documented(command, name, arguments):
 
 @pytest.mark.slow
 def test_verbose_prints_a_line_per_phase(command):
-    code, out, err = command("study", "energy", "table10", "--schemes", "BDF2", "--verbose")
+    code, out, err = command("study", "energy", "table10", "--t-end", "0.1", "--schemes", "BDF2", "--verbose")
     assert code == 0
     assert "energy lost" in out
     assert " s  energy: planning" in err

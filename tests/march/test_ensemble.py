@@ -50,6 +50,7 @@ def assert_is_run(ensemble, i, run, growth=GROWTH):
         assert close(getattr(ledger, field.name), getattr(run.energy, field.name), run.energy.t, growth), field.name
 
 
+RECORD = np.linspace(0.0, 1.0, 101)
 KINDS = {
     "perturbed": lambda s: sb.perturbed_members(s, 9, 1e-10),
     "frequency": lambda s: sb.varied_members(s, {"frequency": np.linspace(9.0, 11.0, 9)}),
@@ -58,6 +59,10 @@ KINDS = {
         "stops.lower": -np.linspace(0.08, 0.12, 9), "stops.upper": np.linspace(0.08, 0.12, 9),
         "stops.stiffness": np.geomspace(1e6, 1e7, 9),
     }),
+    "records": lambda s: [
+        replace(s, loads=(*s.loads, (s.contacts[0].row, sb.Sampled(RECORD, 20.0 * np.sin(RECORD * (30.0 + i))))))
+        for i in range(9)
+    ],
     # Laws of several kinds are marched apart, those of one kind together; they keep their places.
     "laws": lambda s: [
         with_stops(s, sb.Stops(-0.1, 0.1, stiffness=5e6, **law))
@@ -96,7 +101,7 @@ def test_members_of_a_random_chain(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", list(KINDS)[:4])
+@pytest.mark.parametrize("kind", list(KINDS)[:5])
 def test_an_exact_member_is_its_single_run(kind, system):
     members, t = KINDS[kind](system), np.linspace(0.0, 0.5, 51)
     ensemble = sb.reference_ensemble(system, 0.5, members, t)

@@ -17,10 +17,8 @@ from scipy.interpolate import CubicHermiteSpline
 from systems import one_mass, random_chain, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.kernels.march import LINEAR
 from stiffbeam.march import block_march
 from stiffbeam.march.probe import Coordinates
-from stiffbeam.march.propagator import Propagator
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
 from stiffbeam.model.time_functions import offset_rate, offset_values
@@ -260,25 +258,6 @@ def test_a_short_run_is_not_worth_long_blocks():
     system = sb.semidiscretise(BEAM, 25)
     coordinates = Coordinates(replace(system, damping=np.diag(np.arange(25.0))), None)
     assert [block_march.block_length(coordinates, sb.HHT(-0.1), steps) for steps in (10, 1_000_000)] == [1, 32]
-
-
-def test_components_that_only_add_to_others_are_left_out():
-    """HHT carries q + .. a, v + .. a and the net force; its a is gone. What is left goes on as before."""
-    system = sb.semidiscretise(BEAM, 12)
-    kept = {"HHT(alpha=-0.1)": 3, "HHT(alpha=-0.3)": 3, "HHT(alpha=0.0)": 2, "BDF2": 4, "Theta(theta=0.5)": 2,
-            "SDIRK(gamma=0.4359)": 2, "HHT(alpha=-0.1).printed(unweighted)": 3}  # fmt: skip
-    reading = lambda x, packed: packed[0, : len(x.block.reading)] @ x.block.reading  # noqa: E731
-    for scheme in SCHEMES:
-        coordinates = Coordinates(system, modes(system))
-        made = [Propagator(scheme, coordinates, 1e-4, 8, TREATMENTS["implicit"], LINEAR, x) for x in (True, False)]
-        reduced, full = made
-        assert len(reduced.one.keep) == kept.get(str(scheme), len(reduced.one.keep))
-        z = np.random.default_rng(2).normal(size=(full.one.mix.shape[1], 1, 12))
-        z *= np.array([0.1, 1.0, 1e3, 1e3])[: len(z), None, None]
-        entries = [reading(x, x.pack(z)) for x in made]
-        again = reading(full, full.pack(reduced.unpack(reduced.pack(z))))
-        for found in (entries[0], again):
-            assert np.allclose(found, entries[1], rtol=0, atol=1e-12 * np.max(np.abs(entries[1])))
 
 
 def test_every_thins_the_output_and_nothing_else(table10):

@@ -11,7 +11,7 @@ from oracles import beam_mode, beam_roots
 
 import stiffbeam as sb
 from stiffbeam.measures.comparison import phase_lag
-from stiffbeam.measures.errors import after_rest, match, matched_until
+from stiffbeam.measures.errors import match, matched_until
 from stiffbeam.trajectory.records import Impacts
 
 
@@ -119,17 +119,6 @@ def test_a_contact_crosses_the_stop_it_rests_on_by_rounding_until_the_motion_arr
     assert result.matched_until == matched_until(run, exact, 1.0) == 1.0
     assert contact.run.impacts == contact.reference.impacts == contact.matching.matched >= 5
     assert abs(result.phase.lag) < 1e-3
-
-
-def test_impacts_count_from_where_the_contact_has_moved():
-    t = np.linspace(0.0, 1.0, 1001)
-    path = 1e-10 * (t > 0.2) + 1e-8 * (t > 0.4) + 1.0 * (t > 0.6)
-    later = np.where(t < 0.5, 0.0, path)
-    one, two = impacts([0.1, 0.3, 0.45, 0.7], [1, 1, 1, 1]), impacts([0.45, 0.7], [1, 1])
-    assert list(after_rest((one, one), (t, path), (t, path))[0].times) == [0.45, 0.7]
-    # Of both: a solution that still rests has crossings by rounding.
-    pair = after_rest((one, two), (t, later), (t, path))
-    assert [list(x.times) for x in pair] == [[0.7], [0.7]]
 
 
 @pytest.fixture(scope="module")

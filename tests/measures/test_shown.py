@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.figures.chart import log_scale, new_figure
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -69,17 +67,3 @@ def test_records_of_a_study_show_their_table_and_picture():
     assert rows[0] == list(records.answer.table)
     assert len(rows) == 1 + len(records.answer.table)
     assert records._repr_png_().startswith(PNG)
-
-
-@pytest.mark.parametrize(("ends", "shown"), [((1.2e-6, 2e-5), 2), ((2.0, 9.0), 2), ((1e-6, 1e-2), 4)])
-def test_numbers_of_a_logarithmic_axis_stand_apart(ends, shown):
-    """Between one and two decades too, where all nine lines of a decade would be numbered."""
-    figure = new_figure(4.0)
-    axis = figure.subplots(1, 2)[1]
-    axis.plot(ends, (1.0, 2.0))
-    log_scale(axis, y=False)
-    figure.draw_without_rendering()
-    boxes = [x.get_window_extent() for x in axis.get_xticklabels(which="both") if x.get_text()]
-    inside = sorted((box.x0, box.x1) for box in boxes if axis.bbox.x0 <= 0.5 * (box.x0 + box.x1) <= axis.bbox.x1)
-    assert len(inside) >= shown
-    assert all(right < left for (_, right), (left, _) in pairwise(inside))

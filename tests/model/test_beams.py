@@ -10,7 +10,6 @@ import pytest
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.files.cases import load_cases
 from stiffbeam.model.modes import modes
 from stiffbeam.model.problem import SUPPORTS
 
@@ -240,33 +239,3 @@ def test_modal_damping_is_the_ratio_asked_for():
     np.testing.assert_allclose(exact.tip, shape[0] * decay, atol=1e-12)
     free = sb.modal_damping(np.eye(2), np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)  # a rigid motion has none
     np.testing.assert_allclose(free @ [1.0, 1.0], 0.0, atol=1e-14)
-
-
-def test_a_case_file_says_all_of_it(tmp_path):
-    file = tmp_path / "strip.toml"
-    file.write_text(
-        """
-[[case]]
-name = "strip"
-cells = 8
-dt = 1e-3
-t_end = 0.1
-[case.problem]
-length = 2.0
-stiffness = 3.0
-mass_per_length = 0.7
-supports = "clamped-pinned"
-mass_damping = 0.3
-modal_damping = [0.01, 0.02]
-stops = [
-  { lower = -0.03, upper = 0.03, stiffness = 4e4, position = 0.6, motion = { amplitude = 0.004, frequency = "pi/5" } },
-  { upper = 0.1, stiffness = 2e5, position = 1.2 },
-]
-"""
-    )
-    case = load_cases(file)["strip"]
-    moving = sb.Stops(-0.03, 0.03, stiffness=4e4, position=0.6, motion=sb.Harmonic(0.004, "pi/5"))
-    stops, fields = [moving, sb.Stops(upper=0.1, stiffness=2e5, position=1.2)], {"units": case.problem.units}
-    made = beam("clamped-pinned", mass_damping=0.3, modal_damping=(0.01, 0.02), stops=stops, **fields)
-    assert case.problem == made
-    assert {form for _, form in case.runs} == {"hermite"}

@@ -14,7 +14,6 @@ import stiffbeam as sb
 from stiffbeam.kernels.march import solve_node
 
 EPS = np.finfo(float).eps
-POSITIONS = st.floats(-5.0, 5.0)
 
 
 def test_force_energy_and_state_on_both_sides():

@@ -15,8 +15,6 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import as_doubles, exact_float, exact_value
 from stiffbeam.model.time_functions import Drive
 
-TABLE12 = (Fraction(300), Fraction("0.001"), Fraction(60_000_000), Fraction("0.2"), Fraction(60))
-
 
 def system_of(case, doubles=False):
     return sb.semidiscretise(as_doubles(case.problem) if doubles else case.problem, case.cells)

@@ -7,12 +7,10 @@ from dataclasses import replace
 import massless_contact
 import numpy as np
 import pytest
-from noise import noise
-from systems import bouncing_chain, one_mass
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.model.members import march_apart
-from stiffbeam.references import solve
 from stiffbeam.trajectory.ensemble import Ensemble
 
 RECORD = sb.Sampled(np.linspace(0.0, 0.5, 51), 4.0 * np.sin(44.0 * np.linspace(0.0, 0.5, 51)), "cubic")
@@ -55,30 +53,6 @@ def test_members_with_other_matrices_are_the_beams_built_by_hand():
         assert_alike(many, i, run, 1e-6)
         np.testing.assert_allclose(many.tip[i], run.tip, rtol=0.0, atol=1e-6 * np.max(np.abs(run.tip)))
         assert many.ledger(i).supplied[-1] == pytest.approx(run.energy.supplied[-1], rel=1e-6)
-
-
-def shaken(seed: int, moving: bool = False) -> sb.System:
-    """The chain under noise of its own, with stops that move by noise."""
-    system = bouncing_chain()
-    offset = noise(6.0, 0.02, (2.0, 20.0), seed + 100) if moving else system.contacts[0].offset
-    loads = (*system.loads, (np.array([0.0, 1.0, 0.5]), noise(6.0, 4.0, (2.0, 20.0), seed)))
-    return replace(system, loads=loads, contacts=(replace(system.contacts[0], offset=offset),))
-
-
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.fast(1)
-def test_members_with_noise_of_their_own_are_their_single_runs(moving):
-    """To the bit, ledger included; of schemes and of the exact solution."""
-    members, t = [shaken(seed, moving) for seed in range(3)], np.linspace(0.0, 1.0, 11)
-    exact = sb.reference_ensemble(members[0], 1.0, members, t_eval=t)
-    many = sb.integrate_ensemble(members[0], HHT, 1e-3, 6.0, members, every=10)
-    for i, member in enumerate(members):
-        alone = sb.integrate(member, HHT, 1e-3, 6.0, every=10)
-        np.testing.assert_array_equal(many.tip[i], alone.tip)
-        assert many.contacts[0].impact_count[i] == alone.impacts.count
-        np.testing.assert_array_equal(many.ledger(i).loss[-1], alone.energy.loss[-1])
-        np.testing.assert_array_equal(exact.tip[i], solve(member, 1.0, "exact", t, 0.0, None).tip)
-    assert len(set(many.tip[:, -1].tolist())) == 3
 
 
 # ------------------------------------------------------------------ parameters by path

@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
+from fuzz import STEEL
 from systems import one_mass
 
 import stiffbeam as sb
@@ -124,22 +125,6 @@ def same(a, b, rel: float = 0.0) -> None:
 
 
 OUTPUTS = ("t", "tip", "tip_velocity", "contacts", "work", "provenance", "fingerprint", "energy", "states")
-STEEL = """
-[[case]]
-name = "steel"
-cells = 6
-dt = 1e-4
-t_end = 0.02
-runs = ["hht"]
-[case.problem]
-length = 0.4
-stiffness = 4.2
-mass_per_length = 0.16
-stops = { lower = -2e-3, upper = 2e-3, stiffness = 1e5 }
-loads = [{ shape = [0, 1.5], amplitude = 3.0, frequency = 60.0 }]
-initial_displacement = [0, 0, 0.1]
-initial_velocity = [0, 0.5]
-"""
 
 
 def test_systems_cases_and_profiles_arrive():

@@ -137,19 +137,6 @@ def test_every_scheme_takes_a_record_and_keeps_its_order(scheme):
     assert abs(np.log2(errors[0] / errors[1]) / 2.0 - scheme.order) < 0.1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("form", ["displacement", "velocity-curvature"])
-def test_a_measured_base_motion_moves_the_beam_as_its_harmonic_does(form):
-    """A spline through a sine at spacing h is off by (w h)^4/384, its acceleration by (w h)^2/12 of its own."""
-    w, t = 10.0, np.linspace(0.0, 0.25, 1001)
-    stops = sb.Stops(-0.1, 0.1, stiffness=5e4)
-    bases = sb.Harmonic(0.2, w), sb.Sampled(t, 0.2 * np.sin(w * t), "cubic")
-    systems = [sb.semidiscretise(sb.BeamProblem(stiffness=300.0, stops=stops, base=b), 8, form) for b in bases]
-    a, b = (sb.reference(s, 0.25) for s in systems)
-    assert a.impacts.count == b.impacts.count > 3
-    assert np.max(np.abs(a.tip - b.tip)) < 1e-5 * np.max(np.abs(a.tip))
-
-
 def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
     """A heavy mass at rest: the depth follows the polygon, whose corner is the peak."""
     polygon = sb.Sampled([0.0, 0.9, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mpmath as mp
 import numpy as np
 import scipy.linalg
 from scipy.optimize import brentq
@@ -65,8 +66,6 @@ def exact_linear(
 
 def harmonic_piece(w2, a, w, phase, t_end):
     """What ``between_rigid_walls`` takes of the load a sin(w t + phase) on an undamped oscillator."""
-    import mpmath as mp
-
     w2, a, w, phase = map(mp.mpf, (w2, a, w, phase))
     a /= w2 - w**2
     return [(t_end, lambda t: a * mp.sin(w * t + phase), lambda t: a * w * mp.cos(w * t + phase))]
@@ -74,8 +73,6 @@ def harmonic_piece(w2, a, w, phase, t_end):
 
 def record_pieces(w2, c, t, values, t_end):
     """What ``between_rigid_walls`` takes of straight lines through samples."""
-    import mpmath as mp
-
     w2, c, t, values = mp.mpf(w2), mp.mpf(c), [mp.mpf(float(x)) for x in t], [mp.mpf(float(x)) for x in values]
     pieces = []
     for k in range(len(t) - 1):
@@ -92,8 +89,6 @@ def between_rigid_walls(w2, c, walls, e, pieces, x, v, times, digits=60, grid=0.
     In mpmath, in closed form from event to event; pieces: (end, p, p'), one after another, with p'' + c p' + w2 p = f.
     Pieces are to be made in as many digits. A motion that comes to rest on a wall is refused.
     """
-    import mpmath as mp
-
     w2, c, e, x, v = map(mp.mpf, (w2, c, e, x, v))
     walls = [(side, mp.mpf(wall)) for side, wall in zip((-1, 1), walls, strict=True) if wall is not None]
     beta, damped = c / 2, mp.sqrt(w2 - c**2 / 4)

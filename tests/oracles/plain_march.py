@@ -203,10 +203,3 @@ def states(system: sb.System, scheme: sb.Scheme, dt: float, steps: int, contact:
             n = end
     q, v = np.array(path).transpose(1, 0, 2)
     return q, v, np.array(forces)
-
-
-def march(system: sb.System, scheme: sb.Scheme, dt: float, t_end: float, contact: str = "implicit") -> sb.Trajectory:
-    """The run as one of another program: impacts and energies are those of its states."""
-    steps = round(t_end / dt)
-    q, v = (x.astype(float) for x in states(system, scheme, dt, steps, contact)[:2])
-    return sb.Trajectory.from_arrays(np.arange(steps + 1) * dt, system=system, states=(q, v))

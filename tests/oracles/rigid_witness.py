@@ -118,44 +118,23 @@ class RigidWitness(Witness):
         return y
 
 
-FAMILIES = "silence", "growing", "pair", "pressed"
-
-
 def recorded_system(family: str, seed: int) -> tuple[sb.System, float]:
-    """One or two bodies between walls, driven by a dense record, and a time to end at.
+    """A body between walls, driven by a dense record, and a time to end at.
 
-    silence: the start decays before the record begins. growing: the record grows by 1e6. pair: two bodies hit each
-    other. pressed: a constant load holds the first body on its wall from the start.
+    silence: the start decays before the record begins. growing: the record grows by 1e6.
     """
-    rng = np.random.default_rng([FAMILIES.index(family), seed, 33])
-    n = 2 if family == "pair" or rng.random() < 0.3 else 1
-    zeta, e = float(rng.uniform(0.03, 0.1)), float(rng.uniform(0.85, 0.95))
-    omega = float(rng.uniform(4.0, 8.0))
-    coupling = np.array([[1.3, -0.3], [-0.3, 1.6]])[:n, :n]
-    stiffness = omega**2 * coupling
-    begin, dt = float(rng.uniform(8.0, 14.0)), float(rng.uniform(0.03, 0.06))
+    rng = np.random.default_rng([len(family), seed, 33])
+    omega, begin, dt = (float(rng.uniform(*span)) for span in ((4.0, 8.0), (8.0, 14.0), (0.03, 0.06)))
     t_end = begin + float(rng.uniform(20.0, 25.0))
     t = np.arange(0.0, t_end + 2.0 * dt, dt)
-    after = np.maximum(t - begin, 0.0)
     size, fast = rng.uniform(20.0, 40.0, 2), rng.uniform(2.0, 9.0, 2)
-    force = size @ np.sin(np.outer(fast, after))
+    force = size @ np.sin(np.outer(fast, np.maximum(t - begin, 0.0) if family == "silence" else t))
     if family == "growing":
-        force = size @ np.sin(np.outer(fast, t)) * 10.0 ** (6.0 * (np.minimum(t / t_end, 1.0) - 1.0))
-    loads = [(np.eye(n)[-1], sb.Sampled(t, force))]
-    gap = float(rng.uniform(0.05, 0.2))
-    stops = sb.Stops(-gap, gap, stiffness=np.inf, restitution=e)
-    contacts = [sb.Contact(np.eye(n)[0], stops)]
-    if family == "pair":
-        between = sb.Stops(lower=-0.5 * gap, stiffness=np.inf, restitution=e)
-        contacts.append(sb.Contact([-1.0, 1.0], between))
-    start = np.zeros(n)
-    if family == "pressed":
-        start[0] = -gap
-        held = stiffness @ start
-        loads.append((np.eye(n)[0], sb.Constant(float(held[0]) - float(rng.uniform(1.0, 10.0)))))
-    velocity = np.zeros(n) if family == "pressed" else rng.normal(size=n) * 0.3
+        force = force * 10.0 ** (6.0 * (np.minimum(t / t_end, 1.0) - 1.0))
+    gap, zeta = float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.03, 0.1))
+    stops = sb.Stops(-gap, gap, stiffness=np.inf, restitution=float(rng.uniform(0.85, 0.95)))
     system = sb.System.from_matrices(
-        np.eye(n), stiffness, 2.0 * zeta * omega * np.eye(n), loads, contacts,
-        initial_displacement=start, initial_velocity=velocity,
+        [[1.0]], [[1.3 * omega**2]], [[2.0 * zeta * omega]], [([1.0], sb.Sampled(t, force))],
+        [sb.Contact([1.0], stops)], initial_velocity=0.3 * rng.normal(size=1),
     )  # fmt: skip
     return system, t_end

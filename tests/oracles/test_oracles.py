@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import mpmath as mp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -39,19 +38,6 @@ def test_a_witness_imports_nothing_of_the_package(name):
     others = {module for module in found if module not in sys.stdlib_module_names}
     assert others <= ALLOWED, others - ALLOWED
     assert not found & {"importlib", "stiffbeam"}
-
-
-@pytest.mark.slow
-def test_the_bilinear_oscillator_has_its_period():
-    """Half periods of w1 = sqrt 10 and w2 = sqrt 60: T = pi/w1 + pi/w2."""
-    case = oscillator(1.0, 10.0, 50.0, 0.0, -1.0, 20.0)
-    begins = np.array([e.begin for e in solve(case).episodes(0)])
-    period = np.pi / np.sqrt(10.0) + np.pi / np.sqrt(60.0)
-    assert np.max(np.abs(begins - np.pi / np.sqrt(10.0) - period * np.arange(len(begins)))) < 1e-13
-    with mp.workdps(40):
-        exact = [mp.pi / mp.sqrt(10) + k * (mp.pi / mp.sqrt(10) + mp.pi / mp.sqrt(60)) for k in range(14)]
-        found = [piece.t for piece in solve(case, 40).pieces if piece.chi[0]]
-        assert max(abs(x - y) for x, y in zip(exact, found, strict=False)) < mp.mpf(10) ** -30
 
 
 def test_a_dip_between_two_grid_points_is_seen():

@@ -42,7 +42,7 @@ def test_a_power_law_has_an_adaptive_reference_and_hertz_closed_form():
 
 
 def test_a_linear_system_has_the_exact_one():
-    system, _, t_end = BENCHES["two bodies with a dashpot between"]()
+    system, _, t_end = BENCHES["two bodies with a dashpot between"]
     assert best_reference(system, t_end).provenance["method"] == "exact"
     assert substitute(system, t_end) == ""
 
@@ -72,7 +72,7 @@ def test_members_without_an_exact_solution_are_their_solo_runs():
 
 
 def test_schemes_by_default_have_a_law_for_the_stops():
-    system, dt, t_end = BENCHES["coupled oscillator, rigid"]()
+    system, dt, t_end = BENCHES["coupled oscillator, rigid"]
     labels = chosen(case_of(system, dt, t_end))
     assert {label.partition("(")[0] for label in labels} == {
         "MoreauJean",
@@ -80,13 +80,13 @@ def test_schemes_by_default_have_a_law_for_the_stops():
         "NonsmoothGeneralisedAlpha",
     }
     assert str(default_schemes([sb.Stops(upper=0.0, stiffness=1.0)])[0]) == "BDF2"
-    plain = case_of(*BENCHES["chain"]())
+    plain = case_of(*BENCHES["chain"])
     assert not {label.partition("(")[0] for label in chosen(plain)} & set(sb.schemes.RIGID)
 
 
 def test_the_steady_motion_solves_the_equation_under_coupled_damping():
     """K q + C q' + M q'' is the load at any time, for a drive at two frequencies and a constant one."""
-    system, _, _ = BENCHES["two bodies with a dashpot between"]()
+    system, _, _ = BENCHES["two bodies with a dashpot between"]
     loads = [*system.loads, ([0.0, 1.0], sb.Harmonic(3.0, 8.1, 0.4)), ([0.5, 1.0], sb.Constant(2.0))]
     system = sb.System.from_matrices(system.mass, system.stiffness, system.damping, loads, observe=[1.0, 0.0])
     y, _ = steady_state(system)
@@ -101,7 +101,7 @@ def test_the_steady_motion_solves_the_equation_under_coupled_damping():
 
 def test_the_slow_motion_under_coupled_damping_is_the_lowest_complex_mode():
     """Its lowest mode alone: by the matrix exponential the state stays in a plane, here the first pair's."""
-    system, _, _ = BENCHES["free oscillator with a dashpot, no stops"]()
+    system, _, _ = BENCHES["free oscillator with a dashpot, no stops"]
     slow = smooth_motion(system)
     n, inverse = system.size, np.linalg.inv(system.mass)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ system.stiffness, -inverse @ system.damping]])
@@ -129,7 +129,7 @@ def test_the_lowest_mode_of_the_slow_motion_has_the_size_of_the_steady_one(lengt
 
 def test_modes_that_damping_couples_are_late_as_the_trapezoidal_rule_makes_them():
     """Each complex eigenvalue is multiplied by (1 + lambda dt/2)/(1 - lambda dt/2) a step, to rounding."""
-    system, _, _ = BENCHES["free oscillator with a dashpot, no stops"]()
+    system, _, _ = BENCHES["free oscillator with a dashpot, no stops"]
     dt = 0.02
     found = free_mode_errors(sb.integrate(system, sb.Trapezoidal(), dt, 40.0))
     n, inverse = system.size, np.linalg.inv(system.mass)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+import rigid_witness
 from adaptive_systems import rotor
+from law_systems import driven, free_system, kelvin_voigt_system, stops_of
 from systems import one_mass
 
 import stiffbeam as sb
@@ -17,69 +20,30 @@ from stiffbeam.model.system_data import slopes
 from stiffbeam.references.exact.motion import Solver
 from stiffbeam.references.exact.solution import solve_exact
 
-KINDS = ("compliant", "damped", "kelvin-voigt", "rigid", "moving", "record")
 WIDTHS = (3e-3, 3e-4, 3e-5, 3e-6, 1e-7)  # the last for motions that grow so fast that only it is narrow enough
 ORDER_4 = ((1, 8.0 / 12.0), (-1, -8.0 / 12.0), (2, -1.0 / 12.0), (-2, 1.0 / 12.0))
+T_END = 2.0
 
 
-def random_system(index: int, **values: float) -> tuple[sb.System, float, dict[str, float]]:
-    """System ``index``, the end of its motion, and its parameters by path; values: other ones of these.
+def recorded(seed: int) -> sb.System:
+    """Spring stops, under a record besides the drive."""
+    rng = np.random.default_rng([39, seed])
+    system = driven(rng, [partial(stops_of, law="")])
+    force = sb.Sampled(np.linspace(0.0, T_END, 9), 4.0 * rng.normal(size=9), str(rng.choice(["linear", "cubic"])))
+    return replace(system, loads=(*system.loads, (rng.normal(size=system.size), force)))
 
-    A driven chain of one to four masses between stops on its last; every kind of contact in turn.
-    """
-    rng, kind = np.random.default_rng([39, index]), KINDS[index % len(KINDS)]
-    n = int(rng.integers(1, 5))
-    springs = 10.0 ** rng.uniform(0.5, 2.0, n)
-    stiffness = np.diag(springs + np.append(springs[1:], 0.0)) - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
-    mass = np.diag(rng.uniform(0.5, 2.0, n))
-    first = float(np.sqrt(np.min(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)))
-    damping = np.zeros((n, n)) if kind == "compliant" else rng.uniform(0.002, 0.1) * stiffness / first
-    row = np.eye(n)[-1]
-    parameters = {
-        "contacts[0].stops.upper": rng.uniform(0.05, 0.3),
-        "loads[0].time.amplitude": first**2 * rng.uniform(0.5, 1.5),
-        "loads[0].time.frequency": first * rng.uniform(0.4, 2.5),
-        "loads[0].time.phase": rng.uniform(0.0, 6.0),
-        "v0[0]": first * rng.normal(),
-    }
-    if kind == "rigid":
-        parameters["contacts[0].stops.restitution"] = rng.uniform(0.3, 0.95)
-    else:
-        parameters["contacts[0].stops.stiffness"] = first**2 * 10.0 ** rng.uniform(0.5, 3.5)
-    if kind == "kelvin-voigt":
-        kappa = parameters["contacts[0].stops.stiffness"]
-        parameters["contacts[0].stops.damping"] = np.sqrt(kappa) * 10.0 ** rng.uniform(-1.5, 0.0)
-    if kind == "moving":
-        parameters |= {
-            "contacts[0].offset.amplitude": 0.05,
-            "contacts[0].offset.frequency": first * rng.uniform(0.5, 3),
-        }
-    t_end = float(2.0 * np.pi / first * rng.uniform(1.0, 2.0))
-    samples = first**2 * rng.normal(size=9)
-    if kind == "record":
-        parameters["loads[1].time.values[3]"] = samples[3]
-    assert values.keys() <= parameters.keys()
-    at = parameters | values
-    stops: dict[str, Any] = {key.split(".")[-1]: x for key, x in at.items() if ".stops." in key}
-    if kind == "rigid":
-        stops["stiffness"] = np.inf
-    offset = (
-        sb.Harmonic(at["contacts[0].offset.amplitude"], at["contacts[0].offset.frequency"], 0.3)
-        if kind == "moving"
-        else None
-    )
-    wave = (at[f"loads[0].time.{name}"] for name in ("amplitude", "frequency", "phase"))
-    loads: list[Any] = [(rng.normal(size=n), sb.Harmonic(*wave))]
-    if kind == "record":
-        samples[3] = at["loads[1].time.values[3]"]
-        times = np.linspace(0.0, t_end, 9)
-        loads.append((rng.normal(size=n), sb.Sampled(times, samples, str(rng.choice(["linear", "cubic"])))))
-    v0 = first * rng.normal(size=n)
-    v0[0] = at["v0[0]"]
-    system = sb.System.from_matrices(
-        mass, stiffness, damping, loads, [sb.Contact(row, sb.Stops(-0.4, **stops), offset)], initial_velocity=v0
-    )
-    return system, t_end, parameters
+
+def random_system(index: int) -> tuple[sb.System, dict[str, float]]:
+    """System ``index``, of every kind of contact in turn, and its parameters by path."""
+    system = (recorded, kelvin_voigt_system, rigid_witness.random_system, free_system)[index % 4](index)
+    (contact, *_), names = system.contacts, ["loads[0].time.amplitude", "loads[0].time.frequency", "v0[0]"]
+    names += [f"contacts[0].stops.{x}" for x in ("lower", "upper") if getattr(contact.stops, x) is not None]
+    names += ["contacts[0].stops.restitution"] if contact.stops.restitution else []
+    names += [] if contact.stops.rigid else ["contacts[0].stops.stiffness"]
+    names += ["contacts[0].stops.damping"] if contact.stops.damping else ["loads[0].time.phase"]
+    names += ["contacts[0].offset.amplitude", "contacts[0].offset.frequency"] if contact.offset else []
+    names += ["loads[1].time.values[3]"] if index % 4 == 0 else []
+    return system, {name: value_at(system, name) for name in names}
 
 
 SEEN = {
@@ -95,9 +59,9 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
     Distances are relative to the largest derivative of that quantity, and no less than a thousandth of it over the
     parameter.
     """
-    system, t_end, parameters = random_system(index)
-    t = np.linspace(0.0, t_end, 12)[1:]
-    reference = solve_exact(system, t_end, t)
+    system, parameters = random_system(index)
+    t = np.linspace(0.0, T_END, 12)[1:]
+    reference = solve_exact(system, T_END, t)
     paths = np.random.default_rng(index).permutation(list(parameters))[:count].tolist()
     change = reference.derivative(paths)
     worst, beyond, compared = 0.0, 0.0, 0
@@ -107,7 +71,7 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
         differences: dict[str, list[Any]] = {name: [] for name in SEEN}
         for width in WIDTHS:
             h = width * scale
-            runs = {k: solve_exact(random_system(index, **{path: value + k * h})[0], t_end, t) for k, _ in ORDER_4}
+            runs = {k: solve_exact(with_values(system, {path: value + k * h}), T_END, t) for k, _ in ORDER_4}
             for name, (read, _) in SEEN.items():
                 arrays = {k: np.asarray(read(run), float) for k, run in runs.items()}
                 if all(run.impacts.count == reference.impacts.count for run in runs.values()):

@@ -41,19 +41,6 @@ def test_solvers_follow_the_rotor(method, truth):
     assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)  # gyroscopic forces do no work
 
 
-def test_natural_modes_are_those_of_the_first_order_form():
-    system = rotor()
-    inverse = np.linalg.inv(system.mass)
-    A = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ system.stiffness, -inverse @ system.damping]])
-    values = np.linalg.eigvals(A)
-    values = values[values.imag > 0.0]
-    values = values[np.argsort(np.abs(values))]
-    natural = sb.modes(system)
-    assert natural.coupled
-    np.testing.assert_allclose(natural.omega, np.abs(values), rtol=1e-12)
-    np.testing.assert_allclose(natural.damping_ratio, -values.real / np.abs(values), rtol=1e-9)
-
-
 def test_what_needs_a_symmetric_or_passive_damping_refuses_another():
     free = replace(rotor(), contacts=(), loads=())
     from stiffbeam.measures.amplification import free_mode_errors

@@ -26,12 +26,6 @@ def impact_oscillator() -> tuple[sb.System, float, tuple[list[float], list[float
     return one_mass(1.0, stops, load=sb.Harmonic(1.0, W, phase=later + 0.5 * np.pi)), T, start
 
 
-def beam(frequency: float) -> sb.System:
-    stops = sb.Stops(-0.1, 0.1, stiffness=5e6)
-    base = sb.Harmonic(0.2, frequency)
-    return sb.semidiscretise(sb.BeamProblem(stiffness=300.0, viscosity=0.05, stops=stops, base=base), 8)
-
-
 def differences(mapping: PeriodMap, z: np.ndarray, width: float) -> np.ndarray:
     """Derivative of the period map by differences of order 4."""
     columns = []
@@ -52,21 +46,6 @@ def test_the_impact_oscillator_in_closed_form():
     assert np.allclose(orbit.events, [0.5 * period], rtol=1e-12)
     assert not orbit.stable
     assert orbit.closure < 1e-13
-
-
-def test_an_unstable_orbit_of_the_beam():
-    """90 events at w = 33, multiplier -1.1588; the derivative by differences."""
-    system, period = beam(33.0), 2.0 * np.pi / 33.0
-    orbit = sb.periodic_orbit(system, period)
-    assert len(orbit.events) == 90
-    assert abs(orbit.multipliers[0] + 1.15880709) < 1e-7
-    assert orbit.closure < 1e-11
-    mapping, z = PeriodMap(system, period), np.concatenate([orbit.q, orbit.v])
-    assert np.allclose(
-        differences(mapping, z, 1e-8), orbit.monodromy, rtol=1e-4, atol=1e-4 * np.abs(orbit.monodromy).max()
-    )
-    ahead = orbit.reference(2.0, t_eval=[0.0, period, 2.0 * period])
-    assert np.allclose(ahead.tip, ahead.tip[0], atol=1e-10)
 
 
 @pytest.mark.parametrize("damping", [0.0, 3.0])

@@ -125,17 +125,6 @@ def test_an_event_that_rounding_blurs_moves_no_clock(method):
     np.testing.assert_allclose(run, exact, rtol=0.0, atol=1e-7 * np.max(np.abs(exact)))
 
 
-def test_rounding_before_the_motion_ends_no_horizon():
-    """The base moves the tip, which rests on its stop, by a high power of time. When that shows is rounding."""
-    problem = sb.BeamProblem(stiffness=1.0, stops=sb.Stops(upper=0.0, stiffness=1e3), base=sb.Harmonic(-0.2, 10.0))
-    system = sb.semidiscretise(problem, cells=10)
-    exact, run = sb.reference(system, 1.0), sb.reference(system, 1.0, "cvode")
-    assert exact.horizon == run.horizon == 1.0
-    late = [x.impacts.times[x.impacts.times > 0.01] for x in (exact, run)]
-    np.testing.assert_allclose(*late, rtol=0.0, atol=1e-6)
-    assert len(late[0]) == 3
-
-
 @pytest.mark.parametrize("pull", [0.0, -1.0])
 @pytest.mark.parametrize(
     "law", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 1e3}], ids=["rigid", "spring"]
@@ -198,34 +187,22 @@ def resting_chain(seed: int) -> sb.System:
 @pytest.mark.parametrize("seed", range(120))
 @pytest.mark.fast(12)
 def test_chains_at_rest_on_their_stops_have_an_exact_motion(seed):
-    """Bodies without a force stay, those whose force begins later leave at once or never, whatever rounding says."""
+    """Bodies without a force stay, those whose force begins later leave at once or never, whatever rounding says. In
+    many digits it is the same motion or a refusal at once: events of rounding came back for ever."""
     system = resting_chain(seed)
     run = sb.reference(system, 3.0)
     assert run.horizon > 0.3
     if system.rigid:
         assert min(float(np.min(c.position)) for c in run.contacts) > -1e-12
         return
-    other = sb.reference(system, 3.0, "cvode", rtol=1e-9)
-    near = run.t <= min(run.horizon, other.horizon)
-    assert np.max(np.abs(run.tip - other.tip)[near]) <= 1e-3 * np.max(np.abs(run.tip))
-
-
-@pytest.mark.parametrize("seed", range(120))
-@pytest.mark.fast(12)
-def test_chains_at_rest_on_their_stops_in_many_digits(seed):
-    """The same motion or a refusal at once: events of rounding came back for ever."""
-    system = resting_chain(seed)
-    if system.rigid or any(isinstance(f, sb.Sampled) for f in system.time_functions):
-        return
-    exact = sb.reference(system, 3.0)
-    refused = ""
-    try:
-        run = sb.reference(system, 3.0, "multiprecision", seconds=30.0)
-    except sb.SolverFailure as failure:
-        refused = str(failure)
-    if refused:
-        assert "float64 cannot place" in refused
-        return
-    near = run.t <= exact.horizon
-    assert run.horizon == 3.0
-    assert np.max(np.abs(run.tip - exact.tip)[near]) <= 1e-3 * np.max(np.abs(exact.tip))
+    others = [sb.reference(system, 3.0, "cvode", rtol=1e-9)]
+    if not any(isinstance(f, sb.Sampled) for f in system.time_functions):
+        try:
+            others.append(sb.reference(system, 3.0, "multiprecision", seconds=30.0))
+        except sb.SolverFailure as failure:
+            assert "float64 cannot place" in str(failure)  # noqa: PT017
+        else:
+            assert others[1].horizon == 3.0
+    for other in others:
+        near = run.t <= min(run.horizon, other.horizon)
+        assert np.max(np.abs(run.tip - other.tip)[near]) <= 1e-3 * np.max(np.abs(run.tip))

@@ -48,7 +48,7 @@ def test_a_study_of_a_physical_case_names_its_units(name):
     assert records.to_dict()["units"] == ["m", "s", "N"]
 
 
-def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
+def test_a_comparison_names_the_unit_of_every_number():
     def compared(system, dt, t_end):
         run, reference = sb.integrate(system, sb.HHT(-0.1), dt, t_end), sb.reference(system, t_end)
         return run, reference, str(sb.compare(run, reference))
@@ -58,15 +58,6 @@ def test_a_comparison_and_a_file_name_the_unit_of_every_number(tmp_path):
     words = words_of(sb.compare(run, reference).figure())
     for text in ("tip displacement $u(L, t)$ (m)", "max |$u(L, t)$|", "time $t$ (s)"):
         assert any(text in word for word in words), text
-    assert run.energy.energy[-1] > 0.0  # so that the ledger is written
-    data = run.to_xarray()
-    units = {str(name): data[name].attrs["units"] for name in data.variables if "units" in data[name].attrs}
-    wanted = {"time": "s", "impact_time": "s", "tip": "m", "tip_velocity": "m/s", "contact_force": "N",
-              "impact_peak_force": "N", "impact_impulse": "N s", "contact_impulse": "N s", "energy_kinetic": "J",
-              "contact_fraction": "1"}  # fmt: skip
-    assert wanted.items() <= units.items()
-    for one in (run, reference):
-        assert sb.load(one.save(tmp_path / "run.nc")).units == ("m", "s", "N")
     assert np.allclose(run.displacement(0.4), run.tip, atol=1e-15)  # along its own length
     plain, _, text = compared(sb.semidiscretise(PLAIN, 8), 1e-3, 0.5)
     assert "(N)" not in text

@@ -92,6 +92,3 @@ def test_ensembles_span_ten_periods(short):
     system = short.systems["displacement"]
     solo = sb.integrate(sb.perturbed_members(system, 3)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
     assert members["impacts"][1] == solo.impacts.count
-
-
-# ---------------------------------------------------------------- what is drawn

@@ -50,7 +50,7 @@ def cells() -> list:
 
 @pytest.mark.parametrize(("study", "name"), cells())
 def test_every_study_answers_or_refuses_for_a_reason_named_here(study, name):
-    answers_or_refuses(study, *BENCHES[name]())
+    answers_or_refuses(study, *BENCHES[name])
 
 
 @pytest.mark.fast(0, slow=5)
@@ -59,7 +59,7 @@ def test_every_study_of_bodies_at_rest_on_their_stops(name):
     """``orbits`` of these takes half a minute each."""
     for study in NAMES:
         if study != "orbits":
-            answers_or_refuses(study, *at_rest_on_its_stops(BENCHES[name]()), "|must move, got")
+            answers_or_refuses(study, *at_rest_on_its_stops(BENCHES[name]), "|must move, got")
 
 
 def answers_or_refuses(study: str, system: sb.System, dt: float, t_end: float, more: str = "") -> None:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-import stiffbeam as sb
 from stiffbeam.files.cases import parse_case
 from stiffbeam.measures.report import report
-from stiffbeam.schemes import RIGID, SCHEMES
-from stiffbeam.studies.common import chosen
 from stiffbeam.studies.comparison import CaseComparison
 
 CASE = parse_case(
@@ -26,16 +23,6 @@ base = { amplitude = 0.2, frequency = 10.0 }
 """,
     "wall.toml",
 )
-
-
-def test_studies_run_the_schemes_of_the_case_and_those_for_rigid_stops():
-    labels = chosen(CASE)
-    assert "MoreauJean(theta=0.6)" in labels
-    with_impacts = {kind.__name__ for kind in RIGID.values() if kind().restitutes}
-    assert {label.partition("(")[0] for label in labels} == with_impacts
-    assert {label.partition("(")[0] for label in chosen(sb.paper_case(10))} == {
-        kind.__name__ for kind in SCHEMES.values()
-    } - {"Theta"}
 
 
 @pytest.mark.slow

@@ -18,9 +18,6 @@ def test_all_seventeen_tables_load_in_order():
         assert abs(round(case.t_end / case.dt) * case.dt - case.t_end) < 1e-9 * case.t_end
 
 
-# table: k^2, a, h, dt, g2, kappa, alpha (None: no HHT run), gamma (None: no SDIRK run)
-
-
 def test_every_published_number_is_of_a_run_the_case_makes():
     def key(scheme, form):
         return type(scheme), tuple(scheme.parameters.items()), form

@@ -333,28 +333,19 @@ def test_a_trajectory_file_is_scored(tmp_path, command):
     assert "--problem must name one problem" in error
 
 
-def test_columns_are_known_by_their_names(tmp_path):
-    file = tmp_path / "run.csv"
-    names = [
-        ("v,time,u", [1, 2, 0]),
-        ("t;tip", [0, 1]),
-        ("", [0, 1, 2]),
-        ("# t v u", [0, 2, 1]),
-        ("# my run", [0, 1, 2]),
-    ]
-    for header, found in names:
-        width = len(found)
-        rows = [",".join(f"{10 * k + column}" for column in range(width)) for k in range(5)]
-        file.write_text("\n".join([header, *rows]), encoding="utf-8")
-        assert [int(column[0]) for column in read_trajectory(file)] == found
-    for header in ("u,v", "t,x,v"):
-        row = ",".join("123"[: len(header.split(","))])
-        file.write_text("\n".join([header, *[row] * 5]), encoding="utf-8")
+@pytest.mark.parametrize(
+    ("header", "found"),
+    [("v,time,u", [1, 2, 0]), ("t;tip", [0, 1]), ("", [0, 1, 2]), ("# t v u", [0, 2, 1]), ("# my run", [0, 1, 2]),
+     ("u,v", None), ("t,x,v", None)],
+)  # fmt: skip
+def test_columns_are_known_by_their_names(header, found, tmp_path):
+    rows = [",".join(f"{10 * k + i}" for i in range(len(found or header.split(",")))) for k in range(5)]
+    (file := tmp_path / "run.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
+    if found is None:
         with pytest.raises(sb.InputError, match="name t, u and perhaps v"):
             read_trajectory(file)
-    file.write_text("\n".join(["t,u", *["1,2,3"] * 5]), encoding="utf-8")
-    with pytest.raises(sb.InputError, match="name every column"):
-        read_trajectory(file)
+    else:
+        assert [int(column[0]) for column in read_trajectory(file)] == found
 
 
 @pytest.mark.slow
