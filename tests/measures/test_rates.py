@@ -135,6 +135,24 @@ def test_work_of_a_motion_that_answers_to_its_stop():
         np.testing.assert_allclose(works, own, rtol=tolerance)
 
 
+@pytest.mark.parametrize("damping", [0.02, 0.5])
+def test_the_stated_quadrature_holds(damping):
+    """Work of a damped mass in each contact against a fine trapezoidal rule."""
+    spring = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=400.0))
+    system = sb.System.from_matrices(
+        np.eye(2), np.diag([4.0, 900.0]), np.diag([damping, 0.0]), contacts=[spring], initial_velocity=[1.0, 3.0]
+    )
+    exact = sb.reference(system, 12.0)
+    result, impacts, works = sb.contact_rates(exact, tangents=[[0.0, 1.0]]), exact.contacts[0].impacts, np.zeros(2)
+    for start, end in zip(impacts.times, np.where(np.isnan(impacts.ends), 12.0, impacts.ends), strict=True):
+        t = np.linspace(start, end, 100_001)
+        u, v = exact.at(t, contact=0)
+        speeds = np.abs([v, 3.0 * np.cos(30.0 * t)])
+        works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
+    found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
+    np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
+
+
 def test_a_contact_that_the_start_of_the_rates_cuts():
     """A mass that never leaves its stop: integrals from a time within the contact, against the trapezoidal rule."""
     loads = [([1.0], sb.Constant(30.0)), ([1.0], sb.Harmonic(3.0, 2.7))]
