@@ -52,7 +52,8 @@ def linear(problem: Problem) -> Truth:
 
 
 def kept(problem: Problem) -> Truth:
-    """The answers in the problem's file: the package's multiprecision made them when it still took records."""
+    """The answers that are in the problem's file: many digits are not computed under a record. The exact reference and
+    a witness meet them."""
     known = {name: answer.digits for name, answer in sb.problem(problem.name).answers.items()}
     tip, velocity, impacts, releases = (
         list(map(mp.mpf, known[name])) for name in ("tip", "tip_velocity", "impacts", "releases")

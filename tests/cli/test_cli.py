@@ -52,7 +52,7 @@ def words(text):
 
 def assert_shows_curves(picture: Path):
     pixels = matplotlib.image.imread(picture)[..., :3]
-    assert min(pixels.shape[:2]) > 1000
+    assert min(pixels.shape[:2]) > 500
     white = np.all(pixels > 0.99, axis=-1)
     assert 0.02 < np.mean(~white) < 0.5
     coloured = np.ptp(pixels, axis=-1) > 0.3  # the schemes; axes, text and reference are grey

@@ -61,7 +61,8 @@ def reference(
         End of the solution.
     method : str
         "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
-        exact solution of compliant stops in as many ``digits`` as error growth requires, confirmed with more digits);
+        exact solution of compliant stops without records in as many ``digits`` as error growth requires, confirmed with
+        more digits);
         "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
         "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy.
     t_eval : (k,) array, optional
