@@ -164,6 +164,12 @@ def test_the_conserving_contact_keeps_the_energy(scheme, system, dt, steps):
     assert np.max(np.abs(run.energy.loss)) < 1e-11 * energy[0]
 
 
+@pytest.mark.parametrize("scheme", CONSERVING)
+def test_without_contact_nothing_is_left_to_conserve(scheme):
+    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
+    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("scheme", CONSERVING, ids=str)
 def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
     ball = one_mass(0.0, sb.Stops(upper=0.0, stiffness=2000.0), mass=2.0, q=-0.1, v=1.0)
