@@ -74,7 +74,7 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", [sb.HHT(-0.1), sb.BDF2(), sb.SDIRK(nystrom=True)], ids=str)
 @pytest.mark.parametrize("contact", ["implicit", "extrapolated"])
-@pytest.mark.fast(9)
+@pytest.mark.fast(7)
 def test_a_member_is_its_single_run(kind, scheme, contact, system):
     contact = "implicit" if kind == "laws" else contact
     members = KINDS[kind](system)
