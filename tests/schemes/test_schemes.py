@@ -164,6 +164,24 @@ def test_the_conserving_contact_keeps_the_energy(scheme, system, dt, steps):
     assert np.max(np.abs(run.energy.loss)) < 1e-11 * energy[0]
 
 
+def test_bdf2_by_hand_after_the_trapezoidal_rule():
+    """(4.5): y^1 by the trapezoidal rule, then every step from two before; its contact takes v* from them."""
+    k, kappa, h = 4.0, 30.0, 0.05
+    A, eye = np.array([[0.0, 1.0], [-k, 0.0]]), np.eye(2)
+    free = sb.integrate(one_mass(k, q=-0.2, v=0.3), sb.BDF2(), h, 4 * h)
+    y = np.stack(free.states, axis=-1)[:, 0]
+    assert np.allclose(y[1], np.linalg.solve(eye - h / 2 * A, (eye + h / 2 * A) @ y[0]), rtol=0.0, atol=1e-15)
+    pressed = sb.integrate(
+        one_mass(k, sb.Stops(upper=0.0, stiffness=kappa), q=0.2, v=0.3), sb.BDF2(), h, 4 * h, "extrapolated"
+    )
+    for path, contact in ((y, 0.0), (np.stack(pressed.states, axis=-1)[:, 0], kappa)):
+        for before, now, new in zip(path, path[1:], path[2:], strict=False):
+            ahead = (4.0 * now[0] - before[0] + 2.0 * h * (2.0 * now[1] - before[1])) / 3.0
+            force = np.array([0.0, -contact * max(ahead, 0.0)])
+            right = (4.0 * now - before + 2.0 * h * force) / 3.0
+            assert np.allclose(new, np.linalg.solve(eye - 2.0 * h / 3.0 * A, right), rtol=0.0, atol=1e-14)
+
+
 @pytest.mark.parametrize("scheme", CONSERVING)
 def test_without_contact_nothing_is_left_to_conserve(scheme):
     runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
