@@ -90,6 +90,8 @@ def test_compare_pipes_json_and_writes_table_picture_rates_and_trajectories(tmp_
         "BDF2-displacement.nc", "HHT-alpha=-0.1-displacement.nc", "SDIRK-gamma=0.4359-nystrom=True-displacement.nc",
         "comparison-rates.csv", "comparison.json", "comparison.png", "comparison.txt", "exact-displacement.nc",
     ]  # fmt: skip
+    listed = json.loads((out / "comparison.json").read_text(encoding="utf-8"))["files"]
+    assert {*listed, "comparison.json"} == {path.name for path in out.iterdir()}
     assert_shows_curves(out / "comparison.png")
     table = words((out / "comparison.txt").read_text(encoding="utf-8"))
     assert all(name in table for name in ("exact (reference)", "HHT(alpha=-0.1)", "SDIRK(gamma=0.4359)", "BDF2"))

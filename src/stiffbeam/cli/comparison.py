@@ -85,16 +85,16 @@ def compare(
     with progress() as show:
         try:
             _follow(result, schemes, names, tell, case, folder, written)
+            rated = _rates(result) if options.rates else []
+            for label, each in rated:
+                tell(f"\n{label}, rates with 95 % intervals\n{each}")
+            # The answer comes first: to load matplotlib and to draw takes as long again.
+            show("drawing", 0, 0)
+            written += _draw(result, folder)
+            written += _rate_table(rated, folder)
         finally:  # an interrupt loses only what is running
             if written:
                 _write(result, folder, written)
-        rated = _rates(result) if options.rates else []
-        for label, each in rated:
-            tell(f"\n{label}, rates with 95 % intervals\n{each}")
-        # The answer comes first: to load matplotlib and to draw takes as long again.
-        show("drawing", 0, 0)
-        written += _draw(result, folder)
-        written += _rate_table(rated, folder)
     records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json):
         say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
