@@ -25,6 +25,19 @@ def test_neighbours_of_a_body_that_is_held_are_held_too():
     assert np.max(np.abs(sb.lyapunov(held(), 1.0).log_growth)) < 1e-12
 
 
+def test_two_impacts_at_one_time_have_no_neighbours():
+    """Each of the tangent vectors hits one stop before the other; apart by 1e-9 they do so one after the other."""
+    for start, together in ((1.0, True), (1.0 + 1e-9, False)):
+        contacts = [sb.Contact(row, sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.9)) for row in np.eye(2)]
+        loads, given = [([-1.0, -1.0], sb.Constant(1.0))], {"initial_displacement": [1.0, start]}
+        system = sb.System.from_matrices(np.eye(2), 4.0 * np.eye(2), None, loads, contacts, **given)
+        if together:
+            with pytest.raises(sb.SolverFailure, match="two contacts are hit at one time"):
+                sb.lyapunov(system, 5.0)
+        else:
+            assert np.all(np.isfinite(sb.lyapunov(system, 5.0).log_growth))
+
+
 def test_a_body_that_rests_alone_on_its_stop_has_no_neighbours():
     stops = sb.Stops(lower=0.0, stiffness=np.inf, restitution=0.5)
     system = sb.System.from_matrices([[1.0]], [[0.0]], None, [([-9.81], sb.Constant(1.0))], [sb.Contact([1.0], stops)])

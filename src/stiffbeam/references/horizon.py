@@ -353,7 +353,8 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
         As the exact solution does.
     SolverFailure
         If a motion against rigid stops comes to rest: the end of chatter takes back what it had magnified, and
-        nothing is left of a neighbouring motion.
+        nothing is left of a neighbouring motion. Also where it hits two of them at one time: neighbours hit one before
+        the other.
 
     Examples
     --------
@@ -385,6 +386,9 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
             # Several events may come between two edges, at one time.
             for new in range(last + 1, k + 1):
                 dz = _on_stops(tangent, new, tangent.across(new, dz))
+            if tangent.ties:
+                remedy = "shorten t_end, or move one of the stops a little"
+                raise SolverFailure("lyapunov", tangent.ties[0], "two contacts are hit at one time", remedy)
             last, dz = k, tangent.regimes[k].flow(tau, dz)
             # Unit vectors again: the logarithms add up where the vectors would overflow.
             size = _norm(tangent, dz)
