@@ -116,6 +116,22 @@ def test_an_orbit_at_a_fold_closes_or_raises(fold, z, inside):
     assert gaps[1] / gaps[0] == pytest.approx(10.0**1.5, rel=0.1)
 
 
+@pytest.mark.parametrize("stops", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 50.0, "damping": 3.0}])
+def test_an_orbit_that_grazes_has_no_multipliers(stops):
+    """The amplitude of the response without contact is the gap: neighbours hit, or do not."""
+    w = 0.5
+    response = 1.0 / (1.0 - w**2 + 0.1j * w)
+    start = [response.imag], [w * response.real]
+    for gap, grazes in ((abs(response), True), (abs(response) * 1.001, False)):
+        system = one_mass(1.0, sb.Stops(upper=gap, **stops), damping=0.1, load=sb.Harmonic(1.0, w))
+        if grazes:
+            with pytest.raises(sb.SolverFailure, match="grazes its stop"):
+                sb.periodic_orbit(system, 2.0 * np.pi / w, start)
+        else:
+            orbit = sb.periodic_orbit(system, 2.0 * np.pi / w, start)
+            np.testing.assert_allclose(np.abs(orbit.multipliers), np.exp(-0.05 * 2.0 * np.pi / w), rtol=1e-9)
+
+
 def test_an_equilibrium_is_an_orbit():
     system = sb.System.from_matrices([[1.0]], [[1.0]], [[0.1]], loads=[(np.ones(1), sb.Constant(1.0))], observe=[1.0])
     np.testing.assert_allclose(sb.periodic_orbit(system, 2.0).q, 1.0, rtol=1e-12)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.progress import working
@@ -18,9 +19,11 @@ from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
 from .tangent import GRAZE, Tangent, path_of_solution
-from .variation import Variation
+from .variation import TERMS, Variation
 
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
+LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
+HALVINGS = 45  # of the part in which a peak is
 # As large as the perturbations of the copies of a horizon.
 COPY = 4.0 * float(np.finfo(float).eps)
 
@@ -122,6 +125,24 @@ class Derivative:
         return min(known, self.reference.horizon) if np.isfinite(self.reference.horizon) else known
 
 
+def maxima(p: Array, h: Array) -> tuple[IntArray, Array]:
+    """The inner maxima of polynomials p (K, S) on [0, h], h (S,): the number of each and its place."""
+    rate = np.arange(1.0, len(p))[:, None] * p[1:]
+
+    def rising(s: Array, which: Any) -> NDArray[np.bool_]:
+        return np.polynomial.polynomial.polyval(s, rate[:, which], tensor=False) > 0.0
+
+    edges = np.multiply.outer(np.linspace(0.0, 1.0, 1 + LOOKS), h)
+    up = np.array([rising(s, slice(None)) for s in edges])
+    part, which = np.nonzero(up[:-1] & ~up[1:])
+    low, high = edges[part, which], edges[part + 1, which]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        before = rising(middle, which)
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return which, high
+
+
 def chatter_ends(solution: Motion) -> list[float]:
     """Times at which impacts on a rigid stop have accumulated: 2 v/(a (1 - e)) after the one behind which the contact
     is held, which would have left it with v under the acceleration a into the stop."""
@@ -170,12 +191,44 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
         ends += [(t, "the impacts of a chatter end") for t in chatter_ends(solution)]
         if 0 in tangent.path.hits:
             ends.append((0.0, "an impact at the start"))
+    # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
         if stops.rigid or stops.damping > 0.0:
             for side, _ in stops.sides:
+                ends += [(t, "a contact grazes its stop") for t in near_misses(tangent, contact, side)]
                 if starts_on_stop(tangent, contact, side):
                     ends.append((0.0, "a contact starts on its stop, which the parameter moves away or into it"))
     return ends
+
+
+def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
+    """Times at which an open contact reaches its stop to rounding and turns back."""
+    owner, at, h, z = tangent.cut()
+
+    def gaps(owner: IntArray, t: Array, z: Array) -> Iterator[tuple[IntArray, Array, Array]]:
+        """Parts of the times, the series of the depth there, negative in the gap, and the size of its terms."""
+        for regime, part in tangent.parts(owner, (TERMS + 1) * z[0].size):
+            series = regime.series(t[part], tangent.since[owner[part]], z[part][:, None])
+            yield part, side * tangent.gap(series, contact, side)[:, :, 0], tangent.size(series, contact, side)
+
+    def near(owner: IntArray, t: Array) -> NDArray[np.bool_]:
+        found = np.zeros(len(t), bool)
+        for part, depth, size in gaps(owner, t, tangent.states(t, owner)):
+            found[part] = depth[0] > -tangent.graze * size
+        return found
+
+    here = np.flatnonzero((tangent.path.sides[owner, contact] == 0) & (h > 0.0))
+    owner, at, h, z = owner[here], at[here], h[here], z[here]
+    tops, segment = [np.zeros(0)], [np.zeros(0, np.int64)]
+    for part, depth, _ in gaps(owner, at, z) if len(here) else ():
+        which, s = maxima(depth, h[part])
+        tops.append(at[part[which]] + s)
+        segment.append(owner[part[which]])
+    top, own = np.concatenate(tops), np.concatenate(segment)
+    if not len(top):
+        return []
+    # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
+    return top[near(own, top) & ~near(own, 0.5 * (tangent.path.times[own] + top))].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:

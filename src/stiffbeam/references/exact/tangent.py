@@ -102,7 +102,7 @@ class Tangent:
             start = self.into(directions)
         self.count = len(start)
         # Steps of the Taylor series; without parameters a segment is one step.
-        self.steps = self._cut() if variation.P else (segments, path.times, self.lengths, self.z)
+        self.steps = self.cut() if variation.P else (segments, path.times, self.lengths, self.z)
         _, t, h, _ = self.steps
         afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + self.count) * n)
         driven = np.zeros((len(t), self.count, 2 * n))
@@ -135,7 +135,7 @@ class Tangent:
         q, v = self.path.solution.states(t, self.path.piece[segment])
         return np.hstack([q @ self.variation.into, v @ self.variation.into])
 
-    def _cut(self) -> tuple[IntArray, Array, Array, Array]:
+    def cut(self) -> tuple[IntArray, Array, Array, Array]:
         """Steps of RADIANS at most: the segment, time, length and state of each."""
         count = np.maximum(1, np.ceil(self.lengths * np.array([x.fastest for x in self.regimes]) / RADIANS))
         floats = 4.0 * float(np.sum(count)) * self.variation.n
