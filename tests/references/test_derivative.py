@@ -285,3 +285,21 @@ def test_a_stiff_beam_keeps_its_digits(path: str) -> None:
     difference = (tip(-2 * h) - 8 * tip(-h) + 8 * tip(h) - tip(2 * h)) / (12 * h)
     exact = sb.reference(beam, end, t_eval=[0.0, end]).derivative([path], [end]).state[0, : beam.size, 0]
     np.testing.assert_allclose(exact, difference, rtol=0, atol=4e-9 * np.max(np.abs(difference)))
+
+
+def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
+    """Held with e = 0 by a stop that moves, and let go with no speed: against differences of order 4."""
+    record = sb.Sampled(np.linspace(0.0, 3.0, 7), np.array([0.0, 0.1, -0.1, 0.15, 0.0, 0.1, 0.0]), "cubic")
+    stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.0)
+
+    def moved(amplitude: float) -> sb.Reference:
+        system = one_mass(4.0, stops, damping=0.1, load=sb.Harmonic(amplitude, 2.3), offset=record, v=1.0)
+        return sb.reference(system, 3.0, t_eval=[1.1, 2.0, 3.0])
+
+    change = moved(2.0).derivative(["loads[0].time.amplitude"])
+    assert np.isinf(change.exists_until)
+    difference = (
+        sum(weight * moved(2.0 + k * 1e-3).tip for k, weight in zip((-2, -1, 1, 2), (1, -8, 8, -1), strict=True))
+        / 12e-3
+    )
+    np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)
