@@ -30,7 +30,7 @@ FAULTS = [
     ("march", "kernels/march.c", "drive_at(drive, v, (double)at * run->dt, g)", "drive_at(drive, v, (double)(at + 1) * run->dt, g)"),
     ("march", "kernels/march.c", "Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }",
      "Int first_output(const Run *r, Int at) { (void)at; return r->every - 1; }"),
-    ("march", "kernels/march.c", "c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1", "c2 = 3.0 * (gap1 - gap0) - rate0 - 2.0 * rate1"),
+    ("march", "kernels/march.c", "3.0 * slope - 2.0 * rate0 - rate1", "3.0 * slope - rate0 - 2.0 * rate1"),
     ("march", "kernels/march.c", "double stop = side > 0.0 ? l->g2 : l->g1, sign", "double stop = side < 0.0 ? l->g2 : l->g1, sign"),
     ("march", "kernels/march.c", "if (k < passed ||", "if (k <= passed ||"),
     ("march", "kernels/march.c", "peak = most(peak, size), touching", "peak = size, touching"),
@@ -51,7 +51,7 @@ FAULTS = [
     ("march", "kernels/law.h", "return s * P >= d0 ? (Response){d0 / s, 1.0 / s, 0.0}", "return 0 ? (Response){d0 / s, 1.0 / s, 0.0}"),
     # kernels: rigid stops
     ("schemes", "kernels/rigid.c", "if (!(before[c] >= s->stops[2 * c + 1])) upper = INFINITY;", "if (!(before[c] <= s->stops[2 * c + 1])) upper = INFINITY;"),
-    ("schemes", "kernels/rigid.c", "if (oblique(own, m))", "if (0)"),
+    ("schemes", "kernels/node.c", "A[i * closed + j] = S[x->which[j] * wide + c]", "A[i * closed + j] = S[c * wide + x->which[j]]"),
     ("schemes", "kernels/rigid.c", "off <= ON_STOP * (size + fabs(stop))", "off < 0.0"),
     ("schemes", "kernels/rigid.c", "for (Int later = node + 1; later < S; later++)", "for (Int later = node + 2; later < S; later++)"),
     # the energy balance
@@ -61,7 +61,7 @@ FAULTS = [
     ("march", "trajectory/records.py", "taken -= dissipated", "taken += dissipated"),
     ("march", "trajectory/records.py", "work -= 0.5 * (force[1:] + force[:-1])", "work -= 0.5 * (force[1:] + force[1:])"),
     ("march", "trajectory/records.py", "either = touching[1:] | touching[:-1]", "either = touching[1:]"),
-    ("march", "kernels/states.c", "starts + k / K * D", "starts"),
+    ("march", "kernels/march.c", "starts + k / K * D", "starts"),
     # marches
     ("march", "trajectory/recorder.py", "rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size", "rows[:, IMPACT_IMPULSE] = 0.5 * dt * size"),
     ("march", "trajectory/recorder.py", "np.flatnonzero(side[1:] != side[:-1]) + 1).tolist()", "np.flatnonzero(side[1:] != side[:-1])).tolist()"),

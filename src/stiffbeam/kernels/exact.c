@@ -14,10 +14,8 @@
 #include "exact.h"
 #include "loops.h"
 #include "node.h"
+#include "polynomial.h"
 
-#define PI 3.14159265358979323846
-#define EPS 2.220446049250313e-16
-#define MOST 44      /* terms of a series */
 #define ROOM 24      /* terms of the polynomial part of a flight */
 #define RADIANS 2.0  /* of the fastest motion in a step of series */
 #define CHATTER 1e-6 /* radians of the fastest motion in which the rest of a chatter must end */
@@ -55,7 +53,9 @@ typedef struct { /* one call */
     int full; /* terms of a series at full length */
     Series s;
     Flight g;
-    double *turned, *turned_rate, *P, *r, *v, *A, *b; /* scratch; of impacts */
+    Node node;
+    Law *law; /* of the contacts of an impact */
+    double *turned, *turned_rate, *P, *r, *v, *b, *inward; /* scratch; of impacts */
     Int *on, *at, *left;
     Output *out;
 } Motion;
@@ -63,103 +63,6 @@ typedef struct { /* one call */
 static double stop_of(const Free *f, Int i, Int side) { return f->stops[2 * i + (side > 0)]; }
 static int rigid(const Free *f, Int i) { return isinf(f->laws[3 * i]); }
 static int presses(const State *c, Int i) { return c->side[i] == 1 || c->side[i] == -1; }
-
-/* ------------------------------------------------------------------ first zero of a polynomial of degree n */
-
-static double value(const double *p, int n, double s)
-{
-    double x = 0.0;
-    for (int k = n; k >= 0; k--) x = x * s + p[k];
-    return x;
-}
-
-/* Coefficients in s/h; returns the sum of their sizes. */
-static double scaled(const double *p, int n, double h, double *out)
-{
-    double power = 1.0, size = 0.0;
-    for (int k = 0; k <= n; k++, power *= h) {
-        out[k] = p[k] * power;
-        size += fabs(out[k]);
-    }
-    return size;
-}
-
-/* Coefficients to Bernstein's on [0, 1]: b_i = sum_j C(i, j)/C(n, j) p_j; all weights are below 1. */
-static void bernstein(double *p, int n)
-{
-    for (int i = n; i > 0; i--) {
-        double b = 0.0, c = 1.0;
-        for (int j = 0; j <= i; j++) {
-            b += c * p[j];
-            c *= j < n ? (double)(i - j) / (n - j) : 0.0;
-        }
-        p[i] = b;
-    }
-}
-
-/* The only zero in [lo, hi], where p falls through zero: bisection, and Newton wherever it stays inside. */
-static double only_zero(const double *p, int n, double lo, double hi)
-{
-    for (;;) {
-        double x = 0.5 * (lo + hi), y = 0.0, slope = 0.0;
-        for (int k = n; k >= 0; k--) {
-            slope = slope * x + y;
-            y = y * x + p[k];
-        }
-        if (y > 0.0) lo = x;
-        else hi = x;
-        if (slope < 0.0 && lo < x - y / slope && x - y / slope < hi) {
-            x -= y / slope;
-            y = value(p, n, x);
-            double width = most(4.0 * fabs(y / slope), 2.0 * EPS * x); /* the zero is within, most likely */
-            if (y > 0.0) {
-                lo = x;
-                if (value(p, n, least(hi, x + width)) <= 0.0) hi = least(hi, x + width);
-            } else {
-                hi = x;
-                if (value(p, n, most(lo, x - width)) > 0.0) lo = most(lo, x - width);
-            }
-        }
-        if (hi - lo <= 4.0 * EPS * hi) return hi;
-    }
-}
-
-/* The first s in (0, h] at which a polynomial of `size` coefficients that starts positive turns negative; -1 for none.
- * The first `zeros` coefficients are zero exactly. A start below zero by rounding counts as zero if it rises.
- * The signs of the Bernstein coefficients tell how often it may cross; halves are looked at until none or one is left. */
-static double first_zero(const double *given, int size, double h, int zeros)
-{
-    double all[MOST + 1], *p = all, stack[64][MOST + 1], ends[64][2], low;
-    int n = size - zeros - 1, top = 0;
-    if (n < 0) return -1.0;
-    double sum = scaled(given + zeros, n, h, p);
-    for (int first = zeros == 0; n > 0 && (p[0] == 0.0 || (first && p[0] < 0.0 && p[1] > 0.0)); first = 0, p++, n--) {}
-    if (p[0] < 0.0) return 0.0;
-    low = p[0];
-    for (int k = 1; k <= n; k++) low += least(0.0, p[k]);
-    if (low >= 0.0) return -1.0;
-    while (n > 0 && fabs(p[n]) <= 1e-18 * sum) n--; /* what is below rounding need not be converted */
-    memcpy(stack[0], p, (size_t)(n + 1) * sizeof *p);
-    bernstein(stack[0], n);
-    ends[0][0] = 0.0, ends[0][1] = 1.0;
-    while (top >= 0) {
-        double *b = stack[top], lo = ends[top][0], hi = ends[top][1], middle = 0.5 * (lo + hi);
-        int changes = 0;
-        for (int i = 0; i < n; i++) changes += (b[i] > 0.0) != (b[i + 1] > 0.0);
-        if (changes == 0 && b[0] > 0.0) {
-            top--;
-            continue;
-        }
-        if (changes <= 1 || hi - lo < 1e-13 || top > 60) return h * only_zero(p, n, lo, hi); /* Descartes */
-        top++; /* halves by de Casteljau: the left one above the right one on the stack */
-        for (int r = 0; r <= n; r++) {
-            stack[top][r] = b[0];
-            for (int i = 0; i < n - r; i++) b[i] = 0.5 * (b[i] + b[i + 1]);
-        }
-        ends[top][0] = lo, ends[top][1] = middle, ends[top - 1][0] = middle;
-    }
-    return -1.0;
-}
 
 /* ------------------------------------------------------------------ series */
 
@@ -841,45 +744,18 @@ static double room_for(Motion *x, double until)
 
 /* ------------------------------------------------------------------ rigid stops */
 
-/* P with w = S P + r, 0 <= P _|_ w >= 0 among the closed contacts, outward, by moving one contact at a time in or out;
- * firm: w = 0 of all of them. */
+/* P with w = S P + r, 0 <= P _|_ w >= 0 among the closed contacts, outward; firm: w = 0 of all of them. */
 static void push(Motion *x, int firm)
 {
-    Int m = x->free->m, *on = x->on, *at = x->at, *closed = x->c->closed;
-    const double *meet = x->free->meet, *r = x->r;
-    double *P = x->P, *A = x->A, *b = x->b, scale = 0.0;
+    Int m = x->free->m;
     for (Int i = 0; i < m; i++) {
-        on[i] = closed[i] != 0 && (firm || r[i] < 0.0);
-        if (closed[i] != 0) scale = most(scale, fabs(r[i]));
+        Int stop = x->c->closed[i];
+        int upper = stop > 0 || (firm && stop), lower = stop < 0 || (firm && stop);
+        x->law[i] = (Law){.kappa = INFINITY, .g1 = lower ? 0.0 : -INFINITY, .g2 = upper ? 0.0 : INFINITY};
+        x->inward[i] = -(double)stop * x->r[i];
     }
-    for (Int turns = 0; turns < 100 + 10 * m; turns++) {
-        Int count = 0, drop = -1, enter = -1;
-        double worst = 0.0, lowest = -1e-14 * scale;
-        for (Int i = 0; i < m; i++) {
-            P[i] = 0.0;
-            if (on[i]) at[count++] = i;
-        }
-        for (Int i = 0; i < count; i++) {
-            b[i] = -r[at[i]];
-            for (Int j = 0; j < count; j++) A[i * count + j] = (double)(closed[at[i]] * closed[at[j]]) * meet[at[i] * m + at[j]];
-            A[i * count + i] *= 1.0 + 1e-15;
-        }
-        eliminate(A, b, count);
-        for (Int i = 0; i < count; i++) {
-            P[at[i]] = b[i];
-            if (b[i] < worst) worst = b[i], drop = at[i];
-        }
-        if (firm) return;
-        for (Int i = 0; drop < 0 && i < m; i++)
-            if (closed[i] != 0 && !on[i]) {
-                double w = r[i];
-                for (Int j = 0; j < m; j++) w += (double)(closed[i] * closed[j]) * meet[i * m + j] * P[j];
-                if (w < lowest) lowest = w, enter = i;
-            }
-        if (drop >= 0) on[drop] = 0;
-        else if (enter >= 0) on[enter] = 1;
-        else return;
-    }
+    solve_springs(x->inward, x->free->meet, m, x->law, m, &x->node);
+    for (Int i = 0; i < m; i++) x->P[i] = -(double)x->c->closed[i] * x->node.F[i];
 }
 
 /* Derivative `order`, 0 or 1, of the position of contact i. The drive must have been expanded at t. */
@@ -1390,8 +1266,10 @@ static size_t layout(Motion *x, double *block)
     REALS(x->g.z, 2 * N), REALS(x->g.poly, 2 * N * ROOM), INTS(x->g.degree, N), REALS(x->g.Z, 2 * m * T), REALS(x->g.slide, m * ROOM);
     REALS(x->g.sizes, m * T), REALS(x->g.C, T), REALS(x->g.S, T), REALS(x->g.x, T), REALS(x->g.y, T), REALS(x->g.h, 2 * n);
     REALS(x->g.c, 4 * f->R);
-    REALS(x->P, m), REALS(x->r, m), REALS(x->v, 2 * m), REALS(x->A, m * m), REALS(x->b, m), INTS(x->on, m), INTS(x->at, m), INTS(x->left, m);
-    return (size_t)at * sizeof(double);
+    REALS(x->P, m), REALS(x->r, m), REALS(x->v, 2 * m), REALS(x->b, m), REALS(x->inward, m);
+    INTS(x->on, m), INTS(x->at, m), INTS(x->left, m);
+    x->law = block ? (Law *)(block + at) : NULL, at += m * (Int)(sizeof(Law) / sizeof(double));
+    return (size_t)(at + node_memory(&x->node, m, block ? block + at : NULL)) * sizeof(double);
 }
 
 /* The memory of a call; NULL without any. */
@@ -1477,33 +1355,6 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
     free(block);
     free(own);
     return result;
-}
-
-/* The largest value, if above `best`, of a polynomial on [0, h]. */
-static double highest(const double *given, int n, double h, double best)
-{
-    double stack[64][MOST + 1], *p = stack[0], bend = 0.0, end = 0.0, bound = 0.0;
-    int top = 0;
-    scaled(given, n, h, p);
-    for (int k = n; k >= 0; k--) end += p[k], bound += k ? most(0.0, p[k]) : p[0], bend += k > 1 ? k * fabs(p[k]) : 0.0;
-    if (bound <= best) return best;
-    if (n > 0 && fabs(p[1]) > bend) return most(best, most(p[0], end)); /* it only rises, or only falls */
-    bernstein(p, n);
-    while (top >= 0) {
-        double *b = stack[top], most_of_all = b[0], size = 0.0;
-        for (int i = 0; i <= n; i++) most_of_all = most(most_of_all, b[i]), size = most(size, fabs(b[i]));
-        best = most(best, most(b[0], b[n])); /* the values at the ends */
-        if (most_of_all <= best + 4.0 * EPS * size || top > 60) {
-            top--;
-            continue;
-        }
-        top++;
-        for (int r = 0; r <= n; r++) {
-            stack[top][r] = b[0];
-            for (int i = 0; i < n - r; i++) b[i] = 0.5 * (b[i] + b[i + 1]);
-        }
-    }
-    return best;
 }
 
 /* Coefficients of a polynomial in s - a. */

@@ -8,6 +8,7 @@
 #include "march.h"
 #include "loops.h"
 #include "node.h"
+#include "polynomial.h"
 
 #define OVERFLOWN 1e100 /* a position beyond ends the run; its square, in an energy, is still a number */
 #define ON        1e-14 /* of a position: so near a stop a node is on it */
@@ -204,40 +205,12 @@ static void keep(const Motion *s, Int c, Int at, Int count, const double *f)
 
 /* ------------------------------------------------------------------ impacts */
 
-/* Least s in (0, 1] at which the cubic Hermite interpolant of a gap, gap0 > 0 >= gap1, is zero: Newton's method, kept
- * inside the first change of sign between the extrema of the cubic. */
+/* Least s in (0, 1] at which the cubic Hermite interpolant of a gap, gap0 > 0 >= gap1, is zero. */
 static double first_crossing(double gap0, double rate0, double gap1, double rate1)
 {
-    double c0 = gap0, c1 = rate0, c2 = 3.0 * (gap1 - gap0) - 2.0 * rate0 - rate1,
-           c3 = 2.0 * (gap0 - gap1) + rate0 + rate1;
-    double low = 0.0, high = 1.0, discriminant = c2 * c2 - 3.0 * c1 * c3;
-    if (discriminant > 0.0) {
-        double q = -(c2 + copysign(sqrt(discriminant), c2)), one = c3 != 0.0 ? q / (3.0 * c3) : 1.0,
-               two = q != 0.0 ? c1 / q : 1.0;
-        double points[2] = {least(one, two), most(one, two)};
-        for (int i = 0; i < 2; i++) {
-            double p = points[i];
-            if (low < p && p < high) {
-                if (c0 + p * (c1 + p * (c2 + p * c3)) <= 0.0)
-                    high = p;
-                else
-                    low = p;
-            }
-        }
-    }
-    double s = least(most(gap0 / (gap0 - gap1), low), high);
-    for (int i = 0; i < 100; i++) {
-        double gap = c0 + s * (c1 + s * (c2 + s * c3)), rate = c1 + s * (2.0 * c2 + s * 3.0 * c3), enough = 1e-9;
-        if (gap > 0.0)
-            low = s;
-        else
-            high = s;
-        double new = rate < 0.0 ? s - gap / rate : INFINITY, old = s;
-        if (!(low <= new && new <= high)) new = 0.5 * (low + high), enough = 1e-16; /* bisection goes on to rounding */
-        s = new;
-        if (fabs(new - old) < enough) break;
-    }
-    return s;
+    double slope = gap1 - gap0, p[4] = {gap0, rate0, 3.0 * slope - 2.0 * rate0 - rate1, rate0 + rate1 - 2.0 * slope};
+    double s = first_zero(p, 4, 1.0, 0);
+    return s < 0.0 ? 1.0 : s;
 }
 
 /* Fraction of the step at which contact with the stop on `side` begins or ends. At a damped stop that is reached, to
@@ -488,4 +461,21 @@ API Int march(const Block *b, const Drive *drive, const Run *run)
     run->cursor[2] = s.rows;
     free(memory);
     return done ? DONE : LIST_IS_FULL;
+}
+
+/* ------------------------------------------------------------------ states that a block passes over */
+
+API void states(Int a, Int n, Int F, Int steps, Int K, const double *transition, const double *push,
+                const double *forces, const double *starts, double *z, double *out)
+{
+    Int D = a * n;
+    double *new = z + 2 * D;
+    for (Int k = 0; k < steps; k++) {
+        memcpy(z, k % K ? new : starts + k / K * D, (size_t)D * sizeof *z);
+        memcpy(z + D, z, (size_t)D * sizeof *z);
+        turn(transition, a, n, D, z, new);
+        add_rows(new, D, forces + k * F, push, D, F);
+        memcpy(out + (k + 1) * n, new, (size_t)n * sizeof *out);
+        memcpy(out + (steps + k + 2) * n, new + n, (size_t)n * sizeof *out);
+    }
 }

@@ -41,53 +41,40 @@ int eliminate(double *A, double *b, Int n)
     return 1;
 }
 
-/* Springs, or rigid stops: F minimises 1/2 F S F + r F + sum_c (F_c^2/(2 kappa_c) - g_c F_c) by Lawson and Hanson's
- * active set: the contact that penetrates most closes, the closed ones are solved, those that would pull open again.
- * S[e * wide + c]: what a force at e does to c, symmetric. It ends, since every round lowers the minimum; the limit is
- * for rounding. */
+/* Springs, or rigid stops. Contacts that pull, or are open and penetrate, change all at once while their number falls
+ * (Judice and Pires), else the first alone (Murty's rule, which ends for a compliance whose principal minors are
+ * positive, symmetric or not). The diagonal grows by a rounding, so that of equal rows each has a share. */
 void solve_springs(const double *r, const double *S, Int wide, const Law *law, Int m, Node *x)
 {
-    double *force = x->F, *target = x->f, *right = x->trial, *side = x->step, *A = x->J;
+    double *force = x->F, *right = x->trial, *side = x->step, *next = x->f, *A = x->J;
+    Int fewest = m + 1, chances = 3;
     for (Int c = 0; c < m; c++) force[c] = side[c] = 0.0;
-    for (Int round = 0; round < 20 * m; round++) {
-        double worst = 0.0, stop = 0.0;
-        Int entering = -1;
+    for (Int round = 0; round < 20 * m * m; round++) {
+        Int wrong = 0, closed = 0;
         for (Int c = 0; c < m; c++) {
-            if (side[c] != 0.0) continue;
-            double v = r[c];
-            for (Int e = 0; e < m; e++) v += S[e * wide + c] * force[e];
-            double d = most(v - law[c].g2, law[c].g1 - v);
-            if (d > 1e-15 * fabs(v) && law[c].kappa * d > worst) /* not one that rounding explains */
-                worst = law[c].kappa * d, entering = c, stop = v > law[c].g2 ? 1.0 : -1.0;
+            double v = r[c], size = fabs(v);
+            for (Int e = 0; e < m; e++) v += S[e * wide + c] * force[e], size += fabs(S[e * wide + c] * force[e]);
+            if (side[c] != 0.0) next[c] = force[c] * side[c] < 0.0 ? side[c] : 0.0; /* the force opposes its side */
+            else if (most(v - law[c].g2, law[c].g1 - v) > 1e-15 * size) next[c] = v > law[c].g2 ? 1.0 : -1.0;
+            else next[c] = 0.0; /* open, but for rounding */
+            wrong += next[c] != side[c];
         }
-        if (entering < 0) break;
-        side[entering] = stop;
-        for (;;) {
-            Int closed = 0;
-            for (Int c = 0; c < m; c++) {
-                target[c] = 0.0;
-                if (side[c] == 0.0) continue;
-                x->which[closed++] = c;
-            }
-            for (Int i = 0; i < closed; i++) {
-                Int c = x->which[i];
-                right[i] = (side[c] > 0.0 ? law[c].g2 : law[c].g1) - r[c];
-                for (Int j = 0; j < closed; j++)
-                    A[i * closed + j] = S[x->which[j] * wide + c] + (i == j ? 1.0 / law[c].kappa : 0.0);
-            }
-            eliminate(A, right, closed);
-            for (Int i = 0; i < closed; i++) target[x->which[i]] = right[i];
-            double way = 1.0;
-            Int opening = -1;
-            for (Int c = 0; c < m; c++)
-                if (side[c] != 0.0 && target[c] * side[c] >= 0.0) { /* the force opposes its side */
-                    double part = force[c] != target[c] ? force[c] / (force[c] - target[c]) : 0.0;
-                    if (opening < 0 || part < way) way = part, opening = c;
-                }
-            for (Int c = 0; c < m; c++) force[c] = opening < 0 ? target[c] : force[c] + way * (target[c] - force[c]);
-            if (opening < 0) break;
-            force[opening] = side[opening] = 0.0;
+        if (!wrong) return;
+        chances = wrong < fewest ? 3 : chances - 1;
+        fewest = wrong < fewest ? wrong : fewest;
+        for (Int c = 0, changes = 0; c < m; c++) {
+            if (next[c] != side[c] && (chances >= 0 || changes++ == 0)) side[c] = next[c];
+            force[c] = 0.0;
+            if (side[c] != 0.0) x->which[closed++] = c;
         }
+        for (Int i = 0; i < closed; i++) {
+            Int c = x->which[i];
+            right[i] = (side[c] > 0.0 ? law[c].g2 : law[c].g1) - r[c];
+            for (Int j = 0; j < closed; j++) A[i * closed + j] = S[x->which[j] * wide + c];
+            A[i * closed + i] = A[i * closed + i] * (1.0 + 1e-15) + 1.0 / law[c].kappa;
+        }
+        eliminate(A, right, closed);
+        for (Int i = 0; i < closed; i++) force[x->which[i]] = right[i];
     }
 }
 
@@ -151,36 +138,6 @@ void solve_laws(Node *x, Int rule, const Law *law, Int m)
         t = F, F = trial, trial = t, t = f, f = trial_f, trial_f = t, t = J, J = J_trial, J_trial = t, merit = new;
     }
     for (Int c = 0; c < m; c++) x->F[c] = NAN;
-}
-
-/* Reactions for a compliance that is not symmetric: Murty's least-index rule. */
-void solve_pivoting(const double *r, const double *S, const Law *law, Int m, Node *x)
-{
-    double *force = x->F, *b = x->trial, *side = x->step, *A = x->J;
-    for (Int c = 0; c < m; c++) force[c] = side[c] = 0.0;
-    for (Int round = 0; round < 20 * m * m; round++) {
-        Int closed = 0, solved = 1;
-        for (Int c = 0; c < m; c++)
-            if (side[c] != 0.0) x->which[closed++] = c;
-        for (Int i = 0; i < closed; i++) {
-            Int c = x->which[i];
-            b[i] = (side[c] > 0.0 ? law[c].g2 : law[c].g1) - r[c];
-            for (Int j = 0; j < closed; j++) A[i * closed + j] = S[x->which[j] * m + c];
-        }
-        eliminate(A, b, closed);
-        for (Int c = 0; c < m; c++) force[c] = 0.0;
-        for (Int i = 0; i < closed; i++) force[x->which[i]] = b[i];
-        for (Int c = 0; c < m && solved; c++) {
-            double v = r[c];
-            if (side[c] != 0.0) {
-                if (force[c] * side[c] >= 0.0) side[c] = force[c] = 0.0, solved = 0;
-                continue;
-            }
-            for (Int e = 0; e < m; e++) v += S[e * m + c] * force[e];
-            if (most(v - law[c].g2, law[c].g1 - v) > 1e-15 * fabs(v)) side[c] = v > law[c].g2 ? 1.0 : -1.0, solved = 0;
-        }
-        if (solved) return;
-    }
 }
 
 /* ------------------------------------------------------------------ for Python */

@@ -17,11 +17,8 @@ Int node_memory(Node *x, Int m, double *at);
 /* x with A x = b in place of b; 0 where a pivot is zero. */
 int eliminate(double *A, double *b, Int n);
 
-/* Forces of springs, or rigid stops, from r; S[e * wide + c]: of a force at e on c, symmetric. */
+/* Forces of springs, or rigid stops, from r; S[e * wide + c]: of a force at e on c. */
 void solve_springs(const double *r, const double *S, Int wide, const Law *law, Int m, Node *x);
-
-/* Forces of rigid stops for a compliance S[e * m + c] that is not symmetric. */
-void solve_pivoting(const double *r, const double *S, const Law *law, Int m, Node *x);
 
 /* Forces under any law from r, w, S, S_rate and before of x; S[c * m + e]. NaN where the search fails. */
 void solve_laws(Node *x, Int rule, const Law *law, Int m);

@@ -3,8 +3,7 @@
 #include "march.h"
 #include "node.h"
 
-#define ON_STOP   1e-13 /* of the terms of a predicted position: so near a stop it is on it */
-#define SYMMETRIC 1e-12 /* of the largest entry: a compliance whose two halves differ by less is symmetric */
+#define ON_STOP 1e-13 /* of the terms of a predicted position: so near a stop it is on it */
 
 /* The position that node kinds WHERE_PREDICTED ask; what rounding takes from it does not open a resting contact. */
 static double predicted_position(const Rigid *s, Int k, Int c)
@@ -19,14 +18,6 @@ static double predicted_position(const Rigid *s, Int k, Int c)
         if (off < INFINITY && off <= ON_STOP * (size + fabs(stop))) total = stop;
     }
     return total;
-}
-
-static int oblique(const double *S, Int m)
-{
-    double size = 0.0, apart = 0.0;
-    for (Int i = 0; i < m * m; i++)
-        size = most(size, fabs(S[i])), apart = most(apart, fabs(S[i] - S[i % m * m + i / m]));
-    return m > 1 && apart > SYMMETRIC * size;
 }
 
 API Int rigid_steps(const Rigid *s)
@@ -67,10 +58,7 @@ API Int rigid_steps(const Rigid *s)
                 reaction[c] = 0.0;
             }
             if (touched) {
-                if (oblique(own, m))
-                    solve_pivoting(r + node * m, own, law, m, &x);
-                else
-                    solve_springs(r + node * m, own, m, law, m, &x);
+                solve_springs(r + node * m, own, m, law, m, &x);
                 memcpy(reaction, x.F, (size_t)m * sizeof *reaction);
                 add_rows(new, D, x.F, s->responses + node * m * D, D, m);
                 for (Int later = node + 1; later < S; later++)
