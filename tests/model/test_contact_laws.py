@@ -74,6 +74,7 @@ def test_random_systems_against_another_solver(seed):
 @pytest.mark.parametrize("dissipation", [0.0, 0.4])
 @pytest.mark.fast(12)
 def test_c_numpy_and_jax_have_one_law(sides, exponent, damping, dissipation):
+    import jax
     from jax import numpy as jnp
 
     stops = sb.Stops(**sides, stiffness=3.0, exponent=exponent, damping=damping, dissipation=dissipation)
@@ -93,7 +94,9 @@ def test_c_numpy_and_jax_have_one_law(sides, exponent, damping, dissipation):
             twin = contact_force(jnp.asarray(u), jnp.asarray(v), regime, stops.coefficients)
             assert np.allclose(in_c, np.broadcast_to(twin, u.shape), **close)
     slopes = np.array([ode.jac(0.0, np.array(y))[1] for y in zip(u, v, strict=True)])
-    assert np.allclose(slopes, -np.transpose(stops.tangent(u, v)), rtol=1e-13, atol=1e-15)
+    with float64_on_the_processor():
+        of_one = jax.grad(lambda u, v: contact_force(u, v, THROUGH, stops.coefficients), (0, 1))
+        assert np.allclose(slopes, np.transpose(jax.vmap(of_one)(u, v)), rtol=1e-13, atol=1e-15)
 
 
 @pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact_law.LINEAR))))
@@ -112,11 +115,7 @@ def test_the_terms_are_of_one_law(chosen):
 
 def assert_one_law(law: contact_law.Law, d: float, e: float, rate: float, h: float = 1e-5) -> None:
     f, U, press = (partial(of, law=law) for of in (contact_law.elastic, contact_law.stored, contact_law.pressure))
-    to_depth, to_rate = contact_law.slopes(d, rate, law)
-    assert math.isclose(contact_law.elastic_slope(d, law), (f(d + h) - f(d - h)) / (2 * h), rel_tol=1e-6)
     assert math.isclose(f(d), (U(d + h) - U(d - h)) / (2 * h), rel_tol=1e-6)
-    assert math.isclose(to_depth, (press(d + h, rate) - press(d - h, rate)) / (2 * h), rel_tol=1e-6)
-    assert math.isclose(to_rate, (press(d, rate + h) - press(d, rate - h)) / (2 * h), rel_tol=1e-6, abs_tol=1e-8)
     assert math.isclose(contact_law.chord(d, law), f(d) / d, rel_tol=1e-14)
     assert (f(-d), U(-d), press(d, 0.0)) == (-f(d), U(d), f(d))
     assert f(contact_law.depth_under(f(d), law)) >= f(d) * (1.0 - 1e-12)

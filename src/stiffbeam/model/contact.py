@@ -193,39 +193,21 @@ class Stops:
         law = (x for x in fields(self) if x.name not in ("position", "motion"))
         return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
 
-    def pressure(self, depth: ArrayLike, rate: ArrayLike | None = None) -> Array:
-        """|F| at a penetration depth >= 0 that grows at ``rate``: needed where the law is dissipative.
-
-        Raises InputError without it.
-        """
-        depth = np.asarray(depth, float)
+    def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
+        """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
+        and for a rigid stop."""
         self.require_compliant("a law of force")
-        law = self.coefficients
-        if not damps(law):  # the velocity need not be known
-            return elastic(depth, law)
-        if rate is None:
+        v, law = np.asarray(v, float), self.coefficients
+        out = np.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
+        if not self.dissipative:
+            return elastic(out, law)
+        if velocity is None:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        return np.where(depth > 0.0, np.maximum(0.0, contact_law.pressure(depth, rate, law)), 0.0)
-
-    def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
-        """F on the beam at position v; ``velocity`` as in ``pressure``, but of v itself."""
-        v = np.asarray(v, float)
-        out = np.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
-        if self.linear:  # the same numbers by a third of the arrays, whose fresh memory costs more than the sums
-            return self.coefficients.kappa * out
         # One formula for both sides: depth and rate count into the stop.
         side = np.sign(out)
-        return side * self.pressure(np.abs(out), None if velocity is None else -side * velocity)
-
-    def tangent(self, v: ArrayLike, velocity: ArrayLike = 0.0) -> tuple[Array, Array]:
-        """(-dF/dv, -dF/dvelocity); where F is not smooth those of the side without force."""
-        self.require_compliant("a law of force")
-        inside, closed = self.penetration(v), self.state(v, velocity) != 0
-        to_depth, to_rate = contact_law.slopes(
-            np.abs(inside), np.sign(inside) * np.asarray(velocity, float), self.coefficients
-        )
-        return np.where(closed, to_depth, 0.0), np.where(closed, to_rate, 0.0)
+        pressed = np.maximum(0.0, contact_law.pressure(np.abs(out), -side * velocity, law))
+        return np.where(out != 0.0, side * pressed, 0.0)
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""

@@ -57,11 +57,6 @@ def elastic(d: Any, law: Law) -> Any:
     return law.kappa * power(d, law.p)
 
 
-def elastic_slope(d: Any, law: Law) -> Any:
-    """f'(d)."""
-    return law.kappa if law.p == 1.0 else law.kappa * law.p * abs(d) ** (law.p - 1.0)
-
-
 def chord(d: Any, law: Law) -> Any:
     """f(d)/d of d > 0: the stiffness of a linear spring with the same force."""
     return law.kappa * d ** (law.p - 1.0)
@@ -85,11 +80,6 @@ def depth_holding(energy: Any, law: Law) -> Any:
 def pressure(d: Any, rate: Any, law: Law) -> Any:
     """f(d) (1 + lambda d') + c d', not yet cut off at zero."""
     return elastic(d, law) * (1.0 + law.lam * rate) + law.c * rate
-
-
-def slopes(d: Any, rate: Any, law: Law) -> tuple[Any, Any]:
-    """The derivatives of ``pressure`` by d and by d'; both >= 0 where it is."""
-    return elastic_slope(d, law) * (1.0 + law.lam * rate), elastic(d, law) * law.lam + law.c
 
 
 def jumps(law: Law) -> Any:
