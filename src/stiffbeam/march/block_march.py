@@ -1,8 +1,8 @@
-"""The block march: members of an ensemble in blocks of K steps through one compiled kernel."""
+"""The block march: a run in blocks of K steps through one compiled kernel."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from ..model.contact_law import jumps as force_jumps
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
-from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, MEMBER, ROW, SIDE
+from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
 from .propagator import Propagator
@@ -60,21 +60,22 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
 
 
 class Launch(NamedTuple):
-    """M members at t = 0, before the first step. A march copies what it changes."""
+    """A run at t = 0, before the first step. A march copies what it changes."""
 
-    law: Array  # (M, m, 6)
-    position: Array  # (M, C)
+    law: Array  # (m, 6)
+    position: Array  # (C,)
     velocity: Array
-    tally: Array  # (M, m, 8)
+    tally: Array  # (m, 8)
     events: Array  # (rows, 7): the contacts that are there
-    start: Array  # (2, M, N): y in the coordinates
+    start: Array  # (2, N): y in the coordinates
     z: Array  # the packed state of the first propagator
-    force: Array  # (M, m) of the contacts
+    force: Array  # (m,) of the contacts
     jumps: bool  # True where the force of a stop jumps
 
 
 class Stepper:
-    """A scheme on a system in coordinates, in blocks of ``length`` steps: what all members share, computed once.
+    """A scheme on a system in coordinates, in blocks of ``length`` steps: what all members of an ensemble share,
+    computed once.
 
     The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
     in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces, see
@@ -112,17 +113,14 @@ class Stepper:
     @cached_property
     def own_launch(self) -> Launch:
         """The launch of ``system`` itself, with contacts recorded from the start."""
-        return self.launch([self.system], 0, True)
+        return self.launch(self.system, 0)
 
-    def launch(self, systems: Sequence[System], since: int, alike: bool) -> Launch:
-        """These members at t = 0. ``alike``: they have the loads of ``system``."""
-        law = np.array([laws(each.contacts) for each in systems])
-        first, coordinates, means = self.starter or self.block, self.coordinates, self.treatment.means
-        u, v = initial_channels(systems)
-        tally, events = start_tallies(u, v, law, self.dt, means, since)
-        start = np.stack([coordinates.start(each.q0, each.v0) for each in systems], axis=1)
-        force = self.force(systems[:1] if alike else systems, 0.0, (u, v), law)
-        z = self.packed(first, first.one.scheme, [start], force)
+    def launch(self, member: System, since: int) -> Launch:
+        """A member at t = 0, with contacts recorded after step ``since``."""
+        law, first, (u, v) = laws(member.contacts), self.starter or self.block, initial_channels(member)
+        tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
+        start = self.coordinates.start(member.q0, member.v0)
+        z = self.packed(first, [start], self.force(member, 0.0, (u, v), law))
         # Where a force jumps at its stop, every node must yield to it.
         jumping = bool(np.any(force_jumps(all_laws(law))))
         for each in (self.starter, self.block) if jumping else ():
@@ -130,71 +128,47 @@ class Stepper:
                 require_moved(each.one.scheme, each.compliances[0])
         return Launch(law, u, v, tally, events, start, z, forces_at(u, v, law), jumping)
 
-    def force(self, systems: Sequence[System], t: float, motion: tuple[Array, Array], law: Array) -> Array:
-        """Load plus contact force at time t, (members, N); systems: one a member, or one for all."""
-        total = np.zeros((len(law), self.coordinates.rows.shape[1]))
-        total[:] = [self.coordinates.load(each, t) for each in systems]
-        if not self.treatment.means:  # whose reactions are means over a step, not there at a time
-            forces = forces_at(*motion, law)
-            for c in range(law.shape[1]):
-                total += forces[:, c, None] * self.coordinates.columns[c]
-        return total
+    def force(self, member: System, t: float, motion: tuple[Array, Array], law: Array) -> Array:
+        """Load plus contact force of a member at time t, (N,)."""
+        total = self.coordinates.load(member, t)
+        # Of a treatment with means over a step no force is there at a time.
+        return total if self.treatment.means else total + forces_at(*motion, law) @ self.coordinates.columns
 
-    def packed(self, propagator: Propagator, scheme: Scheme, history: list[Array], force: Array) -> Array:
-        """The scheme's states under forces (M, N), packed. Member by member: sums over a batch round otherwise."""
-        each = [
-            propagator.pack(
-                scheme.initial(
-                    self.coordinates.equation,
-                    [np.ascontiguousarray(y[:, i : i + 1]) for y in history],
-                    force[i : i + 1],
-                )
-            )
-            for i in range(len(force))
-        ]
-        return copied(np.concatenate(each))
+    def packed(self, propagator: Propagator, history: list[Array], force: Array) -> Array:
+        """The state of the propagator's scheme under a force (N,), packed."""
+        return propagator.pack(propagator.one.scheme.initial(self.coordinates.equation, history, force))
 
 
 class March:
-    """Ensemble members in progress. They advance together, segment by segment.
+    """A run in progress, of the stepper's system or of another member.
 
-    every: outputs kept, None for none. positions, velocities: (M, outputs, C). node_forces: (M, outputs, m), see Kept;
-    no outputs where no force jumps. t: (outputs,), and forces, (M, outputs, m) of linear stops; none of an ensemble,
-    which has one grid for all members. events: (impacts, 7), see sampling; by member, in order of time. tally: (M, m,
-    8) of the whole run, at the end.
+    every: outputs kept, None for none. positions, velocities: (outputs, C). node_forces: (outputs, m), see Kept; no
+    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (impacts, 7), see
+    sampling; of each contact in order of time. tally: (m, 8) of the whole run, at the end.
     """
 
     tally: Array
 
-    def __init__(
-        self, stepper: Stepper, members: Sequence[System], steps: int, every: int | None, since: int = 0
-    ) -> None:
-        self.stepper, self.members, self.steps, self.every, self.done = stepper, members, steps, every, 0
-        system, M = stepper.system, len(members)
-        self._alike = True
-        if M == 1 and members[0] is system and not since:
-            self._launch = launch = stepper.own_launch
-        else:
-            # Equal loads and offsets: the response to the drive is computed once for all members.
-            own = functions(system)
-            self._alike = all(each is system or functions(each) == own for each in members)
-            self._launch = launch = stepper.launch(members, since, self._alike)
-        self.law, u, v, diverged = launch.law, launch.position, launch.velocity, np.zeros(M, np.int64)
-        self.state = Marchers(launch.law, copied(launch.z), u.copy(), v.copy(), launch.tally.copy(), diverged)
+    def __init__(self, stepper: Stepper, system: System, steps: int, every: int | None, since: int = 0) -> None:
+        self.stepper, self.system, self.steps, self.every, self.done = stepper, system, steps, every, 0
+        own, m = system is stepper.system, len(system.contacts)
+        # Equal loads and offsets: the response to the drive is computed once for all members.
+        self._alike = own or functions(system) == functions(stepper.system)
+        self._launch = launch = stepper.own_launch if own and not since else stepper.launch(system, since)
+        z, *changed = (copied(x[None]) for x in (launch.z, launch.position, launch.velocity, launch.tally))
+        self.state = Marchers(launch.law[None], z, *changed, np.zeros(1, np.int64))
         kept = 0 if every is None else steps // every + 1
-        self.positions, self.velocities = np.empty((2, M, kept, u.shape[1]))
+        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(launch.position)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
-        m = len(system.contacts)
-        self.node_forces = np.full((M, kept if launch.jumps else 0, m), np.nan)
-        alone = kept if M == 1 else 0
-        self.t, self.forces = np.empty(alone), np.empty((M, alone if stepper.rule == LINEAR else 0, m))
+        self.node_forces = np.full((kept if launch.jumps else 0, m), np.nan)
+        self.forces = np.empty((kept if stepper.rule == LINEAR else 0, m))
         if kept:
-            self.positions[:, 0], self.velocities[:, 0], self.t[:1] = u, v, 0.0
-        if self.forces.shape[1]:
-            self.forces[:, 0] = launch.force
-        # Room for 64 impacts a member, and for up to 1024 more; ``_segment`` lengthens the list when it is full.
+            self.positions[0], self.velocities[0], self.t[0] = launch.position, launch.velocity, 0.0
+        if len(self.forces):
+            self.forces[0] = launch.force
+        # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
         self._rows = len(launch.events)
-        self.events = np.empty((self._rows + 64 * M + min(1024, steps // 16), EVENT))
+        self.events = np.empty((self._rows + 64 + min(1024, steps // 16), EVENT))
         self.events[: self._rows] = launch.events
 
     def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
@@ -207,30 +181,29 @@ class March:
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._segment(one, forcing, 1, replayed)
-                history.insert(0, one.unpack(self.state.z)[:2])
+                history.insert(0, one.unpack(self.state.z[0])[:2])
                 yield self.done
         if self.done < self.steps:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                t, motion = self.done * stepper.dt, (self.state.position, self.state.velocity)
-                force = stepper.force(self.members[:1] if self._alike else self.members, t, motion, self.law)
-                self.state = self.state._replace(z=stepper.packed(block, scheme, history, force))
+                motion = self.state.position[0], self.state.velocity[0]
+                force = stepper.force(self.system, self.done * stepper.dt, motion, self._launch.law)
+                self.state = self.state._replace(z=stepper.packed(block, history, force)[None])
             forcing = self.forcing(block)
-            # The more members, the fewer steps a call, down to a sixteenth: progress is reported between calls.
-            most = STEPS_PER_CALL // min(16, len(self.members))
-            # States, or sampled loads, of a whole segment are held in memory.
+            # Progress is reported between calls. States, or sampled loads, of a whole segment are held in memory.
+            most = STEPS_PER_CALL
             if replayed is not None or not block.harmonic:
                 most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
-            most = max(1, most // block.steps) * block.steps  # the blocks of a run do not depend on the company
+            most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
                 self._segment(block, forcing, min(most, self.steps - self.done), replayed)
                 yield self.done
         self._finish()
 
     def forcing(self, block: Propagator) -> Forcing:
-        """Response of one of the propagators to the loads and offsets of the members."""
-        return block.own_forcing if self._alike else block.forcing(self.members)
+        """Response of one of the propagators to the loads and offsets of the system."""
+        return block.own_forcing if self._alike else block.forcing(self.system)
 
     def _segment(
         self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
@@ -240,13 +213,14 @@ class March:
         inflow = block.inflow(starts_at, self.steps * dt)
         rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
         starts, forces = zeros((rows, self.state.z.shape[1])), zeros((rows, len(block.block.push)))
-        outputs, cursor = (self.t, self.positions, self.velocities), np.array([0, 0, self._rows])
-        kept = Kept(*outputs, self.node_forces, self.forces, starts, forces, self.events, cursor)
+        outputs = (x[None] for x in (self.positions, self.velocities, self.node_forces, self.forces))
+        cursor = np.array([0, 0, self._rows])
+        kept = Kept(self.t, *outputs, starts, forces, self.events, cursor)
         span = Span(first, steps, self.every or 1, dt)
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
         while not kernel.run(block.block, forcing, inflow, self.state, kept, span):
             # Doubling keeps the number of copies small.
-            longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, self.law.shape[1]))
+            longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, len(self.system.contacts)))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
             kept = kept._replace(events=self.events)
         self._rows = int(cursor[2])
@@ -254,53 +228,39 @@ class March:
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
 
-    def fields(self, member: int, tip_only: bool = False) -> dict[str, Any]:
-        """Fields of the Trajectory of a member, at the end: outputs, contacts, and when it overflowed. tip_only: of
-        the contacts without positions and forces."""
-        # Events are in the order of the members, see ``_finish``.
-        own = self.events
-        if len(self.members) > 1:
-            first, last = np.searchsorted(self.events[:, MEMBER], [member, member + 1])
-            own = self.events[first:last]
-        positions, velocities, tip = self.positions[member], self.velocities[member], self.stepper.system.tip_channel
-        u, v = np.ascontiguousarray(positions[:, tip]), np.ascontiguousarray(velocities[:, tip])  # of one contact views
-        contacts, outputs = [], slice(0 if tip_only else None)
-        for c, contact in enumerate(self.members[member].contacts):
-            events = own[own[:, CONTACT] == c] if self.tally.shape[1] > 1 else own
-            node_forces = self.node_forces[member, outputs, c] if self.node_forces.shape[1] else None
-            forces = self.forces[member, outputs, c] if self.forces.shape[1] else None
-            motion, tally = (positions[outputs, c], velocities[outputs, c]), self.tally[member, c]
-            contacts.append(record(contact.stops, *motion, tally, events, self.steps, node_forces, forces))
-        dt, diverged = self.stepper.dt, int(self.state.diverged[member])
+    def fields(self) -> dict[str, Any]:
+        """Fields of the Trajectory, at the end: outputs, contacts, and when it overflowed."""
+        tip, dt, diverged = self.stepper.system.tip_channel, self.stepper.dt, int(self.state.diverged[0])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
-            reason, remedy = (
-                "the forces of several contacts at once were not found",
-                "use a smaller dt, or the solver cvode",
-            )
+            reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
+        u, v = (np.ascontiguousarray(x[:, tip]) for x in (self.positions, self.velocities))  # of one contact views
+        contacts = []
+        for c, contact in enumerate(self.system.contacts):
+            # The kernel wrote the rows of one contact in order of time.
+            events = self.events[self.events[:, CONTACT] == c] if len(self.tally) > 1 else self.events
+            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
+            motion = self.positions[:, c], self.velocities[:, c]
+            contacts.append(record(contact.stops, *motion, self.tally[c], events, self.steps, node_forces, forces))
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 
     def _finish(self) -> None:
-        """Sort the impacts, leave open contacts open, and include the forces at start and end."""
-        tally, events = self.state.tally, self.events
+        """Leave open contacts open, and include the forces at start and end."""
+        tally, last = self.state.tally[0], (self.state.position[0], self.state.velocity[0])
         # An impact that is still open has no peak, impulse or end.
-        open_rows = tally[..., ROW][(tally[..., SIDE] != 0.0) & (tally[..., ROW] >= 0.0)].astype(int)
+        open_rows = tally[:, ROW][(tally[:, SIDE] != 0.0) & (tally[:, ROW] >= 0.0)].astype(int)
         if len(open_rows):
-            events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
-        events = events[: self._rows]
-        # By member, then contact; the kernel wrote the rows of one contact in order of time.
-        several = tally[..., 0].size > 1
-        order = np.lexsort((np.arange(len(events)), events[:, CONTACT], events[:, MEMBER])) if several else slice(None)
-        self.events = events[order]
-        last, means = (self.state.position, self.state.velocity), self.stepper.treatment.means
-        self.tally = tally if means else end_tallies(tally, self.law, self.stepper.dt, last)
+            self.events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
+        self.events = self.events[: self._rows]
+        means = self.stepper.treatment.means
+        self.tally = tally if means else end_tallies(tally, self._launch.law, self.stepper.dt, last)
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Consecutive steps of the only member of a march, with the data to compute them again."""
+    """Consecutive steps of a march, with the data to compute them again."""
 
     march: March
     block: Propagator
@@ -322,8 +282,8 @@ def functions(system: System) -> list[object]:
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
 
 
-def initial_channels(systems: Sequence[System]) -> tuple[Array, Array]:
-    """Positions and velocities (M, C) of the channels of M systems at t = 0."""
-    each = [[channel_motion(row, o, 0.0, x.q0, x.v0) for row, o in x.channels] for x in systems]
-    u, v = np.moveaxis(np.array(each, float).reshape(len(systems), -1, 2), 2, 0)
-    return np.ascontiguousarray(u), np.ascontiguousarray(v)
+def initial_channels(system: System) -> tuple[Array, Array]:
+    """Positions and velocities (C,) of the channels of a system at t = 0."""
+    each = [channel_motion(row, o, 0.0, system.q0, system.v0) for row, o in system.channels]
+    u, v = np.array(each, float).reshape(-1, 2).T.copy()
+    return u, v

@@ -116,11 +116,11 @@ class Plan:
         if self.rule == RIGID:
             fields = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
         else:
-            march = March(self.stepper, [system], self.steps, every, since)
+            march = March(self.stepper, system, self.steps, every, since)
             for done in march.advance():
                 if progress is not None and not march.state.diverged[0]:
                     progress(done)
-            fields = march.fields(0)
+            fields = march.fields()
         ended = clock()
         # States and energy are computed on demand, in a second march.
         return Trajectory(
@@ -134,17 +134,7 @@ class Plan:
 
     def runs(self, members: EnsembleMembers, apart: bool, every: int | None, since: int) -> list[Trajectory]:
         """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
-        plans = [self.of(member, apart) for member in members]
-        together = [i for i, plan in enumerate(plans) if plan is self and self.rule != RIGID]
-        alone = set(range(len(plans))) - set(together)
-        runs = {i: slim(plans[i].run(members[i], every, None, since)) for i in alone}
-        if together:
-            march = March(self.stepper, [members[i] for i in together], self.steps, every, since)
-            for _ in march.advance():
-                pass
-            for k, i in enumerate(together):
-                runs[i] = Trajectory(**march.fields(k, tip_only=True), work=Work(), provenance={})
-        return [runs[i] for i in range(len(plans))]
+        return [slim(self.of(member, apart).run(member, every, None, since)) for member in members]
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""

@@ -8,7 +8,6 @@ one product with ``reading`` and one with ``transition`` per block, and touches 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property, reduce
 
 import numpy as np
@@ -156,20 +155,19 @@ class Propagator:
         return len(self.one.keep) * self.coordinates.rows.shape[1]
 
     def pack(self, z: Array) -> Array:
-        """The scheme's states (a, members, N) -> (members, D + ...), see Block."""
-        mixed = np.einsum("ce,emj->cmj", self.one.mix, z)
+        """The scheme's state (a, N) -> (D + ...,), see Block."""
         # The state once more behind itself but for its last component, so that a shift by e n needs no wrapping.
         again = self.used - self.coordinates.parts
-        packed = aligned((mixed.shape[1], self.used + again))
-        packed[:, : self.used] = mixed.swapaxes(0, 1).reshape(len(packed), -1)
-        packed[:, self.used :] = packed[:, :again]
+        packed = aligned((self.used + again,))
+        packed[: self.used] = (self.one.mix @ z).ravel()
+        packed[self.used :] = packed[:again]
         return packed
 
     def unpack(self, packed: Array) -> Array:
-        """Packed (members, ...) -> states (a, members, N) that go on as the packed ones do."""
-        a, N = self.one.mix.shape[1], self.coordinates.rows.shape[1]
-        z = np.zeros((a, len(packed), N))
-        z[self.one.keep] = packed[:, : self.used].reshape(-1, len(self.one.keep), N).swapaxes(0, 1)
+        """Packed (..., D + ...) -> states (a, ..., N) that go on as the packed ones do."""
+        (*batch, _), (_, N) = packed.shape, self.coordinates.rows.shape
+        z = np.zeros((self.one.mix.shape[1], *batch, N))
+        z[self.one.keep] = np.moveaxis(packed[..., : self.used].reshape(*batch, -1, N), -2, 0)
         return z
 
     @property
@@ -218,20 +216,16 @@ class Propagator:
     @cached_property
     def own_forcing(self) -> Forcing:
         """``forcing`` of the system of the coordinates itself."""
-        return self.forcing([self.coordinates.system])
+        return self.forcing(self.coordinates.system)
 
-    def forcing(self, systems: Sequence[System]) -> Forcing:
-        """The harmonic and constant loads and offsets of systems that differ from this one in nothing else."""
-        drives, (D, R) = [Drive.of(system) for system in systems], self.block.reading.shape
-        V, d = len(systems), max(drive.size for drive in drives)
-        # Frequencies that a member does not have carry nothing.
-        frequencies, rows = np.ones((V, d // 2)), aligned((V, d, R + D))
-        velocity = np.zeros((V, self.steps, self.one.readers.channels, d))
-        for i, (drive, system) in enumerate(zip(drives, systems, strict=True)):
-            frequencies[i, : drive.size // 2] = drive.frequencies
-            rows[i, : drive.size], velocity[i, ..., : drive.size] = self._driven(drive, system)
-        constant = float(np.any(rows[:, 0]) or np.any(velocity[..., 0]))
-        return Forcing(constant, frequencies, rows, velocity)
+    def forcing(self, system: System) -> Forcing:
+        """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
+        drive = Drive.of(system)
+        rows, velocity = self._driven(drive, system)
+        constant = float(np.any(rows[0]) or np.any(velocity[..., 0]))
+        aligned_rows = aligned((1, *rows.shape))
+        aligned_rows[0] = rows
+        return Forcing(constant, np.array([drive.frequencies]), aligned_rows, np.ascontiguousarray(velocity)[None])
 
     def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
         """Rows (d, R + D) and velocities (K, C, d): the effect in a block of the drive at its start."""

@@ -39,7 +39,8 @@ def rigid_run(
     m, tip = len(system.contacts), system.tip_channel
     # Without outputs the interval is longer than the run, so that only the start has a row.
     thin, diverged = every or steps + 1, np.nan
-    outputs, at_steps, means = [initial_channels([system])], [initial_channels([system])[0][:, :m]], [np.zeros((0, m))]
+    start = tuple(x[None] for x in initial_channels(system))
+    outputs, at_steps, means = [start], [start[0][:, :m]], [np.zeros((0, m))]
     for done, q, v, reactions in _pieces(system, scheme, dt, steps):
         first = done - len(q)
         t = (first + 1 + np.arange(len(q))) * dt

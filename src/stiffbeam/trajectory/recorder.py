@@ -25,7 +25,6 @@ from .sampling import (
     IMPACT_PEAK,
     IMPULSE,
     LAST,
-    MEMBER,
     PEAK,
     ROW,
     SIDE,
@@ -48,46 +47,44 @@ def impacts_of(events: Array) -> Impacts:
 
 
 def forces_at(u: Array, v: Array, law: Array) -> Array:
-    """F (M, m) on the bodies at positions and velocities (M, C), the contacts first, under laws (M, m, 6)."""
-    m = law.shape[1]
-    return contact_forces(u[:, :m], v[:, :m], law)
+    """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
+    return contact_forces(u[: len(law)], v[: len(law)], law)
 
 
 def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
-    """Tallies (M, m, 8) of the steps after ``since``, from positions and velocities (M, C) at t = 0, the contacts
-    first; and rows of the contacts that are there, open, to begin the list of events with.
+    """Tallies (m, 8) of the steps after ``since``, from positions and velocities (C,) at t = 0, the contacts first; and
+    rows of the contacts that are there, open, to begin the list of events with.
 
     Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
     """
-    m = law.shape[1]
-    tally = np.zeros((*law.shape[:2], TALLY))
-    tally[..., ROW] = -1.0
-    tally[..., SINCE] = since
-    tally[..., SIDE] = side_at_start(u[:, :m], v[:, :m], law)
+    m = len(law)
+    tally = np.zeros((m, TALLY))
+    tally[:, ROW], tally[:, SINCE] = -1.0, since
+    tally[:, SIDE] = side_at_start(u[:m], v[:m], law)
     # A tally that begins later leaves out the contact at t = 0.
-    member, contact = np.nonzero(tally[..., SIDE]) if not since else 2 * (np.zeros(0, int),)
-    rows = np.zeros((len(member), EVENT))
-    if len(member):
-        size = np.abs(forces_at(u, v, law))[member, contact]
-        rows[:, MEMBER], rows[:, CONTACT], rows[:, TIME], rows[:, END] = member, contact, AT_START, -1.0
-        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[member, contact, SIDE], size
+    contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
+    rows = np.zeros((len(contact), EVENT))
+    if len(contact):
+        size = np.abs(forces_at(u, v, law))[contact]
+        rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
+        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
         rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
-        tally[member, contact, PEAK], tally[member, contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
-        tally[member, contact, ROW] = np.arange(len(member))
+        tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
+        tally[contact, ROW] = np.arange(len(contact))
     return tally, rows
 
 
 def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
-    """The tallies (M, m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
-    last: (u, u') there, each (M, C) with the contacts first. A tally that begins later stays."""
-    closed = (tally[..., SIDE] != 0.0) & (tally[..., SINCE] == 0.0)
+    """The tallies (m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
+    last: (u, u') there, each (C,) with the contacts first. A tally that begins later stays."""
+    closed = (tally[:, SIDE] != 0.0) & (tally[:, SINCE] == 0.0)
     if not closed.any():
         return tally
     # A force that jumps does not follow from the last state: the tally keeps it.
-    size = np.where(jumps(all_laws(law)), tally[..., LAST], np.abs(forces_at(*last, law)))
+    size = np.where(jumps(all_laws(law)), tally[:, LAST], np.abs(forces_at(*last, law)))
     tally = tally.copy()
     with np.errstate(over="ignore", invalid="ignore"):
-        tally[..., IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
+        tally[:, IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
     return tally
 
 
