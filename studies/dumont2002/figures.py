@@ -36,12 +36,12 @@ class Equation:
 
 
 EQUATIONS = {
-    "(4.13)": Equation("hht", 0, "HHT", "o"),
-    "(4.11)": Equation("bdf2", 0, "BDF2 on (3.5)", "^"),
-    "(4.5)": Equation("bdf2", 1, "BDF2 on (3.12)", "s"),
-    "(4.14)": Equation("sdirk", 0, "SDIRK (4.14)", "X"),
-    "(4.10)": Equation("sdirk", 1, "SDIRK on (3.12)", "P"),
-    "(4.12)": Equation("sdirk", 2, "SDIRK on (3.5)", "v"),
+    "(4.13)": Equation("HHT", 0, "HHT", "o"),
+    "(4.11)": Equation("BDF2", 0, "BDF2 on (3.5)", "^"),
+    "(4.5)": Equation("BDF2", 1, "BDF2 on (3.12)", "s"),
+    "(4.14)": Equation("SDIRK", 0, "SDIRK (4.14)", "X"),
+    "(4.10)": Equation("SDIRK", 1, "SDIRK on (3.12)", "P"),
+    "(4.12)": Equation("SDIRK", 2, "SDIRK on (3.5)", "v"),
 }
 SHADES = ((1.0, 0.0), (0.55, 0.0), (0.6, 0.4))  # share of the colour, share of white
 

@@ -112,7 +112,7 @@ def equation_of(scheme: Scheme, form: str) -> str:
     """The paper's number for ``scheme`` on ``form``: (4.5), (4.10), (4.11), (4.12), (4.13) or (4.14)."""
     if isinstance(scheme, SDIRK):
         return "(4.14)" if scheme.nystrom else "(4.10)" if form == "velocity-curvature" else "(4.12)"
-    if scheme.name == "bdf2":
+    if scheme.name == "BDF2":
         return "(4.5)" if form == "velocity-curvature" else "(4.11)"
     return "(4.13)"
 

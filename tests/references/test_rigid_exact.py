@@ -105,7 +105,7 @@ def march(system: sb.System, scheme: sb.Scheme, **more) -> sb.Trajectory:
         (lambda: march(rigid_chain(1)[0], sb.ExponentialFlow()), "grow"),
         (lambda: march(mass(), sb.BDF2(), contact="conserving"), "contact|conserve"),
         (lambda: march(mass(), sb.BDF2(), contact="extrapolated"), "contact"),
-        (lambda: march(soft(), sb.MoreauJean()), "trapezoidal"),
+        (lambda: march(soft(), sb.MoreauJean()), "Trapezoidal"),
         (lambda: march(mass(q=[0.2]), sb.BDF2()), "between"),
         (lambda: march(replace(mass(), contacts=mass().contacts * 2), sb.BDF2()), "follow"),
         (lambda: sb.integrate_ensemble(mass(), sb.BDF2(), 0.01, 1.0, [soft()]), "members"),

@@ -5,6 +5,7 @@ The functions that draw load matplotlib.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -20,7 +21,6 @@ from ..basics.storage import write_whole
 from ..measures.report import short
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES
-from ..schemes.labels import scheme_at_hand
 
 if TYPE_CHECKING:
     import pandas
@@ -43,7 +43,7 @@ SOLVERS = ("0.25", "#999933", "#882255", "#44AA99", "#AA4499", "#332288")  # mut
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 EXACT = ("exact", "multiprecision", "reference")  # what stands for the exact motion
 # Colour, dashes and marker of the schemes that state them; any other name takes one of the free pairs.
-LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items() if scheme.look is not None}
+LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items()}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
 _FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
 _COLOUR_OF: dict[str, int] = {}  # of the other names that this process has drawn
@@ -62,12 +62,11 @@ def look(label: str) -> dict[str, Any]:
     if label in REFERENCES:
         k = REFERENCES[label].look
         return {"color": SOLVERS[k % len(SOLVERS)], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
-    scheme = scheme_at_hand(label)
-    # A class of one's own may have kept the name of the one it is made from.
-    known = None if scheme is None or ":" in label else scheme.name
-    colour, dashes, marker = look_of_name(known or label)
-    other = 0
-    if known and short(label) != short(known):
+    # A user's class is named after its module.
+    name, other = re.split(r"[(.@]", label)[0], 0
+    known = name in LOOKS
+    colour, dashes, marker = look_of_name(name if known else label)
+    if known and short(label) != short(name):
         pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
         other = 1 + crc32(short(label).encode()) % (pairs - 1)
     return {

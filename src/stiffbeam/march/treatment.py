@@ -41,7 +41,7 @@ class Treatment:
         contacts, rigid = system.contacts, [contact.stops.rigid for contact in system.contacts]
         if isinstance(scheme, RigidScheme) and not all(rigid):
             stops = contacts[rigid.index(False)].stops
-            remedy = "use a scheme for compliant stops, as trapezoidal, or give stiffness = inf"
+            remedy = "use a scheme for compliant stops, as Trapezoidal, or give stiffness = inf"
             raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
         if any(rigid) and not all(rigid):
             remedy = "take very stiff ones for inf"
@@ -73,7 +73,7 @@ class Treatment:
         form = scheme.conserving if self.means else scheme
         if form is None:
             rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
-            raise InputError("scheme", str(scheme), rule, "use trapezoidal or exponential-flow")
+            raise InputError("scheme", str(scheme), rule, "use Trapezoidal or ExponentialFlow")
         return form
 
 

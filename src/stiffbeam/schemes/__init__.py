@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SCHEMES: dict[str, type[Scheme]] = {
-    scheme.name: scheme for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
+    scheme.__name__: scheme
+    for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
 }
 
 # For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
 RIGID: dict[str, type[RigidScheme]] = {
-    scheme.name: scheme for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)
+    scheme.__name__: scheme
+    for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)
 }
 
 

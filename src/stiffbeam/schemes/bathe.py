@@ -25,7 +25,6 @@ class Bathe(Scheme):
     Bathe and Baig, Comput. Struct. 83 (2005) 2513-2524; Bank et al., IEEE Trans. Electron Devices 32 (1985) 1992-2007.
     """
 
-    name = "bathe"
     look = (5, 5, 5)
     arguments = ("split",)
     variants = ({"split": 2.0 - 2.0**0.5},)

@@ -25,8 +25,6 @@ class BDF2(Scheme):
     BDF2()
     """
 
-    name = "bdf2"
-    paper = "(4.5), (4.11)"
     look = (0, 0, 0)
     history = 2
 

@@ -71,8 +71,6 @@ class Theta(Scheme):
     Dumont (2002), Section 5.2.1.
     """
 
-    name = "theta"
-    paper = "Section 5.2.1"
     look = (7, 8, 6)
     arguments = ("theta",)
 
@@ -119,7 +117,6 @@ class Trapezoidal(Theta):
     Trapezoidal()
     """
 
-    name = "trapezoidal"
     look = (4, 4, 4)
     arguments = ()
 
@@ -146,7 +143,6 @@ class ExponentialFlow(Scheme):
     ExponentialFlow()
     """
 
-    name = "exponential-flow"
     look = (6, 7, 6)
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:

@@ -31,7 +31,6 @@ class ContactStabilisedNewmark(RigidScheme):
     ContactStabilisedNewmark()
     """
 
-    name = "contact-stabilised"
     look = (2, 11, 5)
     nodes = (1.0, 1.0)
     conditions = (POSITION, POSITION)

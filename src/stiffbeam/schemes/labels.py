@@ -25,7 +25,7 @@ def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
     kind = _registered(name)
     if kind is None and ":" not in name:
-        remedy = near(name, [kind.__name__ for kind in (*SCHEMES.values(), *RIGID.values())])
+        remedy = near(name, [*SCHEMES, *RIGID])
         raise InputError("scheme", name, "be a registered scheme", remedy)
     kind = kind or user_class(name)
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
@@ -38,14 +38,9 @@ def make(name: str, **parameters: Any) -> Scheme:
 
 
 def _registered(name: str) -> type[Scheme] | None:
-    """The registered class of this name, None for another."""
-    kinds: list[type[Scheme]] = [*SCHEMES.values(), *RIGID.values()]
-    return {_plain(each): kind for kind in kinds for each in (kind.name, kind.__name__)}.get(_plain(name))
-
-
-def _plain(name: str) -> str:
-    """A name without capitals and hyphens: ``moreau-jean`` is MoreauJean."""
-    return name.lower().replace("-", "").replace("_", "")
+    """The registered class of this name, without regard to capitals and hyphens: ``moreau-jean``; None for another."""
+    plain = name.lower().replace("-", "").replace("_", "")
+    return next((kind for each, kind in (SCHEMES | RIGID).items() if each.lower() == plain), None)
 
 
 def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
@@ -104,25 +99,22 @@ def scheme_of(label: str) -> Scheme | None:
         return None
 
 
-def scheme_at_hand(label: str) -> Scheme | None:
-    """The scheme that the label of a run or a file names; None for a module that is not imported, because data from
-    others must not run code."""
-    module, colon, _ = label.partition(":")
-    return None if colon and module.strip() not in sys.modules else scheme_of(label)
-
-
 def label_of_run(scheme: Scheme) -> str:
     """The label of a run: that of its scheme, with the module of a class that has the name of a registered one."""
     kind, label = type(scheme), str(scheme)
-    if kind in (*SCHEMES.values(), *RIGID.values()) or scheme.erratum or _registered(kind.__name__) is None:
+    if kind in (SCHEMES | RIGID).values() or scheme.erratum or _registered(kind.__name__) is None:
         return label
     # Of a class within another or within a function, the place too: the module may have another of its name.
     return f"{kind.__module__}:{kind.__qualname__}{label.removeprefix(kind.__name__)}"
 
 
 def short_label(label: str) -> str:
-    """The label of a scheme where space is short, parameters to four digits; any other text as it is."""
-    scheme = scheme_at_hand(label)
+    """The label of a scheme where space is short, parameters to four digits; any other text as it is.
+
+    A module that is not imported stays so: data from others must not run code.
+    """
+    module, colon, _ = label.partition(":")
+    scheme = None if colon and module.strip() not in sys.modules else scheme_of(label)
     return label if scheme is None else scheme.label(digits=4)
 
 

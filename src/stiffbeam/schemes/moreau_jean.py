@@ -30,7 +30,6 @@ class MoreauJean(RigidScheme):
     Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; Acary, ZAMM 96 (2016) 585-603.
     """
 
-    name = "moreau-jean"
     look = (1, 6, 3)
     arguments = ("theta",)
     conditions = (VELOCITY,)

@@ -79,8 +79,6 @@ class HHT(WeightedNewmark):
     Dumont (2002), (4.13); Hilber, Hughes and Taylor, Earthquake Eng. Struct. Dyn. 5 (1977) 283-292.
     """
 
-    name = "hht"
-    paper = "(4.13)"
     look = (2, 2, 2)
     arguments = ("alpha",)
     variants = ({"alpha": 0.0}, {"alpha": -0.3})
@@ -113,7 +111,6 @@ class GeneralisedAlpha(WeightedNewmark):
     Chung and Hulbert, J. Appl. Mech. 60 (1993) 371-375, (25)-(27).
     """
 
-    name = "generalised-alpha"
     look = (3, 3, 3)
     arguments = ("rho",)
     variants = ({"rho": 0.0}, {"rho": 1.0})

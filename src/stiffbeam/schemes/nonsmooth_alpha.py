@@ -33,7 +33,6 @@ class NonsmoothGeneralisedAlpha(RigidScheme):
     Bruels, Acary and Cardona, Comput. Methods Appl. Mech. Eng. 281 (2014) 131-161; here C v~ in the place of C v.
     """
 
-    name = "nonsmooth-alpha"
     look = (3, 12, 1)
     arguments = ("rho",)
     nodes = (1.0, 1.0)

@@ -30,7 +30,6 @@ class PaoliSchatzman(RigidScheme):
     Paoli and Schatzman, SIAM J. Numer. Anal. 40 (2002) 702-733; Dumont and Paoli, ESAIM M2AN 40 (2006) 705-734.
     """
 
-    name = "paoli-schatzman"
     look = (4, 10, 2)
     arguments = ("beta",)
     conditions = (RESTITUTED,)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..model.contact import Stops
 
 Step = tuple[Array, list[Array]]  # z at t_{n+1}, and y at the nodes
-FACTS: dict[str, Any] = {"name": "", "paper": "", "look": None, "variants": ()}  # not inherited
 
 
 class Scheme(ABC):
@@ -31,9 +30,6 @@ class Scheme(ABC):
     scheme needs the force. ``step`` must be linear in (state, loads, reactions) and give the same result for the same
     input. The state at node i must not depend on a force at a later node; ``integrate`` checks this. The state z has
     shape (components, ..., n) and starts with y = (q, q').
-
-    A subclass does not inherit ``name``, ``paper``, ``look`` and ``variants``. By default its name is that of its class
-    in small letters.
 
     Examples
     --------
@@ -50,23 +46,13 @@ class Scheme(ABC):
     True
     """
 
-    name: ClassVar[str] = ""
-    paper: ClassVar[str] = ""  # the paper's equation numbers
-    look: ClassVar[tuple[int, int, int] | None] = None  # colour, dashes and marker, see figures/chart.py
+    look: ClassVar[tuple[int, int, int]]  # colour, dashes and marker of a registered class, see figures/chart.py
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
     erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
     arguments: ClassVar[tuple[str, ...]] = ()  # of the class, each kept under its name: they are the ``parameters``
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "erratum" in cls.__dict__:  # a printed form shares the facts of the scheme that it misprints
-            return
-        for fact, default in FACTS.items():
-            setattr(cls, fact, cls.__dict__.get(fact, default))
-        cls.name = cls.name or cls.__name__.lower()
 
     @property
     def starter(self) -> Scheme | None:
@@ -123,6 +109,11 @@ class Scheme(ABC):
         """The arguments that make this scheme again, for labels and provenance."""
         return {name: getattr(self, name) for name in self.arguments}
 
+    @property
+    def name(self) -> str:
+        """Name of the class; of a printed form that of the scheme that it misprints."""
+        return (type(self).__bases__[0] if self.erratum else type(self)).__name__
+
     def label(self, digits: int | None = None) -> str:
         """Return the one name of the scheme in tables, pictures, files and JSON, its class with its parameters.
 
@@ -137,9 +128,7 @@ class Scheme(ABC):
             for name, value in self.parameters.items()
             if digits is None or not isinstance(value, bool)
         )
-        # A printed form is a subclass of the scheme that it misprints.
-        kind = (type(self).__bases__[0] if self.erratum else type(self)).__name__
-        label = f"{kind}({inside})" if inside else kind
+        label = f"{self.name}({inside})" if inside else self.name
         return f"{label}.printed({self.erratum})" if self.erratum else label
 
     def __str__(self) -> str:

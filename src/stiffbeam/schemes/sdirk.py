@@ -48,7 +48,6 @@ class SDIRK(Scheme):
     0.435866521508459
     """
 
-    name = "sdirk"
     look = (1, 1, 1)
     variants = ({"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True})
 
@@ -82,11 +81,6 @@ class SDIRK(Scheme):
     def Abar(self) -> np.ndarray:
         """The Nystroem matrix A A: weights of the accelerations in the stage positions, over dt^2."""
         return self.A @ self.A
-
-    @property
-    def paper(self) -> str:  # type: ignore[override]
-        """The paper's equation numbers, of the Nystroem form or of the form in rates."""
-        return "(4.14)" if self.nystrom else "(4.10), (4.12)"
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -88,7 +88,7 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
     """Return integrators by label: the given ones, or the case's own schemes and every other registered one that
     supports its stops and its damping.
 
-    A scheme that the case runs on several forms counts once; ``theta`` with its default is the trapezoidal rule, which
+    A scheme that the case runs on several forms counts once; ``Theta`` with its default is the trapezoidal rule, which
     stands under that name.
     """
     if given is None:
@@ -96,7 +96,7 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
         for scheme, _ in case.runs:
             stated.setdefault(scheme.name, scheme)
         rigid = RIGID if case.system().rigid else {}
-        others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "theta" and name not in stated}
+        others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "Theta" and name not in stated}
         every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
         given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
     each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
