@@ -33,6 +33,13 @@ def aligned(shape: tuple[int, ...]) -> Array:
     return buffer[start : start + count].reshape(shape)
 
 
+def copied(values: Array) -> Array:
+    """A copy at a 64-byte boundary."""
+    copy = aligned(values.shape)
+    copy[:] = values
+    return copy
+
+
 def read_only(values: ArrayLike) -> Array:
     """A read-only copy of ``values``, or ``values`` itself if ``read_only`` made it.
 

@@ -70,23 +70,6 @@ HOT LOOP double dot(const double *restrict x, const double *restrict y, Int n)
     return (s + t) + (u + v);
 }
 
-/* Two rows on four vectors, `wide` apart: a row takes longer to load than to multiply. */
-HOT LOOP void dots(const double *restrict one, const double *restrict two, const double *const x[4], Int n,
-                   double *restrict out)
-{
-    const double *restrict a = x[0], *restrict b = x[1], *restrict c = x[2], *restrict d = x[3];
-    double s0 = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, t0 = 0.0, t1 = 0.0, t2 = 0.0, t3 = 0.0;
-#pragma omp simd reduction(+ : s0, s1, s2, s3, t0, t1, t2, t3)
-    for (Int j = 0; j < n; j++) {
-        double p = one[j], q = two[j];
-        s0 += a[j] * p, t0 += a[j] * q;
-        s1 += b[j] * p, t1 += b[j] * q;
-        s2 += c[j] * p, t2 += c[j] * q;
-        s3 += d[j] * p, t3 += d[j] * q;
-    }
-    out[0] = s0, out[1] = s1, out[2] = s2, out[3] = s3, out[4] = t0, out[5] = t1, out[6] = t2, out[7] = t3;
-}
-
 HOT LOOP void add(double *restrict y, const double *restrict x, double factor, Int n)
 {
     for (Int j = 0; j < n; j++) y[j] += factor * x[j];

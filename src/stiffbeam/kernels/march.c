@@ -1,9 +1,8 @@
-/* The march in blocks: members of an ensemble one after another, each in blocks of K steps of a scheme.
+/* The march in blocks of K steps of a scheme.
  *
- * A block is one linear map of x = (z, g, forces): the state and the drive at its start, the forces that its nodes
- * find. Rows on x give the entries and the new state; `effects` on x give velocities, see `place_effects`. The linear
- * part of a block costs two products; the forces of the stops are then found node by node, each of which moves what
- * comes after it.
+ * A block is one linear map of the state and the drive at its start and of the forces that its nodes find. Its linear
+ * part costs two products; the forces of the stops are then found node by node, each of which moves what comes after
+ * it. Velocities at the ends of steps are computed where they are asked for.
  */
 #include "march.h"
 #include "loops.h"
@@ -12,25 +11,19 @@
 
 #define OVERFLOWN 1e100 /* a position beyond ends the run; its square, in an energy, is still a number */
 #define ON        1e-14 /* of a position: so near a stop a node is on it */
-#define RING      8     /* blocks whose x is held */
-#define DENSE     8     /* outputs further apart than so many steps are read one by one */
+#define DENSE     8     /* velocities at outputs further apart than so many steps are computed one by one */
 
-/* A member on its way, and memory. x: state, drive (1 + 2 F numbers), from `base` on the forces, W numbers in all. */
+/* A run on its way, and memory. */
 typedef struct {
     const Block *b;
     const Drive *drive;
     const Run *run;
-    const Law *law; /* (m,) of this member */
     Node node;
-    Int wide, base, W;          /* R + D; see above */
-    double *effects;            /* (C, K, W): of x on the channels' velocities at the ends of the steps */
-    double *z, *out, *x;        /* state; entries and new state (R + D,); x of the last blocks (RING, W) */
-    double *u, *v, *node_force; /* (K,) positions, velocities and nodes' forces of a contact */
-    double *speeds;             /* (4, K) */
-    double *low, *high, *stiff; /* stops of a panel's entries; of one contact the stiffness of every node (N,) */
-    Int i, rows, resumed;       /* member, free row of events, first block of this call */
-    Int waiting, pressed,
-        of_block[4]; /* blocks whose velocities are not yet written; 1 where a stop is touched in one */
+    Int wide;                      /* R + D */
+    double *out, *g, *f;           /* of a block: entries and new state, drive, forces */
+    double *u, *v, *node_force;    /* (K,) positions and nodes' forces of a channel, (C, K) velocities */
+    double *low, *high, *stiff;    /* stops of a panel's entries; of one contact the stiffness of every node (N,) */
+    Int rows, touched;             /* free row of events; 1 where a stop is touched in the block */
 } Motion;
 
 /* ------------------------------------------------------------------ a block */
@@ -47,7 +40,7 @@ static inline double pushed(const Motion *s, const double *f, Int first, Int i, 
 static int node_forces(Motion *s, const double *f, Int first, Int i)
 {
     const Block *b = s->b;
-    const Law *law = s->law;
+    const Law *law = s->run->law;
     Node *x = &s->node;
     Int m = s->run->m, wide = s->wide, beyond = 0;
     const double *S = b->push + i * wide;
@@ -98,7 +91,7 @@ static inline void press_springs(const double *restrict push, Int wide, double g
 static Int resolve(Motion *s, double *f)
 {
     const Block *b = s->b;
-    const Law *law = s->law;
+    const Law *law = s->run->law;
     Node *x = &s->node;
     double *out = s->out;
     Int m = s->run->m, wide = s->wide, panel = m < 8 ? 8 / m * m : m, touched = 0,
@@ -128,23 +121,24 @@ static Int resolve(Motion *s, double *f)
 }
 
 /* The drive g at t. */
-static void drive_at(const Drive *d, Int v, double t, double *g)
+static void drive_at(const Drive *d, double t, double *g)
 {
     g[0] = d->constant;
-    for (Int f = 0; f < d->F; f++) {
-        double phase = d->frequencies[v * d->F + f] * t;
-        g[1 + 2 * f] = sin(phase), g[2 + 2 * f] = cos(phase);
-    }
+    for (Int f = 0; f < d->F; f++) g[1 + 2 * f] = sin(d->frequencies[f] * t), g[2 + 2 * f] = cos(d->frequencies[f] * t);
 }
 
-static double *x_of(const Motion *s, Int block) { return s->x + (block % RING) * s->W; }
-
-/* The velocity of channel c at the end of step k of a block. */
-static double speed(const Motion *s, Int block, Int k, Int c)
+/* `count` velocities of a block from the first on, of all channels at the ends of all steps, to their places in s->v. */
+static const double *speeds(const Motion *s, Int block, Int first, Int count)
 {
     const Block *b = s->b;
-    double total = dot(s->effects + (c * b->K + k) * s->W, x_of(s, block), s->W);
-    return s->run->inflows ? total + s->run->inflow_velocity[(block * b->K + k) * b->C + c] : total;
+    Int all = b->C * b->K;
+    double *v = s->v + first;
+    if (s->run->inflows) memcpy(v, s->run->inflow_velocity + block * all + first, (size_t)count * sizeof *v);
+    else memset(v, 0, (size_t)count * sizeof *v);
+    add_rows(v, count, s->run->z, b->velocity + first, all, b->D);
+    add_rows(v, count, s->g, s->drive->velocity + first, all, 1 + 2 * s->drive->F);
+    if (s->touched) add_rows(v, count, s->f, b->velocity_push + first, all, b->nodes);
+    return v;
 }
 
 /* ------------------------------------------------------------------ outputs */
@@ -152,55 +146,20 @@ static double speed(const Motion *s, Int block, Int k, Int c)
 /* Steps of a block, which begins after step `at`, before its first output. */
 static Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }
 
-/* Write the velocities at the outputs of the blocks that wait for them. */
-static void keep_speeds(Motion *s)
+/* The outputs of channel c in a block of `count` steps after step `at`; dense: its velocities are known. */
+static void keep(const Motion *s, Int block, Int c, Int at, Int count, int dense)
 {
     const Block *b = s->b;
     const Run *run = s->run;
-    Int K = b->K, per_step = b->nodes / K, dense = run->every < DENSE;
-    const double *x[4];
-    for (Int j = 0; j < 4; j++) x[j] = x_of(s, s->of_block[j < s->waiting ? j : 0]);
-    for (Int c = 0; c < b->C; c++) {
-        for (Int k = 0; dense && k < K; k += 2) {
-            Int after = k + 1 < K ? k + 1 : k,
-                length = s->base + (s->pressed ? (after + 1) * per_step : 0); /* no force acts before its own step */
-            double sums[8];
-            dots(s->effects + (c * K + k) * s->W, s->effects + (c * K + after) * s->W, x, length, sums);
-            for (Int j = 0; j < 4; j++) s->speeds[j * K + k] = sums[j], s->speeds[j * K + after] = sums[4 + j];
-        }
-        for (Int j = 0; j < s->waiting; j++) {
-            Int block = s->of_block[j], at = run->first + block * K,
-                count = K < run->steps - block * K ? K : run->steps - block * K;
-            double *out = run->velocities + (s->i * run->outputs + at / run->every + 1) * b->C + c;
-            double *speeds = s->speeds + j * K;
-            Int k = first_output(run, at), every = run->every, C = b->C;
-            for (Int i = k; !dense && i < count; i += every) speeds[i] = speed(s, block, i, c);
-            for (Int i = k; dense && run->inflows && i < count; i += every)
-                speeds[i] += run->inflow_velocity[(block * K + i) * C + c];
-            for (; k < count; k += every, out += C) *out = speeds[k];
-        }
+    Int C = b->C, m = run->m, first = b->end_first[c], apart = b->end_stride[c], o = at / run->every + 1;
+    for (Int k = first_output(run, at); k < count; k += run->every, o++) {
+        double u = s->out[first + k * apart];
+        run->positions[o * C + c] = u;
+        run->velocities[o * C + c] = dense ? s->v[c * b->K + k] : *speeds(s, block, c * b->K + k, 1);
+        if (run->times && c == 0) run->times[o] = (double)(o * run->every) * run->dt;
+        if (run->node_forces && c < m && first < b->N) run->node_forces[o * m + c] = s->f[first + k * apart];
+        if (run->contact_forces && c < m) run->contact_forces[o * m + c] = -run->law[c].kappa * depth(u, run->law + c);
     }
-    s->waiting = s->pressed = 0;
-}
-
-/* The other outputs of channel c in a block of `count` steps after step `at`. */
-static void keep(const Motion *s, Int c, Int at, Int count, const double *f)
-{
-    const Block *b = s->b;
-    const Run *run = s->run;
-    Int o = at / run->every + 1, outputs = (at + count) / run->every - at / run->every;
-    Int first = b->end_first[c] + first_output(run, at) * b->end_stride[c], apart = run->every * b->end_stride[c];
-    const double *u = s->out + first;
-    double *p = run->positions + (s->i * run->outputs + o) * b->C + c;
-    for (Int j = 0; j < outputs; j++) p[j * b->C] = u[j * apart];
-    if (run->times && c == 0)
-        for (Int j = 0; j < outputs; j++) run->times[o + j] = (double)((o + j) * run->every) * run->dt;
-    if (c >= run->m) return;
-    Int to = (s->i * run->outputs + o) * run->m + c;
-    for (Int j = 0; run->node_forces && b->end_first[c] < b->N && j < outputs; j++)
-        run->node_forces[to + j * run->m] = f[first + j * apart];
-    for (Int j = 0; run->contact_forces && j < outputs; j++)
-        run->contact_forces[to + j * run->m] = -s->law[c].kappa * depth(u[j * apart], s->law + c);
 }
 
 /* ------------------------------------------------------------------ impacts */
@@ -265,21 +224,18 @@ static inline Int scan(const double *u, const double *v, const double *node_forc
 }
 
 /* Impacts of contact c in a block. */
-static void watch(Motion *s, Int c, Int block, Int at, Int count, const double *f)
+static void watch(Motion *s, Int block, Int c, Int at, Int count)
 {
     const Block *b = s->b;
     const Run *run = s->run;
-    const Law *l = s->law + c;
-    double *tally = run->tally + (s->i * run->m + c) * TALLY, *v = NULL, *node_force = NULL;
+    const Law *l = run->law + c;
+    const double *v = damps(l) ? speeds(s, block, c * b->K, count) : NULL;
+    double *tally = run->tally + c * TALLY, *node_force = NULL;
     Int entry = b->end_first[c], stride = b->end_stride[c], opened = (Int)tally[ROW], means = b->rule == MEAN;
     for (Int k = 0; k < count; k++) s->u[k] = s->out[entry + k * stride];
-    if (damps(l)) {
-        v = s->v;
-        for (Int k = 0; k < count; k++) v[k] = speed(s, block, k, c);
-    }
     if (means || (jumps(l) && entry < b->N)) {
         node_force = s->node_force;
-        for (Int k = 0; k < count; k++) node_force[k] = means ? f[k * run->m + c] : f[entry + k * stride];
+        for (Int k = 0; k < count; k++) node_force[k] = s->f[means ? k * run->m + c : entry + k * stride];
     }
     /* Where F = F(u) once more: the compiler leaves out what stands behind an argument that is NULL. */
     Int new = v || node_force
@@ -295,129 +251,69 @@ static void watch(Motion *s, Int c, Int block, Int at, Int count, const double *
         double *e = run->events + row * EVENT;
         Int k = (Int)e[column];
         if (k < 0) continue;
-        double u0 = k > 0 ? s->u[k - 1] : run->position[s->i * b->C + c];
-        double v0 = k > 0                ? speed(s, block, k - 1, c)
-                    : block > s->resumed ? speed(s, block - 1, b->K - 1, c)
-                                         : run->velocity[s->i * b->C + c];
-        double inside = switch_time(u0, v0, s->u[k], speed(s, block, k, c), e[STOP], l, run->dt);
+        double u0 = k > 0 ? s->u[k - 1] : run->position[c], v0 = k > 0 ? *speeds(s, block, c * b->K + k - 1, 1) : run->velocity[c];
+        double inside = switch_time(u0, v0, s->u[k], *speeds(s, block, c * b->K + k, 1), e[STOP], l, run->dt);
         e[column] = ((double)(at + k) + inside) * run->dt;
-        e[MEMBER] = (double)s->i, e[CONTACT] = (double)c;
+        e[CONTACT] = (double)c;
     }
     s->rows = new;
 }
 
-/* ------------------------------------------------------------------ members */
+/* ------------------------------------------------------------------ the run */
 
-/* One block: 0 where the member goes on. */
+/* One block: 0 where the run goes on. */
 static int pass_block(Motion *s, Int block)
 {
     const Block *b = s->b;
     const Drive *drive = s->drive;
     const Run *run = s->run;
-    Int K = b->K, m = run->m, R = b->R, D = b->D, wide = s->wide, i = s->i, v = i < drive->V ? i : drive->V - 1;
-    Int at = run->first + block * K, count = K < run->steps - block * K ? K : run->steps - block * K,
-        d = 1 + 2 * drive->F;
-    double *x = x_of(s, block), *g = x + D, *f = x + s->base, *out = s->out;
+    Int K = b->K, m = run->m, R = b->R, D = b->D, wide = s->wide, at = run->first + block * K,
+        count = K < run->steps - block * K ? K : run->steps - block * K, d = 1 + 2 * drive->F;
+    double *out = s->out, *z = run->z;
     /* Without contact forces: positions at all nodes, and the state at the end. */
-    memcpy(x, s->z, (size_t)D * sizeof *x);
-    drive_at(drive, v, (double)at * run->dt, g);
+    drive_at(drive, (double)at * run->dt, s->g);
     if (run->inflows)
         memcpy(out, run->inflow + block * wide, (size_t)R * sizeof *out);
     else
         memset(out, 0, (size_t)R * sizeof *out);
-    turn(b->transition, b->a, b->n, D, s->z, out + R);
+    turn(b->transition, b->a, b->n, D, z, out + R);
     for (Int j = R; run->inflows && j < wide; j++) out[j] += run->inflow[block * wide + j];
-    add_rows(out, R, x, b->reading, R, D);
-    Int still = g[0] == 0.0;
-    add_rows(out, wide, g + still, drive->rows + (v * d + still) * wide, wide, d - still);
+    add_rows(out, R, z, b->reading, R, D);
+    Int still = s->g[0] == 0.0;
+    add_rows(out, wide, s->g + still, drive->rows + still * wide, wide, d - still);
     /* Then the forces of the stops, each of which moves what comes after it. */
-    for (Int c = 0; b->rule == MEAN && c < m; c++) s->node.before[c] = run->position[i * b->C + c];
-    Int touched = m ? resolve(s, f) : 0;
+    for (Int c = 0; b->rule == MEAN && c < m; c++) s->node.before[c] = run->position[c];
+    Int touched = m ? resolve(s, s->f) : 0;
     if (touched < 0) {
-        run->diverged[i] = -(at + (-1 - touched) * K / b->nodes + 1);
+        *run->diverged = -(at + (-1 - touched) * K / b->nodes + 1);
         return 1;
     }
+    s->touched = touched != 0;
     if (run->starts) {
         Int state = D + (b->a - 1) * b->n;
-        memcpy(run->starts + block * state, s->z, (size_t)state * sizeof *x);
-        if (b->N) memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *f);
+        memcpy(run->starts + block * state, z, (size_t)state * sizeof *z);
+        if (b->N) memcpy(run->forces + block * b->N, s->f, (size_t)b->N * sizeof *z);
     }
+    int dense = run->outputs && run->every < DENSE;
+    if (dense) speeds(s, block, 0, b->C * K);
     for (Int c = 0; c < b->C; c++) {
         const double *u = out + b->end_first[c];
         Int apart = b->end_stride[c];
         if (!(fabs(u[(count - 1) * apart]) < OVERFLOWN)) {
             for (Int k = count - 1; k >= 0; k--)
-                if (!(fabs(u[k * apart]) < OVERFLOWN)) run->diverged[i] = at + k + 1;
+                if (!(fabs(u[k * apart]) < OVERFLOWN)) *run->diverged = at + k + 1;
             return 1;
         }
-        if (run->outputs) keep(s, c, at, count, f);
+        if (run->outputs) keep(s, block, c, at, count, dense);
         /* A position that is not at a node may be beyond a stop although no node is. */
-        if (c < m && (touched || run->tally[(i * m + c) * TALLY + SIDE] != 0.0 || b->end_first[c] >= b->N))
-            watch(s, c, block, at, count, f);
-        run->position[i * b->C + c] = u[(count - 1) * apart];
+        if (c < m && (touched || run->tally[c * TALLY + SIDE] != 0.0 || b->end_first[c] >= b->N))
+            watch(s, block, c, at, count);
+        run->position[c] = u[(count - 1) * apart];
+        run->velocity[c] = dense ? s->v[c * K + count - 1] : *speeds(s, block, c * K + count - 1, 1);
     }
-    if (run->outputs && at / run->every != (at + count) / run->every)
-        s->of_block[s->waiting++] = block, s->pressed |= touched != 0;
-    memcpy(s->z, out + R, (size_t)D * sizeof *x);
-    memcpy(s->z + D, s->z, (size_t)((b->a - 1) * b->n) * sizeof *x);
+    memcpy(z, out + R, (size_t)D * sizeof *z);
+    memcpy(z + D, z, (size_t)((b->a - 1) * b->n) * sizeof *z);
     return 0;
-}
-
-/* The part of the drive in `effects`: the same for all members, or this one's. */
-static void place_drive(const Motion *s, Int v)
-{
-    const Block *b = s->b;
-    Int d = 1 + 2 * s->drive->F;
-    for (Int c = 0; c < b->C; c++)
-        for (Int k = 0; k < b->K; k++)
-            memcpy(s->effects + (c * b->K + k) * s->W + b->D, s->drive->velocity + ((v * b->K + k) * b->C + c) * d,
-                   (size_t)d * sizeof(double));
-}
-
-/* The parts of state and forces, and of a drive that all members share. */
-static void place_effects(const Motion *s)
-{
-    const Block *b = s->b;
-    for (Int c = 0; c < b->C; c++)
-        for (Int k = 0; k < b->K; k++) {
-            double *row = s->effects + (c * b->K + k) * s->W;
-            memcpy(row, b->velocity + (k * b->C + c) * b->D, (size_t)b->D * sizeof *row);
-            memcpy(row + s->base, b->velocity_push + (k * b->C + c) * b->N, (size_t)b->N * sizeof *row);
-        }
-    if (s->drive->V == 1) place_drive(s, 0);
-}
-
-/* A member to the end of the call, from block `cursor[1]` on; 0 where the list of impacts may not hold another block's.
- */
-static int pass_member(Motion *s)
-{
-    const Block *b = s->b;
-    const Run *run = s->run;
-    Int i = s->i, m = run->m, blocks = (run->steps + b->K - 1) / b->K, state = b->D + (b->a - 1) * b->n;
-    Int several = run->every < DENSE ? 4 : 1, panel = m && m < 8 ? 8 / m * m : m, block, ended = 0, full = 0;
-    s->law = run->law + i * m;
-    memcpy(s->z, run->z + i * state, (size_t)state * sizeof *s->z);
-    for (Int j = 0; j < panel; j++) s->low[j] = s->law[j % m].g1, s->high[j] = s->law[j % m].g2;
-    for (Int j = 0; m == 1 && j < b->nodes; j++) s->stiff[j] = spring_stiffness(b->push[j * s->wide + j], s->law);
-    if (s->drive->V > 1) place_drive(s, i);
-    s->waiting = s->pressed = 0, s->resumed = run->cursor[1];
-    for (block = s->resumed; block < blocks && !ended; block++) {
-        if ((full = s->rows + m * b->K > run->room)) break;
-        if (s->waiting == several || (s->waiting && s->of_block[0] <= block - RING + 2)) keep_speeds(s);
-        ended = pass_block(s, block);
-    }
-    if (s->waiting) keep_speeds(s);
-    if (ended) { /* the outputs that follow were not computed */
-        Int o = (run->first + (block - 1) * b->K) / run->every + 1, after = (i * run->outputs + o) * b->C;
-        size_t length = run->outputs ? (size_t)((run->outputs - o) * b->C) * sizeof(double) : 0;
-        if (length) memset(run->positions + after, 0, length), memset(run->velocities + after, 0, length);
-    } else if (block > s->resumed) {
-        Int count = block < blocks ? b->K : run->steps - (blocks - 1) * b->K;
-        for (Int c = 0; c < b->C; c++) run->velocity[i * b->C + c] = speed(s, block - 1, count - 1, c);
-    }
-    memcpy(run->z + i * state, s->z, (size_t)state * sizeof *s->z);
-    run->cursor[1] = full ? block : 0;
-    return !full;
 }
 
 /* Places in memory `at`, each at a 64-byte boundary, none in NULL; returns its length in numbers. */
@@ -425,9 +321,8 @@ static Int places(Motion *s, double *at)
 {
     const Block *b = s->b;
     Int m = s->run->m, used = 0, panel = m < 8 ? 8 : m, K = b->K;
-    double **where[] = {&s->out,    &s->x,   &s->z,    &s->u,     &s->v,      &s->node_force,
-                        &s->speeds, &s->low, &s->high, &s->stiff, &s->effects};
-    Int sizes[] = {s->wide, RING * s->W, b->D + (b->a - 1) * b->n, K, K, K, 4 * K, panel, panel, b->N, b->C * K * s->W};
+    double **where[] = {&s->out, &s->g, &s->f, &s->u, &s->v, &s->node_force, &s->low, &s->high, &s->stiff};
+    Int sizes[] = {s->wide, 1 + 2 * s->drive->F, b->N, K, b->C * K, K, panel, panel, b->N};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         *where[i] = at ? at + used : NULL;
         used += (sizes[i] + 7) / 8 * 8;
@@ -437,30 +332,25 @@ static Int places(Motion *s, double *at)
 
 API Int march(const Block *b, const Drive *drive, const Run *run)
 {
-    Int base = (b->D + 1 + 2 * drive->F + 7) / 8 * 8, done = 1;
-    Motion s = {.b = b,
-                .drive = drive,
-                .run = run,
-                .wide = b->R + b->D,
-                .base = base,
-                .W = base + b->N,
-                .rows = run->cursor[2]};
+    Motion s = {.b = b, .drive = drive, .run = run, .wide = b->R + b->D, .rows = run->cursor[1]};
+    Int m = run->m, blocks = (run->steps + b->K - 1) / b->K, panel = m && m < 8 ? 8 / m * m : m, block, full = 0;
     void *memory;
     double *at = aligned(places(&s, NULL), &memory);
     if (!at) return NO_MEMORY;
     places(&s, at);
-    place_effects(&s);
-    for (Int i = run->cursor[0]; i < run->M && done; i++) {
-        s.i = i;
-        if (run->diverged[i])
-            run->cursor[1] = 0; /* it stays where it is; the others go on */
-        else
-            done = pass_member(&s);
-        run->cursor[0] = done ? 0 : i;
+    for (Int j = 0; j < panel; j++) s.low[j] = run->law[j % m].g1, s.high[j] = run->law[j % m].g2;
+    for (Int j = 0; m == 1 && j < b->nodes; j++) s.stiff[j] = spring_stiffness(b->push[j * s.wide + j], run->law);
+    for (block = run->cursor[0]; block < blocks && !*run->diverged; block++) {
+        if ((full = s.rows + m * b->K > run->room)) break;
+        if (pass_block(&s, block) && run->outputs) { /* the outputs that follow are not computed */
+            Int o = (run->first + block * b->K) / run->every + 1;
+            size_t length = (size_t)((run->outputs - o) * b->C) * sizeof(double);
+            memset(run->positions + o * b->C, 0, length), memset(run->velocities + o * b->C, 0, length);
+        }
     }
-    run->cursor[2] = s.rows;
+    run->cursor[0] = full ? block : 0, run->cursor[1] = s.rows;
     free(memory);
-    return done ? DONE : LIST_IS_FULL;
+    return full ? LIST_IS_FULL : DONE;
 }
 
 /* ------------------------------------------------------------------ states that a block passes over */

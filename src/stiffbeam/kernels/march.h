@@ -12,7 +12,7 @@ enum { NO_MEMORY = -1, LIST_IS_FULL = 0, DONE = 1 };
 
 /* ---------------------------------------------------------------- blocks of steps */
 
-/* K steps of a scheme as one linear map, the same for every member of an ensemble.
+/* K steps of a scheme as one linear map.
  *
  * A state of a components and n modes, D = a n numbers, is held as z (D + (a - 1) n,): its components, then all but the
  * last once more, so that z[e n + d] is what is e components after z[d]. The block gives R entries (positions at all
@@ -25,8 +25,8 @@ typedef struct {
     const double *reading;       /* (D, R) */
     const double *transition;    /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
     const double *push;          /* (N, R + D): of a unit force on entries and new state */
-    const double *velocity;      /* (K, C, D): of the state on the channels' velocities at the ends of the steps */
-    const double *velocity_push; /* (K, C, N): of the forces */
+    const double *velocity;      /* (D, C, K): of the state on the channels' velocities at the ends of the steps */
+    const double *velocity_push; /* (N, C, K): of the forces */
     const Int *end_first;        /* (C,) the entry that holds a channel at the end of the first step, */
     const Int *end_stride;       /* (C,) and how many entries later the next one is */
     const Int *rates;            /* (N,) the entry that holds the velocity at a node; NULL unless rated */
@@ -34,38 +34,38 @@ typedef struct {
 
 /* Response of a block to the drive g = (1, sin w1 t, cos w1 t, ..) at its start, d = 1 + 2 F numbers. */
 typedef struct {
-    Int F, V;                  /* frequencies; drives: 1, or one for every member */
+    Int F;
     double constant;           /* 1, or 0 where nothing is constant in time */
-    const double *frequencies; /* (V, F) */
-    const double *rows;        /* (V, d, R + D) */
-    const double *velocity;    /* (V, K, C, d) */
+    const double *frequencies; /* (F,) */
+    const double *rows;        /* (d, R + D) */
+    const double *velocity;    /* (d, C, K) */
 } Drive;
 
-/* `steps` steps of M members from step `first`. Arrays without const are written or advanced in place. */
+/* `steps` steps from step `first`. Arrays without const are written or advanced in place. */
 typedef struct {
-    Int M, m, first, steps;   /* members, contacts, range of steps */
+    Int m, first, steps;      /* contacts, range of steps */
     Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
     Int inflows;              /* blocks with sampled loads or offsets, 0 for none */
     double dt;
-    const Law *law;                /* (M, m) */
+    const Law *law;                /* (m,) */
     const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block */
-    const double *inflow_velocity; /* (B, K, C) */
-    double *z;                     /* (M, D + (a - 1) n) */
-    double *position, *velocity;   /* (M, C) at the last step */
-    double *tally;                 /* (M, m, TALLY) */
-    Int *diverged; /* (M,) the step that overflowed, minus that whose forces were not found, 0 for none */
+    const double *inflow_velocity; /* (B, C, K) */
+    double *z;                     /* (D + (a - 1) n,) */
+    double *position, *velocity;   /* (C,) at the last step */
+    double *tally;                 /* (m, TALLY) */
+    Int *diverged; /* (1,) the step that overflowed, minus that whose forces were not found, 0 for none */
     double *times; /* (outputs,) or NULL */
-    double *positions, *velocities; /* (M, outputs, C) */
-    double *node_forces;            /* (M, outputs, m) of the nodes at the ends of steps, or NULL */
-    double *contact_forces;         /* (M, outputs, m) of linear stops, or NULL */
-    double *starts, *forces; /* (B, D + (a - 1) n), (B, N): of the only member, for the energy balance, or NULL */
+    double *positions, *velocities; /* (outputs, C) */
+    double *node_forces;            /* (outputs, m) of the nodes at the ends of steps, or NULL */
+    double *contact_forces;         /* (outputs, m) of linear stops, or NULL */
+    double *starts, *forces; /* (B, D + (a - 1) n), (B, N): for the energy balance, or NULL */
     double *events;          /* (room, EVENT) list of impacts */
-    Int *cursor;             /* (3,) member, block, free row of events: where the next call goes on */
+    Int *cursor;             /* (2,): block, free row of events: where the next call goes on */
 } Run;
 
 /* Columns of a contact's tally and of the list of impacts, see sampling.py. */
 enum { SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST, TALLY = 8 };
-enum { MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END, EVENT };
+enum { CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END, EVENT };
 
 /* DONE, or LIST_IS_FULL where the list of impacts may not hold another block's: call again with a longer one. */
 API Int march(const Block *block, const Drive *drive, const Run *run);

@@ -16,24 +16,24 @@ from ..basics.arrays import Array, IntArray
 from .library import Int, Real, Structure, address, filled, library
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
-LAW, TALLY, EVENT = 6, 8, 7  # numbers of a law, a tally and an impact
+LAW, TALLY, EVENT = 6, 8, 6  # numbers of a law, a tally and an impact
 OVERFLOW = 1e100  # A position beyond this ends the run. Its square, in an energy, is still a float64.
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
 _Block = Structure(
     "R D N a n C K nodes rule rated",
     "",
-    "reading: D R; transition: a D; push: N width; velocity: K C D; velocity_push: K C N; end_first int: C; "
+    "reading: D R; transition: a D; push: N width; velocity: D C K; velocity_push: N C K; end_first int: C; "
     "end_stride int: C; rates? int: N",
 )
-_Drive = Structure("F V", "constant", "frequencies: V F; rows: V d width; velocity: V K C d")
+_Drive = Structure("F", "constant", "frequencies: F; rows: d width; velocity: d C K")
 _Run = Structure(
-    "M m first steps every outputs room inflows",
+    "m first steps every outputs room inflows",
     "dt",
-    f"law: M m {LAW}; inflow?: inflows width; inflow_velocity?: inflows K C; z: M state; position: M C; velocity: M C; "
-    f"tally: M m {TALLY}; diverged int: M; times?: outputs; positions?: M outputs C; velocities?: M outputs C; "
-    "node_forces?: M outputs m; contact_forces?: M outputs m; starts?: blocks state; forces?: blocks N; "
-    f"events: room {EVENT}; cursor int: 3",
+    f"law: m {LAW}; inflow?: inflows width; inflow_velocity?: inflows C K; z: state; position: C; velocity: C; "
+    f"tally: m {TALLY}; diverged int: 1; times?: outputs; positions?: outputs C; velocities?: outputs C; "
+    "node_forces?: outputs m; contact_forces?: outputs m; starts?: blocks state; forces?: blocks N; "
+    f"events: room {EVENT}; cursor int: 2",
 )
 _Rigid = Structure(
     "a n D S m K",
@@ -60,7 +60,7 @@ def _functions() -> ctypes.CDLL:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """K steps as one linear map, see Propagator; the same for every member.
+    """K steps as one linear map, see Propagator.
 
     N force nodes, rounded up to a multiple of eight by rows of zeros; R entries, the nodes first; D = a n numbers of
     the state, a components of n modes; C channels. A row of R + D numbers acts on the entries and on the new state
@@ -71,8 +71,8 @@ class Block:
     reading: Array  # (D, R)
     transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
     push: Array  # (N, R + D)
-    velocity: Array  # (K, C, D): the channels' velocities at the ends of the steps
-    velocity_push: Array  # (K, C, N)
+    velocity: Array  # (D, C, K): the channels' velocities at the ends of the steps
+    velocity_push: Array  # (N, C, K)
     end_first: IntArray  # (C,): the entry that holds a channel at the end of the first step,
     end_stride: IntArray  # (C,): and how many entries later the next one is
     rates: IntArray  # (N,): the entry that holds the velocity at a node; none where no force depends on it
@@ -87,58 +87,57 @@ class Block:
     @cached_property
     def c(self) -> Any:
         """The block for C."""
-        (D, R), a, (N, _), (K, C, _) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
+        (D, R), a, (N, _), (_, C, K) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
         sizes = {"R": R, "D": D, "N": N, "a": a, "n": D // a, "C": C, "K": K, "width": R + D, "nodes": self.nodes}
         return _Block(sizes | {"rule": self.rule, "rated": len(self.rates) > 0}, vars(self))
 
 
 @dataclass(frozen=True, eq=False)
 class Forcing:
-    """Response of a block to the drive g = (1, sin w1 t, cos w1 t, ...) at its start; V = 1 or one per member."""
+    """Response of a block to the drive g = (1, sin w1 t, cos w1 t, ...) at its start."""
 
     constant: float  # 1, or 0 where nothing is constant in time
-    frequencies: Array  # (V, F)
-    rows: Array  # (V, d, R + D)
-    velocity: Array  # (V, K, C, d)
+    frequencies: Array  # (F,)
+    rows: Array  # (d, R + D)
+    velocity: Array  # (d, C, K)
 
     @cached_property
     def c(self) -> Any:
         """The drive for C."""
-        (V, F), (_, K, C, _), width = self.frequencies.shape, self.velocity.shape, self.rows.shape[2]
-        sizes = {"V": V, "F": F, "K": K, "C": C, "d": 1 + 2 * F, "width": width, "constant": self.constant}
-        return _Drive(sizes, vars(self))
+        F, (d, C, K), width = len(self.frequencies), self.velocity.shape, self.rows.shape[1]
+        return _Drive({"F": F, "K": K, "C": C, "d": d, "width": width, "constant": self.constant}, vars(self))
 
 
 class Inflow(NamedTuple):
     """Share of sampled loads and offsets in the blocks of a range of steps; no rows without any."""
 
     inflow: Array  # (B, R + D)
-    inflow_velocity: Array  # (B, K, C)
+    inflow_velocity: Array  # (B, C, K)
 
 
-class Marchers(NamedTuple):
-    """State of all ensemble members and their contact statistics. Updated in place."""
+class Progress(NamedTuple):
+    """State of a run and its contact statistics. Updated in place."""
 
-    law: Array  # (M, m, 6), the laws of every contact, see contact_law
-    z: Array  # (M, D + (a - 1) n)
-    position: Array  # (M, C) at the last step
-    velocity: Array  # (M, C)
-    tally: Array  # (M, m, 8), see sampling
-    diverged: IntArray  # (M,): the step that overflowed, minus that whose forces were not found, 0 for none
+    law: Array  # (m, 6), the laws of every contact, see contact_law
+    z: Array  # (D + (a - 1) n,)
+    position: Array  # (C,) at the last step
+    velocity: Array  # (C,)
+    tally: Array  # (m, 8), see sampling
+    diverged: IntArray  # (1,): the step that overflowed, minus that whose forces were not found, 0 for none
 
 
 class Kept(NamedTuple):
     """Output buffers for a range of steps. An empty array disables that output."""
 
     times: Array  # (outputs,)
-    positions: Array  # (M, outputs, C) at every ``every``-th step
-    velocities: Array  # (M, outputs, C)
-    node_forces: Array  # (M, outputs, m): the forces that nodes found, NaN where the end of a step is no node
-    contact_forces: Array  # (M, outputs, m): the forces of linear stops
-    starts: Array  # (B, D + (a - 1) n): the state of the only member at the start of each block
+    positions: Array  # (outputs, C) at every ``every``-th step
+    velocities: Array  # (outputs, C)
+    node_forces: Array  # (outputs, m): the forces that nodes found, NaN where the end of a step is no node
+    contact_forces: Array  # (outputs, m): the forces of linear stops
+    starts: Array  # (B, D + (a - 1) n): the state at the start of each block
     forces: Array  # (B, N)
-    events: Array  # (rows, 7): the list of impacts, see sampling
-    cursor: IntArray  # (3,): member, block, free row of events, advanced in place
+    events: Array  # (rows, 6): the list of impacts, see sampling
+    cursor: IntArray  # (2,): block, free row of events, advanced in place
 
 
 class Span(NamedTuple):
@@ -150,30 +149,24 @@ class Span(NamedTuple):
     dt: float
 
 
-def run(block: Block, forcing: Forcing, inflow: Inflow, members: Marchers, kept: Kept, span: Span) -> bool:
-    """Compute a range of steps of every member. Returns True if all are done; where the list of impacts may not hold
-    another block's, False is returned and the call can be made again with a longer one.
-
-    A member has the bits of its solo run.
-    """
-    c, drive, (M, m, _), B = block.c, forcing.c, members.law.shape, len(inflow.inflow)
-    outputs, blocks, width = kept.positions.shape[1], -(-span.steps // c.K), c.R + c.D
+def run(block: Block, forcing: Forcing, inflow: Inflow, progress: Progress, kept: Kept, span: Span) -> bool:
+    """Compute a range of steps. Returns True if all are done; where the list of impacts may not hold another block's,
+    False is returned and the call can be made again with a longer one."""
+    c, drive, m, B = block.c, forcing.c, len(progress.law), len(inflow.inflow)
+    outputs, blocks, width = len(kept.positions), -(-span.steps // c.K), c.R + c.D
     if (
         B not in (0, blocks)
         or 0 < outputs <= (span.first + span.steps) // span.every
-        or drive.V not in (1, M)
         or min(span.first, span.steps) < 0
     ):
-        raise ValueError("sampled loads, outputs or drives do not fit the steps")
-    if c.nodes % max(1, c.K * m) or forcing.velocity.shape[1:3] != (c.K, c.C) or forcing.rows.shape[2] != width:
+        raise ValueError("sampled loads or outputs do not fit the steps")
+    if c.nodes % max(1, c.K * m) or forcing.velocity.shape[1:] != (c.C, c.K) or forcing.rows.shape[1] != width:
         raise ValueError("contacts or drives do not fit the block")
-    if len(kept.starts) and M != 1:
-        raise ValueError("the energy balance is of one member")
     sizes = {
-        "M": M, "m": m, "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
+        "m": m, "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
         "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
     }  # fmt: skip
-    x = _Run(sizes | span._asdict(), inflow._asdict() | members._asdict() | kept._asdict())
+    x = _Run(sizes | span._asdict(), inflow._asdict() | progress._asdict() | kept._asdict())
     return bool(filled(_functions().march(c, drive, x)))
 
 

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import Array, aligned
+from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Marchers, Span
+from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
 from ..model.contact import channel_motion, laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
@@ -155,8 +155,8 @@ class March:
         # Equal loads and offsets: the response to the drive is computed once for all members.
         self._alike = own or functions(system) == functions(stepper.system)
         self._launch = launch = stepper.own_launch if own and not since else stepper.launch(system, since)
-        z, *changed = (copied(x[None]) for x in (launch.z, launch.position, launch.velocity, launch.tally))
-        self.state = Marchers(launch.law[None], z, *changed, np.zeros(1, np.int64))
+        changed = (copied(x) for x in (launch.z, launch.position, launch.velocity, launch.tally))
+        self.state = Progress(launch.law, *changed, np.zeros(1, np.int64))
         kept = 0 if every is None else steps // every + 1
         self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(launch.position)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
@@ -181,20 +181,20 @@ class March:
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 self._segment(one, forcing, 1, replayed)
-                history.insert(0, one.unpack(self.state.z[0])[:2])
+                history.insert(0, one.unpack(self.state.z)[:2])
                 yield self.done
         if self.done < self.steps:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                motion = self.state.position[0], self.state.velocity[0]
+                motion = self.state.position, self.state.velocity
                 force = stepper.force(self.system, self.done * stepper.dt, motion, self._launch.law)
-                self.state = self.state._replace(z=stepper.packed(block, history, force)[None])
+                self.state = self.state._replace(z=stepper.packed(block, history, force))
             forcing = self.forcing(block)
             # Progress is reported between calls. States, or sampled loads, of a whole segment are held in memory.
             most = STEPS_PER_CALL
             if replayed is not None or not block.harmonic:
-                most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // self.state.z.shape[1])
+                most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // len(self.state.z))
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
                 self._segment(block, forcing, min(most, self.steps - self.done), replayed)
@@ -212,18 +212,17 @@ class March:
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
         rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
-        starts, forces = zeros((rows, self.state.z.shape[1])), zeros((rows, len(block.block.push)))
-        outputs = (x[None] for x in (self.positions, self.velocities, self.node_forces, self.forces))
-        cursor = np.array([0, 0, self._rows])
-        kept = Kept(self.t, *outputs, starts, forces, self.events, cursor)
+        starts, forces = zeros((rows, len(self.state.z))), zeros((rows, len(block.block.push)))
+        outputs, cursor = (self.t, self.positions, self.velocities), np.array([0, self._rows])
+        kept = Kept(*outputs, self.node_forces, self.forces, starts, forces, self.events, cursor)
         span = Span(first, steps, self.every or 1, dt)
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
         while not kernel.run(block.block, forcing, inflow, self.state, kept, span):
             # Doubling keeps the number of copies small.
-            longer = max(2 * len(self.events), cursor[2] + 2 * K * max(1, len(self.system.contacts)))
+            longer = max(2 * len(self.events), cursor[1] + 2 * K * max(1, len(self.system.contacts)))
             self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
             kept = kept._replace(events=self.events)
-        self._rows = int(cursor[2])
+        self._rows = int(cursor[1])
         self.done += steps
         if replayed is not None:
             replayed(Segment(self, block, first, steps, starts, forces))
@@ -248,7 +247,7 @@ class March:
 
     def _finish(self) -> None:
         """Leave open contacts open, and include the forces at start and end."""
-        tally, last = self.state.tally[0], (self.state.position[0], self.state.velocity[0])
+        tally, last = self.state.tally, (self.state.position, self.state.velocity)
         # An impact that is still open has no peak, impulse or end.
         open_rows = tally[:, ROW][(tally[:, SIDE] != 0.0) & (tally[:, ROW] >= 0.0)].astype(int)
         if len(open_rows):
@@ -268,13 +267,6 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block
     forces: Array  # (B, N)
-
-
-def copied(values: Array) -> Array:
-    """A copy at a 64-byte boundary."""
-    copy = aligned(values.shape)
-    copy[:] = values
-    return copy
 
 
 def functions(system: System) -> list[object]:

@@ -12,7 +12,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from ..basics.arrays import Array, aligned, padded
+from ..basics.arrays import Array, aligned, copied, padded
 from ..kernels.march import BY_LAW, MEAN, Block, Forcing, Inflow
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
@@ -133,17 +133,17 @@ class Propagator:
         reading, transition = aligned((D, R)), aligned((k, D))
         reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
         transition[:] = by_diagonals(power_of(levels, K))
-        velocity = np.ascontiguousarray(flat[:, one.readers.end_rates])
+        velocity = np.ascontiguousarray(flat[:, one.readers.end_rates].transpose(2, 1, 0))
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
         nodes, N = K * S * m, entries.nodes
-        push, velocity_push = aligned((N, R + D)), np.zeros((K, C, N))
+        push, velocity_push = aligned((N, R + D)), np.zeros((N, C, K))
         push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
-        velocity_push[..., :nodes] = speeds[:m].transpose(3, 4, 2, 1, 0).reshape(K, C, nodes)
+        velocity_push[:nodes] = speeds[:m].transpose(2, 1, 0, 4, 3).reshape(nodes, C, K)
         places = {"end_first": entries.end_first, "end_stride": entries.end_stride, "rates": entries.rates}
         self.block = Block(reading, transition, push, velocity, velocity_push, nodes=nodes, rule=rule, **places)
         # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
         self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
-        self.load_velocity = speeds[m:].transpose(0, 2, 1, 3, 4).reshape((P - m) * K * S, K, C)
+        self.load_velocity = speeds[m:].transpose(0, 2, 1, 4, 3).reshape((P - m) * K * S, C, K)
         # Loads, with their shares in the L loads, and offsets that are no formula are sampled, at nodes and entries.
         drive = Drive.of(coordinates.system)
         self.samples = drive.split(load_terms(coordinates.system), P - m)[1]
@@ -191,10 +191,10 @@ class Propagator:
         """
         (D, R), K, B, readers, dt = self.block.reading.shape, self.steps, len(starts), self.one.readers, self.one.dt
         if self.harmonic:
-            return Inflow(np.zeros((0, R + D)), np.zeros((0, K, readers.channels)))
+            return Inflow(np.zeros((0, R + D)), np.zeros((0, readers.channels, K)))
         begun = np.add.outer(starts, np.arange(K) * dt)[..., None]  # (B, K, 1)
         at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731
-        rows, velocity = np.zeros((B, R + D)), np.zeros((B, K, readers.channels))
+        rows, velocity = np.zeros((B, R + D)), np.zeros((B, readers.channels, K))
         if self.samples:
             times = at_shares(np.array(readers.nodes)).reshape(B, -1)
             values = sum(np.multiply.outer(shares, evaluate(f, times)) for shares, f in self.samples)  # (L, B, K S)
@@ -210,7 +210,7 @@ class Propagator:
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
                     moved[..., here] += value(function, times[..., here])  # type: ignore[arg-type]
             rows[:, :R] += self.entries.of_readings(moved, R)
-            velocity += moved[..., readers.end_rates]
+            velocity += moved[..., readers.end_rates].swapaxes(1, 2)
         return Inflow(rows, velocity)
 
     @cached_property
@@ -222,13 +222,11 @@ class Propagator:
         """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
         drive = Drive.of(system)
         rows, velocity = self._driven(drive, system)
-        constant = float(np.any(rows[0]) or np.any(velocity[..., 0]))
-        aligned_rows = aligned((1, *rows.shape))
-        aligned_rows[0] = rows
-        return Forcing(constant, np.array([drive.frequencies]), aligned_rows, np.ascontiguousarray(velocity)[None])
+        constant = float(np.any(rows[0]) or np.any(velocity[0]))
+        return Forcing(constant, np.array(drive.frequencies), copied(rows), velocity)
 
     def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
-        """Rows (d, R + D) and velocities (K, C, d): the effect in a block of the drive at its start."""
+        """Rows (d, R + D) and velocities (d, C, K): the effect in a block of the drive at its start."""
         readers, dt, R = self.one.readers, self.one.dt, self.block.reading.shape[1]
         begun = np.arange(self.steps)[:, None] * dt
         loads = drive.split(load_terms(system), len(system.loads))[0]
@@ -242,8 +240,8 @@ class Propagator:
             places = np.where(readers.is_rate, 0.0, offsets[:, readers.channel])
             moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
             rows[:, :R] += self.entries.of_readings(moved, R)
-            velocity += moved[..., readers.end_rates]
-        return rows, velocity.transpose(1, 2, 0)
+            velocity += moved[..., readers.end_rates].swapaxes(1, 2)
+        return rows, velocity
 
 
 def load_terms(system: System) -> list[Term]:

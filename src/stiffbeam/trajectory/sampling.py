@@ -8,5 +8,5 @@ SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
 # not linear.
 # An impact is one row of a list of events; ROW is the row of the one that is open, or -1. A contact that is there at
 # t = 0 has a row too, with TIME = AT_START.
-MEMBER, CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(7)
+CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
 AT_START = -1.0
