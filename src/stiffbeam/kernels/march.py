@@ -227,12 +227,8 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
 
 
 def solve_node(r: Array, compliance: Array, law: Array) -> Array:
-    """The forces F (m,) with v = r + S F and F_c = F_c(v_c) of springs or rigid stops; law (m, 3): stiffness, lower and
-    upper stop, or more columns.
-
-    S = ``compliance`` is symmetric positive semidefinite. They minimise 1/2 F^T S F + r^T F + sum_c (F_c^2/(2 kappa_c)
-    - g_c F_c), g_c the stop that F_c comes from, which Lawson and Hanson's active set finds in finitely many steps.
-    """
+    """The forces F (m,) with v = r + F S and F_c = F_c(v_c) of springs or rigid stops; law (m, 3): stiffness, lower and
+    upper stop, or more columns. S = ``compliance`` (m, m) has positive principal minors, or is semidefinite."""
     m, F = len(law), np.empty(len(law))
     r, compliance, linear = np.ascontiguousarray(r), np.ascontiguousarray(compliance), np.zeros((m, LAW))
     linear[:, :3] = law[:, :3]
