@@ -27,7 +27,7 @@ FAULTS = [
     ("march", "kernels/march.c", "for (int e = 0; e < i; e++) r += force[e]", "for (int e = 1; e < i; e++) r += force[e]"),
     ("march", "march/block_march.py", "law, first, (u, v) = laws(member.contacts)", "law, first, (u, v) = laws(self.system.contacts)"),
     ("march", "march/block_march.py", "own or functions(system) == functions(stepper.system)", "True"),
-    ("march", "kernels/march.c", "drive_at(drive, (double)at * run->dt, s->g)", "drive_at(drive, (double)(at + 1) * run->dt, s->g)"),
+    ("march", "kernels/march.c", "drive_at(drive, (double)at * run->dt, g)", "drive_at(drive, (double)(at + 1) * run->dt, g)"),
     ("march", "kernels/march.c", "Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }",
      "Int first_output(const Run *r, Int at) { (void)at; return r->every - 1; }"),
     ("march", "kernels/march.c", "3.0 * slope - 2.0 * rate0 - rate1", "3.0 * slope - rate0 - 2.0 * rate1"),
@@ -36,7 +36,7 @@ FAULTS = [
     ("march", "kernels/march.c", "peak = most(peak, size), touching", "peak = size, touching"),
     ("march", "kernels/march.c", "open[IMPACT_IMPULSE] += fabs(node_force[k]) * dt;", ";"),
     ("march", "kernels/march.c", "e[column] = ((double)(at + k) + inside) * run->dt", "e[column] = ((double)(at + k + 1) + inside) * run->dt"),
-    ("march", "kernels/march.c", "*speeds(s, block, c * K + count - 1, 1)", "*speeds(s, block, c * K, 1)"),
+    ("march", "kernels/march.c", "speed(s, block - 1, b->K - 1, c)", "speed(s, block - 1, 0, c)"),
     ("march", "kernels/march.c", "memcpy(z + D, z, (size_t)((b->a - 1)", "memcpy(z + D, z, (size_t)((b->a > 3 ? 0 : b->a - 1)"),
     ("march", "kernels/march.c", "block < blocks && !*run->diverged;", "block < blocks;"),
     # kernels: the law

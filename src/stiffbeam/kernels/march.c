@@ -1,8 +1,8 @@
 /* The march in blocks of K steps of a scheme.
  *
- * A block is one linear map of the state and the drive at its start and of the forces that its nodes find. Its linear
- * part costs two products; the forces of the stops are then found node by node, each of which moves what comes after
- * it. Velocities at the ends of steps are computed where they are asked for.
+ * A block is one linear map of x: the state and the drive at its start, from a multiple of 8 on the forces that its
+ * nodes find. Its linear part costs two products; the forces of the stops are then found node by node, each of which
+ * moves what comes after it. `effects` on x give velocities at the ends of steps, where they are asked for.
  */
 #include "march.h"
 #include "loops.h"
@@ -19,11 +19,12 @@ typedef struct {
     const Drive *drive;
     const Run *run;
     Node node;
-    Int wide;                      /* R + D */
-    double *out, *g, *f;           /* of a block: entries and new state, drive, forces */
-    double *u, *v, *node_force;    /* (K,) positions and nodes' forces of a channel, (C, K) velocities */
+    Int wide, base;                /* R + D; where the forces begin in x */
+    double *out, *x;               /* of a block: entries and new state; x of this block and of the one before (2, W) */
+    double *u, *v, *node_force;    /* (K,) positions, velocities and nodes' forces of a channel */
     double *low, *high, *stiff;    /* stops of a panel's entries; of one contact the stiffness of every node (N,) */
-    Int rows, touched;             /* free row of events; 1 where a stop is touched in the block */
+    Int rows, resumed;             /* free row of events, first block of this call */
+    Int touched[2];                /* 1 where a stop is touched in a block */
 } Motion;
 
 /* ------------------------------------------------------------------ a block */
@@ -127,18 +128,29 @@ static void drive_at(const Drive *d, double t, double *g)
     for (Int f = 0; f < d->F; f++) g[1 + 2 * f] = sin(d->frequencies[f] * t), g[2 + 2 * f] = cos(d->frequencies[f] * t);
 }
 
-/* `count` velocities of a block from the first on, of all channels at the ends of all steps, to their places in s->v. */
-static const double *speeds(const Motion *s, Int block, Int first, Int count)
+static double *x_of(const Motion *s, Int block) { return s->x + block % 2 * s->run->W; }
+
+/* The velocity of channel c at the end of step k of a block. No force acts before its own step. */
+static double speed(const Motion *s, Int block, Int k, Int c)
 {
-    const Block *b = s->b;
-    Int all = b->C * b->K;
-    double *v = s->v + first;
-    if (s->run->inflows) memcpy(v, s->run->inflow_velocity + block * all + first, (size_t)count * sizeof *v);
-    else memset(v, 0, (size_t)count * sizeof *v);
-    add_rows(v, count, s->run->z, b->velocity + first, all, b->D);
-    add_rows(v, count, s->g, s->drive->velocity + first, all, 1 + 2 * s->drive->F);
-    if (s->touched) add_rows(v, count, s->f, b->velocity_push + first, all, b->nodes);
-    return v;
+    const Run *run = s->run;
+    Int K = s->b->K, row = c * K + k, length = s->base + (s->touched[block % 2] ? (k + 1) * s->b->nodes / K : 0);
+    double v = dot(run->effects + row * run->W, x_of(s, block), length);
+    return run->inflows ? v + run->inflow_velocity[block * s->b->C * K + row] : v;
+}
+
+/* Its velocities at the ends of all steps of a block, in s->v. */
+static const double *speeds(const Motion *s, Int block, Int c)
+{
+    const Run *run = s->run;
+    Int K = s->b->K, row = c * K, k = 0;
+    for (; k + 8 <= K; k += 8) {
+        Int length = s->base + (s->touched[block % 2] ? (k + 8) * s->b->nodes / K : 0);
+        dots(run->effects + (row + k) * run->W, run->W, x_of(s, block), length, s->v + k);
+    }
+    for (Int j = 0; run->inflows && j < k; j++) s->v[j] += run->inflow_velocity[block * s->b->C * K + row + j];
+    for (; k < K; k++) s->v[k] = speed(s, block, k, c);
+    return s->v;
 }
 
 /* ------------------------------------------------------------------ outputs */
@@ -146,18 +158,19 @@ static const double *speeds(const Motion *s, Int block, Int first, Int count)
 /* Steps of a block, which begins after step `at`, before its first output. */
 static Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }
 
-/* The outputs of channel c in a block of `count` steps after step `at`; dense: its velocities are known. */
-static void keep(const Motion *s, Int block, Int c, Int at, Int count, int dense)
+/* The outputs of channel c in a block of `count` steps after step `at`. */
+static void keep(const Motion *s, Int block, Int c, Int at, Int count)
 {
     const Block *b = s->b;
     const Run *run = s->run;
     Int C = b->C, m = run->m, first = b->end_first[c], apart = b->end_stride[c], o = at / run->every + 1;
+    const double *v = run->every < DENSE ? speeds(s, block, c) : NULL;
     for (Int k = first_output(run, at); k < count; k += run->every, o++) {
         double u = s->out[first + k * apart];
         run->positions[o * C + c] = u;
-        run->velocities[o * C + c] = dense ? s->v[c * b->K + k] : *speeds(s, block, c * b->K + k, 1);
+        run->velocities[o * C + c] = v ? v[k] : speed(s, block, k, c);
         if (run->times && c == 0) run->times[o] = (double)(o * run->every) * run->dt;
-        if (run->node_forces && c < m && first < b->N) run->node_forces[o * m + c] = s->f[first + k * apart];
+        if (run->node_forces && c < m && first < b->N) run->node_forces[o * m + c] = x_of(s, block)[s->base + first + k * apart];
         if (run->contact_forces && c < m) run->contact_forces[o * m + c] = -run->law[c].kappa * depth(u, run->law + c);
     }
 }
@@ -229,13 +242,13 @@ static void watch(Motion *s, Int block, Int c, Int at, Int count)
     const Block *b = s->b;
     const Run *run = s->run;
     const Law *l = run->law + c;
-    const double *v = damps(l) ? speeds(s, block, c * b->K, count) : NULL;
+    const double *v = damps(l) ? speeds(s, block, c) : NULL;
     double *tally = run->tally + c * TALLY, *node_force = NULL;
     Int entry = b->end_first[c], stride = b->end_stride[c], opened = (Int)tally[ROW], means = b->rule == MEAN;
     for (Int k = 0; k < count; k++) s->u[k] = s->out[entry + k * stride];
     if (means || (jumps(l) && entry < b->N)) {
         node_force = s->node_force;
-        for (Int k = 0; k < count; k++) node_force[k] = s->f[means ? k * run->m + c : entry + k * stride];
+        for (Int k = 0; k < count; k++) node_force[k] = x_of(s, block)[s->base + (means ? k * run->m + c : entry + k * stride)];
     }
     /* Where F = F(u) once more: the compiler leaves out what stands behind an argument that is NULL. */
     Int new = v || node_force
@@ -251,8 +264,11 @@ static void watch(Motion *s, Int block, Int c, Int at, Int count)
         double *e = run->events + row * EVENT;
         Int k = (Int)e[column];
         if (k < 0) continue;
-        double u0 = k > 0 ? s->u[k - 1] : run->position[c], v0 = k > 0 ? *speeds(s, block, c * b->K + k - 1, 1) : run->velocity[c];
-        double inside = switch_time(u0, v0, s->u[k], *speeds(s, block, c * b->K + k, 1), e[STOP], l, run->dt);
+        double u0 = k > 0 ? s->u[k - 1] : run->position[c];
+        double v0 = k > 0                ? speed(s, block, k - 1, c)
+                    : block > s->resumed ? speed(s, block - 1, b->K - 1, c)
+                                         : run->velocity[c];
+        double inside = switch_time(u0, v0, s->u[k], speed(s, block, k, c), e[STOP], l, run->dt);
         e[column] = ((double)(at + k) + inside) * run->dt;
         e[CONTACT] = (double)c;
     }
@@ -269,9 +285,10 @@ static int pass_block(Motion *s, Int block)
     const Run *run = s->run;
     Int K = b->K, m = run->m, R = b->R, D = b->D, wide = s->wide, at = run->first + block * K,
         count = K < run->steps - block * K ? K : run->steps - block * K, d = 1 + 2 * drive->F;
-    double *out = s->out, *z = run->z;
+    double *out = s->out, *z = run->z, *x = x_of(s, block), *g = x + D, *f = x + s->base;
     /* Without contact forces: positions at all nodes, and the state at the end. */
-    drive_at(drive, (double)at * run->dt, s->g);
+    memcpy(x, z, (size_t)D * sizeof *x);
+    drive_at(drive, (double)at * run->dt, g);
     if (run->inflows)
         memcpy(out, run->inflow + block * wide, (size_t)R * sizeof *out);
     else
@@ -279,23 +296,21 @@ static int pass_block(Motion *s, Int block)
     turn(b->transition, b->a, b->n, D, z, out + R);
     for (Int j = R; run->inflows && j < wide; j++) out[j] += run->inflow[block * wide + j];
     add_rows(out, R, z, b->reading, R, D);
-    Int still = s->g[0] == 0.0;
-    add_rows(out, wide, s->g + still, drive->rows + still * wide, wide, d - still);
+    Int still = g[0] == 0.0;
+    add_rows(out, wide, g + still, drive->rows + still * wide, wide, d - still);
     /* Then the forces of the stops, each of which moves what comes after it. */
     for (Int c = 0; b->rule == MEAN && c < m; c++) s->node.before[c] = run->position[c];
-    Int touched = m ? resolve(s, s->f) : 0;
+    Int touched = m ? resolve(s, f) : 0;
     if (touched < 0) {
         *run->diverged = -(at + (-1 - touched) * K / b->nodes + 1);
         return 1;
     }
-    s->touched = touched != 0;
+    s->touched[block % 2] = touched != 0;
     if (run->starts) {
         Int state = D + (b->a - 1) * b->n;
         memcpy(run->starts + block * state, z, (size_t)state * sizeof *z);
-        if (b->N) memcpy(run->forces + block * b->N, s->f, (size_t)b->N * sizeof *z);
+        if (b->N) memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *z);
     }
-    int dense = run->outputs && run->every < DENSE;
-    if (dense) speeds(s, block, 0, b->C * K);
     for (Int c = 0; c < b->C; c++) {
         const double *u = out + b->end_first[c];
         Int apart = b->end_stride[c];
@@ -304,12 +319,11 @@ static int pass_block(Motion *s, Int block)
                 if (!(fabs(u[k * apart]) < OVERFLOWN)) *run->diverged = at + k + 1;
             return 1;
         }
-        if (run->outputs) keep(s, block, c, at, count, dense);
+        if (run->outputs) keep(s, block, c, at, count);
         /* A position that is not at a node may be beyond a stop although no node is. */
         if (c < m && (touched || run->tally[c * TALLY + SIDE] != 0.0 || b->end_first[c] >= b->N))
             watch(s, block, c, at, count);
         run->position[c] = u[(count - 1) * apart];
-        run->velocity[c] = dense ? s->v[c * K + count - 1] : *speeds(s, block, c * K + count - 1, 1);
     }
     memcpy(z, out + R, (size_t)D * sizeof *z);
     memcpy(z + D, z, (size_t)((b->a - 1) * b->n) * sizeof *z);
@@ -321,8 +335,8 @@ static Int places(Motion *s, double *at)
 {
     const Block *b = s->b;
     Int m = s->run->m, used = 0, panel = m < 8 ? 8 : m, K = b->K;
-    double **where[] = {&s->out, &s->g, &s->f, &s->u, &s->v, &s->node_force, &s->low, &s->high, &s->stiff};
-    Int sizes[] = {s->wide, 1 + 2 * s->drive->F, b->N, K, b->C * K, K, panel, panel, b->N};
+    double **where[] = {&s->out, &s->x, &s->u, &s->v, &s->node_force, &s->low, &s->high, &s->stiff};
+    Int sizes[] = {s->wide, 2 * s->run->W, K, K, K, panel, panel, b->N};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         *where[i] = at ? at + used : NULL;
         used += (sizes[i] + 7) / 8 * 8;
@@ -332,7 +346,8 @@ static Int places(Motion *s, double *at)
 
 API Int march(const Block *b, const Drive *drive, const Run *run)
 {
-    Motion s = {.b = b, .drive = drive, .run = run, .wide = b->R + b->D, .rows = run->cursor[1]};
+    Motion s = {.b = b, .drive = drive, .run = run, .wide = b->R + b->D, .base = run->W - b->N,
+                .rows = run->cursor[1], .resumed = run->cursor[0]};
     Int m = run->m, blocks = (run->steps + b->K - 1) / b->K, panel = m && m < 8 ? 8 / m * m : m, block, full = 0;
     void *memory;
     double *at = aligned(places(&s, NULL), &memory);
@@ -348,6 +363,9 @@ API Int march(const Block *b, const Drive *drive, const Run *run)
             memset(run->positions + o * b->C, 0, length), memset(run->velocities + o * b->C, 0, length);
         }
     }
+    Int count = block < blocks ? b->K : run->steps - (blocks - 1) * b->K; /* of the last block */
+    for (Int c = 0; c < b->C && block > s.resumed && !*run->diverged; c++)
+        run->velocity[c] = speed(&s, block - 1, count - 1, c);
     run->cursor[0] = full ? block : 0, run->cursor[1] = s.rows;
     free(memory);
     return full ? LIST_IS_FULL : DONE;

@@ -25,8 +25,6 @@ typedef struct {
     const double *reading;       /* (D, R) */
     const double *transition;    /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
     const double *push;          /* (N, R + D): of a unit force on entries and new state */
-    const double *velocity;      /* (D, C, K): of the state on the channels' velocities at the ends of the steps */
-    const double *velocity_push; /* (N, C, K): of the forces */
     const Int *end_first;        /* (C,) the entry that holds a channel at the end of the first step, */
     const Int *end_stride;       /* (C,) and how many entries later the next one is */
     const Int *rates;            /* (N,) the entry that holds the velocity at a node; NULL unless rated */
@@ -38,16 +36,16 @@ typedef struct {
     double constant;           /* 1, or 0 where nothing is constant in time */
     const double *frequencies; /* (F,) */
     const double *rows;        /* (d, R + D) */
-    const double *velocity;    /* (d, C, K) */
 } Drive;
 
 /* `steps` steps from step `first`. Arrays without const are written or advanced in place. */
 typedef struct {
-    Int m, first, steps;      /* contacts, range of steps */
+    Int m, W, first, steps;   /* contacts, numbers of x, range of steps */
     Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
     Int inflows;              /* blocks with sampled loads or offsets, 0 for none */
     double dt;
     const Law *law;                /* (m,) */
+    const double *effects;         /* (C, K, W) of a block's x, see march.c, on the channels' velocities at the ends of steps */
     const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block */
     const double *inflow_velocity; /* (B, C, K) */
     double *z;                     /* (D + (a - 1) n,) */

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..basics.arrays import Array, IntArray
+from ..basics.arrays import Array, IntArray, aligned, padded
 from .library import Int, Real, Structure, address, filled, library
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
@@ -23,14 +23,13 @@ AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; th
 _Block = Structure(
     "R D N a n C K nodes rule rated",
     "",
-    "reading: D R; transition: a D; push: N width; velocity: D C K; velocity_push: N C K; end_first int: C; "
-    "end_stride int: C; rates? int: N",
+    "reading: D R; transition: a D; push: N width; end_first int: C; end_stride int: C; rates? int: N",
 )
-_Drive = Structure("F", "constant", "frequencies: F; rows: d width; velocity: d C K")
+_Drive = Structure("F", "constant", "frequencies: F; rows: d width")
 _Run = Structure(
-    "m first steps every outputs room inflows",
+    "m W first steps every outputs room inflows",
     "dt",
-    f"law: m {LAW}; inflow?: inflows width; inflow_velocity?: inflows C K; z: state; position: C; velocity: C; "
+    f"law: m {LAW}; effects: C K W; inflow?: inflows width; inflow_velocity?: inflows C K; z: state; position: C; velocity: C; "
     f"tally: m {TALLY}; diverged int: 1; times?: outputs; positions?: outputs C; velocities?: outputs C; "
     "node_forces?: outputs m; contact_forces?: outputs m; starts?: blocks state; forces?: blocks N; "
     f"events: room {EVENT}; cursor int: 2",
@@ -71,8 +70,8 @@ class Block:
     reading: Array  # (D, R)
     transition: Array  # (a, D): z_new[d] = sum_e transition[e, d] z[e n + d]
     push: Array  # (N, R + D)
-    velocity: Array  # (D, C, K): the channels' velocities at the ends of the steps
-    velocity_push: Array  # (N, C, K)
+    velocity: Array  # (C, K, D): the channels' velocities at the ends of the steps
+    velocity_push: Array  # (C, K, N)
     end_first: IntArray  # (C,): the entry that holds a channel at the end of the first step,
     end_stride: IntArray  # (C,): and how many entries later the next one is
     rates: IntArray  # (N,): the entry that holds the velocity at a node; none where no force depends on it
@@ -87,7 +86,7 @@ class Block:
     @cached_property
     def c(self) -> Any:
         """The block for C."""
-        (D, R), a, (N, _), (_, C, K) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
+        (D, R), a, (N, _), (C, K, _) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
         sizes = {"R": R, "D": D, "N": N, "a": a, "n": D // a, "C": C, "K": K, "width": R + D, "nodes": self.nodes}
         return _Block(sizes | {"rule": self.rule, "rated": len(self.rates) > 0}, vars(self))
 
@@ -99,13 +98,13 @@ class Forcing:
     constant: float  # 1, or 0 where nothing is constant in time
     frequencies: Array  # (F,)
     rows: Array  # (d, R + D)
-    velocity: Array  # (d, C, K)
+    velocity: Array  # (C, K, d)
 
     @cached_property
     def c(self) -> Any:
         """The drive for C."""
-        F, (d, C, K), width = len(self.frequencies), self.velocity.shape, self.rows.shape[1]
-        return _Drive({"F": F, "K": K, "C": C, "d": d, "width": width, "constant": self.constant}, vars(self))
+        F, (d, width) = len(self.frequencies), self.rows.shape
+        return _Drive({"F": F, "d": d, "width": width, "constant": self.constant}, vars(self))
 
 
 class Inflow(NamedTuple):
@@ -160,13 +159,21 @@ def run(block: Block, forcing: Forcing, inflow: Inflow, progress: Progress, kept
         or min(span.first, span.steps) < 0
     ):
         raise ValueError("sampled loads or outputs do not fit the steps")
-    if c.nodes % max(1, c.K * m) or forcing.velocity.shape[1:] != (c.C, c.K) or forcing.rows.shape[1] != width:
+    if (
+        c.nodes % max(1, c.K * m)
+        or forcing.velocity.shape != (c.C, c.K, 1 + 2 * drive.F)
+        or forcing.rows.shape[1] != width
+    ):
         raise ValueError("contacts or drives do not fit the block")
+    # Of what a block begins with, in a multiple of 8 numbers, and of its forces.
+    start = np.concatenate([block.velocity, forcing.velocity], axis=2)
+    effects = aligned((c.C, c.K, padded(start.shape[2]) + c.N))
+    effects[..., : start.shape[2]], effects[..., effects.shape[2] - c.N :] = start, block.velocity_push
     sizes = {
-        "m": m, "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
+        "m": m, "W": effects.shape[2], "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
         "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
     }  # fmt: skip
-    x = _Run(sizes | span._asdict(), inflow._asdict() | progress._asdict() | kept._asdict())
+    x = _Run(sizes | span._asdict(), {"effects": effects} | inflow._asdict() | progress._asdict() | kept._asdict())
     return bool(filled(_functions().march(c, drive, x)))
 
 

@@ -133,12 +133,12 @@ class Propagator:
         reading, transition = aligned((D, R)), aligned((k, D))
         reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
         transition[:] = by_diagonals(power_of(levels, K))
-        velocity = np.ascontiguousarray(flat[:, one.readers.end_rates].transpose(2, 1, 0))
+        velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
         nodes, N = K * S * m, entries.nodes
-        push, velocity_push = aligned((N, R + D)), np.zeros((N, C, K))
+        push, velocity_push = aligned((N, R + D)), np.zeros((C, K, N))
         push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
-        velocity_push[:nodes] = speeds[:m].transpose(2, 1, 0, 4, 3).reshape(nodes, C, K)
+        velocity_push[..., :nodes] = speeds[:m].transpose(4, 3, 2, 1, 0).reshape(C, K, nodes)
         places = {"end_first": entries.end_first, "end_stride": entries.end_stride, "rates": entries.rates}
         self.block = Block(reading, transition, push, velocity, velocity_push, nodes=nodes, rule=rule, **places)
         # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
@@ -222,11 +222,11 @@ class Propagator:
         """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
         drive = Drive.of(system)
         rows, velocity = self._driven(drive, system)
-        constant = float(np.any(rows[0]) or np.any(velocity[0]))
+        constant = float(np.any(rows[0]) or np.any(velocity[..., 0]))
         return Forcing(constant, np.array(drive.frequencies), copied(rows), velocity)
 
     def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
-        """Rows (d, R + D) and velocities (d, C, K): the effect in a block of the drive at its start."""
+        """Rows (d, R + D) and velocities (C, K, d): the effect in a block of the drive at its start."""
         readers, dt, R = self.one.readers, self.one.dt, self.block.reading.shape[1]
         begun = np.arange(self.steps)[:, None] * dt
         loads = drive.split(load_terms(system), len(system.loads))[0]
@@ -241,7 +241,7 @@ class Propagator:
             moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
             rows[:, :R] += self.entries.of_readings(moved, R)
             velocity += moved[..., readers.end_rates].swapaxes(1, 2)
-        return rows, velocity
+        return rows, velocity.transpose(1, 2, 0)
 
 
 def load_terms(system: System) -> list[Term]:
