@@ -29,8 +29,9 @@ _Drive = Structure("F", "constant", "frequencies: F; rows: d width")
 _Run = Structure(
     "m W first steps every outputs room inflows",
     "dt",
-    f"law: m {LAW}; effects: C K W; inflow?: inflows width; inflow_velocity?: inflows C K; z: state; position: C; velocity: C; "
-    f"tally: m {TALLY}; diverged int: 1; times?: outputs; positions?: outputs C; velocities?: outputs C; "
+    f"law: m {LAW}; effects: C K W; inflow?: inflows width; inflow_velocity?: inflows C K; z: state; "
+    f"position: C; velocity: C; tally: m {TALLY}; diverged int: 1; times?: outputs; positions?: outputs C; "
+    "velocities?: outputs C; "
     "node_forces?: outputs m; contact_forces?: outputs m; starts?: blocks state; forces?: blocks N; "
     f"events: room {EVENT}; cursor int: 2",
 )
@@ -170,8 +171,8 @@ def run(block: Block, forcing: Forcing, inflow: Inflow, progress: Progress, kept
     effects = aligned((c.C, c.K, padded(start.shape[2]) + c.N))
     effects[..., : start.shape[2]], effects[..., effects.shape[2] - c.N :] = start, block.velocity_push
     sizes = {
-        "m": m, "W": effects.shape[2], "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks, "width": width,
-        "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
+        "m": m, "W": effects.shape[2], "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks,
+        "width": width, "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
     }  # fmt: skip
     x = _Run(sizes | span._asdict(), {"effects": effects} | inflow._asdict() | progress._asdict() | kept._asdict())
     return bool(filled(_functions().march(c, drive, x)))
