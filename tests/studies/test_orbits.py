@@ -74,7 +74,7 @@ def test_a_branching_is_one_of_the_beams_changes():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"parameter": "dt", "values": [1e-3, 2e-3]}, "be one of the system"),
+        ({"parameter": "dt", "values": [1e-3, 2e-3]}, "be a path to a number of the system"),
         ({"values": [2.0, 2.0]}, "span a range"),
         ({"length": 0}, "be an integer >= 1"),
     ],

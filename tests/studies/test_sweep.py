@@ -60,44 +60,38 @@ def test_the_section_of_a_linear_motion_is_the_closed_form():
         assert abs(rule[a][0] / exact[a][0] - 1.0) > 1e-6, "the two closed forms must not be one"
 
 
-def by_hand(parameter: str, value: float) -> tuple[sb.System, sb.Scheme, float]:
+def by_hand(parameter: str, value: float) -> tuple[sb.System, float]:
     """Table 10 with one parameter changed, built from the constructors."""
     stiffness, gap, kappa, base, viscosity = 300.0, 0.1, 5e6, {"amplitude": 0.2, "frequency": 10.0}, 0.0
-    scheme, dt = sb.HHT(-0.1), 2e-4
     if parameter in base:
         base[parameter] = value
     stiffness = value if parameter == "stiffness" else stiffness
     viscosity = value if parameter == "viscosity" else viscosity
     gap = value if parameter == "clearance" else gap
     kappa = value if parameter == "stops.stiffness" else kappa
-    dt = value if parameter == "dt" else dt
-    if parameter in ("alpha", "gamma", "rho"):
-        scheme = {"alpha": sb.HHT, "gamma": sb.SDIRK, "rho": sb.GeneralisedAlpha}[parameter](value)
     problem = sb.BeamProblem(
         stiffness=stiffness, viscosity=viscosity, stops=sb.Stops(-gap, gap, stiffness=kappa), base=sb.Harmonic(**base)
     )
-    return sb.semidiscretise(problem, 25), scheme, frequency_steps(base["frequency"], dt)
+    return sb.semidiscretise(problem, 25), frequency_steps(base["frequency"], 2e-4)
 
 
 RANGES = {
     "frequency": [8.5, 11.0], "amplitude": [0.15, 0.3], "clearance": [0.05, 0.12], "stops.stiffness": [1e6, 2e7],
-    "stiffness": [200.0, 400.0], "viscosity": [0.0, 0.02], "dt": [1e-4, 2.3e-4], "alpha": [-0.3, 0.0],
-    "gamma": [0.35, 0.5], "rho": [0.2, 1.0],
+    "stiffness": [200.0, 400.0], "viscosity": [0.0, 0.02],
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("parameter", RANGES)
 def test_a_parameter_does_what_it_does_to_a_system_built_by_hand(parameter):
     """To the bit, through the chaos."""
-    method = {"gamma": "sdirk", "rho": "generalised-alpha"}.get(parameter, "HHT(alpha=-0.1)")
-    records = study("sweep", TABLE10, parameter=parameter, values=RANGES[parameter], method=method, dt=2e-4, **SHORT)
+    scheme = sb.HHT(-0.1)
+    records = study("sweep", TABLE10, parameter=parameter, values=RANGES[parameter], method=scheme, dt=2e-4, **SHORT)
     for value in RANGES[parameter]:
-        system, scheme, dt = by_hand(parameter, value)
+        system, dt = by_hand(parameter, value)
         period = 2.0 * np.pi / system.problem.base.frequency
         run = sb.integrate(system, scheme, dt, 5 * period)
         per_period = round(period / dt)
-        shown = dt if parameter == "dt" else value
-        own = [r for r in records.table.to_dict("records") if r[parameter] == shown]
+        own = [r for r in records.table.to_dict("records") if r[parameter] == value]
         assert [r["tip"] for r in own if r["kind"] == "section"] == run.tip[3 * per_period :: per_period].tolist()
         seen = next(r for r in own if r["kind"] == "contact")
         late = run.contact_force[2 * per_period + 1 :]
@@ -127,18 +121,14 @@ def test_a_value_that_overflows_is_a_row_and_the_others_stand():
 
 
 BAD = {
-    "alhpa": ({"parameter": "alhpa", "values": [0.0]}, "did you mean alpha"),
-    "other scheme": ({"parameter": "gamma", "values": [0.3], "method": "bdf2"}, "one of the case or of BDF2"),
-    "dt of exact": (
-        {"parameter": "dt", "values": [1e-4], "method": "exact"},
-        "one of the case or of exact, .* or a path such as stops",
-    ),
+    "amplitdue": ({"parameter": "amplitdue", "values": [0.0]}, "did you mean amplitude"),
+    "of a scheme": ({"parameter": "alpha", "values": [0.3]}, "be a path to a number of the system"),
     "no values": ({"parameter": "amplitude"}, "be given for amplitude"),
     "none": ({"values": []}, "be given for frequency"),
     "negative": ({"values": [9.0, -1.0]}, "frequency must be > 0"),
     "not a number": ({"values": [float("nan"), 9.0]}, "finite"),
     "clearance": ({"parameter": "clearance", "values": [0.0, 0.1]}, "clearance must be > 0"),
-    "coarse": ({"parameter": "dt", "values": [1.0]}, "half a period"),
+    "coarse": ({"values": [9.0], "dt": 0.5}, "half a period"),
     "periods": ({"values": [9.0], "periods": 0}, "periods must be an integer >= 1"),
     "jobs": ({"values": [9.0], "jobs": 0}, "jobs must be an integer >= 1"),
     "scheme": ({"values": [9.0], "method": "htt"}, "did you mean HHT"),

@@ -27,7 +27,7 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import EXACT, drive_period, named, require_parameter, setup_of, values_of
+from .parameters import drive_period, named, setup_of, values_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,8 +56,7 @@ class Orbits(Study):
     """
 
     parameter: str = option(
-        "frequency",
-        "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness",
+        "frequency", "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness"
     )
     values: common.Values = option(None, common.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
@@ -73,7 +72,6 @@ class Orbits(Study):
         if period is None:
             remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
             raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-        require_parameter(self.parameter, None, "be one of the system, a branch is one of the exact solution")
         along = values_of(self.parameter, self.values, self.count, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
@@ -158,10 +156,10 @@ def _of_kind(table: Table, kind: str) -> list[Row]:
 
 def _maker(case: Case, point: Row) -> Maker:
     system = case.system(point["form"])
-    shared = {"parameter": point["parameter"], "method": EXACT, "dt": None}
+    shared = {"parameter": point["parameter"], "dt": None}
 
     def make(x: float) -> tuple[System, float]:
-        setup = setup_of(system, shared, x, None)
+        setup = setup_of(system, shared, x)
         return setup.system, point["length"] * setup.period
 
     return make

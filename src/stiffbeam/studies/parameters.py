@@ -1,4 +1,4 @@
-"""Parameters of a sweep: those of the beam, its stops and its drive, the time step, and a scheme's own."""
+"""Parameters of sweeps and branches: numbers of the system, its stops and its drive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..basics.arrays import content
 from ..basics.units import with_unit
-from ..basics.validation import InputError, near, number, positive
+from ..basics.validation import InputError, number, positive
 from ..files.cases import Case
 from ..model.members import value_at, with_values
 from ..model.problem import PointLoad
@@ -38,16 +38,12 @@ def _clearance(system: System, value: float) -> System:
     return replace(system, contacts=tuple(moved))
 
 
-PARAMETERS = ("frequency", "amplitude", "clearance", "stiffness", "viscosity")  # beside paths
-
-
 @dataclass(frozen=True)
 class Setup:
-    """A value of the parameters, ready to run. scheme: None for the exact solution. period: T of the drive, or the
-    whole run where the case has no such period."""
+    """A value of the parameter, ready to run. period: T of the drive, or the whole run where the case has no such
+    period. dt: the step of a scheme, which divides it; 0 of the exact solution."""
 
     system: System
-    scheme: Scheme | None
     dt: float
     period: float
 
@@ -56,12 +52,12 @@ class Setup:
         """Key that is equal for setups that can run together."""
         system = self.system
         arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
-        return str(self.scheme), self.dt, self.period, *map(content, arrays)
+        return self.dt, self.period, *map(content, arrays)
 
 
 QUANTITIES = {
     "frequency": "frequency", "clearance": "length", "lower": "length", "upper": "length", "position": "length",
-    "stiffness": "bending stiffness", "viscosity": "bending viscosity", "dt": "time",
+    "stiffness": "bending stiffness", "viscosity": "bending viscosity",
 }  # fmt: skip
 AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipation": "stop dissipation"}
 
@@ -85,15 +81,6 @@ def quantity_of(case: Case, parameter: str) -> str:
     return "force" if point == {True} else "force per length" if point == {False} else ""
 
 
-def require_parameter(parameter: str, scheme: Scheme | None, rule: str) -> None:
-    """Raise InputError for what is neither a parameter of this method nor a path."""
-    known = list(PARAMETERS)
-    if scheme is not None:  # the exact solution has none of its own
-        known += ["dt", *(name for name, value in scheme.parameters.items() if not isinstance(value, bool))]
-    if parameter not in known and "." not in parameter and "[" not in parameter:
-        raise InputError("parameter", parameter, rule, f"{near(parameter, known)}, or a path such as stops[0].upper")
-
-
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
     """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
     if values is None and parameter == "frequency" and period is not None:
@@ -108,28 +95,18 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
     return None if method == EXACT else next(iter(chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, point: Row, value: float, scheme: Scheme | None) -> Setup:
-    """Setup with one value on the case's system; scheme: None for the exact solution. Raises InputError for a value
-    that is not possible."""
-    name, dt = point["parameter"], point["dt"]
-    if name == "clearance":
-        system = _clearance(system, value)
-    elif name == "dt":
-        dt = positive("dt", value)
-    elif scheme is not None and name in scheme.parameters:
-        changed = type(scheme)(**(scheme.parameters | {name: value}))
-        scheme = changed.printed(scheme.erratum) if scheme.erratum else changed
-    else:
-        system = with_values(system, {name: value})
-    whole = point.get("t_end")
+def setup_of(system: System, point: Row, value: float) -> Setup:
+    """Setup with one value on the case's system. Raises InputError for a value that is not possible."""
+    name, dt, whole = point["parameter"], point["dt"], point.get("t_end")
+    system = _clearance(system, value) if name == "clearance" else with_values(system, {name: value})
     period = drive_period(system, name) if whole is None else whole
     assert period is not None
     if dt is None:
-        return Setup(system, None, 0.0, period)
+        return Setup(system, 0.0, period)
     if dt > 0.5 * period:
         half = f"{'half a period of the drive' if whole is None else 'half the run'}, {0.5 * period:.6g}"
         raise InputError("dt", dt, f"be at most {half}", "take a smaller dt")
-    return Setup(system, scheme, period / round(period / dt), period)
+    return Setup(system, period / round(period / dt), period)
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float | None:
@@ -151,7 +128,6 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 NAMES = {
     "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
     "stops.stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness", "viscosity": "viscosity",
-    "dt": r"time step $\Delta t$", "alpha": r"$\alpha$", "gamma": r"$\gamma$", "rho": r"$\rho_\infty$",
 }  # fmt: skip
 
 

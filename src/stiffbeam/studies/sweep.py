@@ -31,12 +31,12 @@ from ..model.time_functions import covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
-from ..schemes.scheme import RigidScheme
+from ..schemes.scheme import RigidScheme, Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import EXACT, Setup, drive_period, named, require_parameter, scheme_of, setup_of, values_of
+from .parameters import EXACT, Setup, drive_period, named, scheme_of, setup_of, values_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,8 +63,7 @@ class Sweep(Study):
     """
 
     parameter: str = option(
-        "frequency",
-        "frequency, amplitude, clearance, stiffness, viscosity, dt, alpha, or a path: stops.stiffness",
+        "frequency", "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness"
     )
     values: common.Values = option(None, common.VALUES)
     method: str | None = option(
@@ -96,7 +95,6 @@ class Sweep(Study):
             paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
-        require_parameter(parameter, scheme, f"be one of the case or of {method}")
         values = values_of(parameter, self.values, self.count, period)
         transient = 0 if once else self.transient
         shared = {
@@ -105,7 +103,7 @@ class Sweep(Study):
             "periods": 1 if once else self.periods, "transient": transient,
         } | ({"t_end": case.t_end} if once else {})  # fmt: skip
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-        ends = [setup_of(base, shared, value, scheme) for value in (min(values), max(values))]
+        ends = [setup_of(base, shared, value) for value in (min(values), max(values))]
         if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
             try:
                 refuse(ends[0].system, transient * ends[0].period)
@@ -123,13 +121,13 @@ class Sweep(Study):
         for value in values:
             named: Row = {self.parameter: value}
             try:
-                setup = setup_of(system, point, value, scheme)
-                groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if setup.scheme else {}), setup))
+                setup = setup_of(system, point, value)
+                groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if scheme else {}), setup))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
             try:
-                many = _march(point, [setup for _, setup in group])
+                many = _march(point, scheme, [setup for _, setup in group])
                 rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
             except (InputError, SolverFailure) as error:
                 rows += [named | {"lost": str(error)} for named, _ in group]
@@ -231,16 +229,16 @@ def _transient(system: System, periods: int, parameter: str) -> str:
     return f" Without contact {percent(left)} of a free vibration is left after that transient: raise transient."
 
 
-def _march(point: Row, setups: list[Setup]) -> Ensemble:
+def _march(point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
     """Setups of one kind, with the tip at every period."""
     first, systems = setups[0], [setup.system for setup in setups]
     t = first.period * np.arange(point["transient"] + point["periods"] + 1)
     since = float(t[point["transient"]])
-    if first.scheme is None:
+    if scheme is None:
         return reference_ensemble(first.system, float(t[-1]), systems, t, since=since)
     every = round(first.period / first.dt)
     contact = point["contact"]
-    return integrate_ensemble(first.system, first.scheme, first.dt, float(t[-1]), systems, contact, every, since=since)
+    return integrate_ensemble(first.system, scheme, first.dt, float(t[-1]), systems, contact, every, since=since)
 
 
 def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
