@@ -116,7 +116,7 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
 
     result = CaseComparison(case_of(pair(), 0.01, 0.5))
     list(result.run([short, raising, overflowing, "trapezoidal"], ["exact"]))
-    messages = dict(result.failures)
+    messages = {label: message for _, label, message in result.failures}
     assert "returned no later times" in messages["short@matrices"]
     assert "ZeroDivisionError: no pivot" in messages["raising@matrices"]
     assert "overflowed at t = 0.3" in messages["overflowing@matrices"]

@@ -239,11 +239,7 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
             raise InputError("--show", show, "be a table of the paper", near(show, blocks))
         say(blocks[show].rstrip())
         return
-    names = ("name", "title", "cells", "dt", "t_end", "runs")
-    rows: list[dict[str, Any]] = [
-        {x: entry[x] for x in names} | {"published": entry.get("published", {}), "inferred": entry.get("inferred", [])}
-        for entry in paper_entries()
-    ]
+    rows = paper_entries()
     if write_json("cases", {"cases": rows}, json):
         return
     for row in rows:

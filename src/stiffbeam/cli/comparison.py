@@ -31,8 +31,6 @@ from .output import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..measures.rates import ContactRates
-    from ..measures.report import Report
     from ..studies.comparison import CaseComparison
 
 
@@ -85,21 +83,22 @@ def compare(
     with progress() as show:
         try:
             _follow(result, schemes, names, tell, case, folder, written)
-            rated = _rates(result) if options.rates else []
-            for label, each in rated:
-                tell(f"\n{label}, rates with 95 % intervals\n{each}")
+            if options.rates and chosen.has_stops and result.comparisons:
+                written.append(_rates(result, tell, folder))
             # The answer comes first: to load matplotlib and to draw takes as long again.
             show("drawing", 0, 0)
-            written += _draw(result, folder)
-            written += _rate_table(rated, folder)
+            if result.comparisons:
+                written.append(_draw(result, folder))
         finally:  # an interrupt loses only what is running
             if written:
-                _write(result, folder, written)
+                written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
+                records = result.to_dict() | {"files": [path.name for path in written]}
+                written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json):
         say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
         say(f"Written: {len(written)} files in {folder}")
-    failed_runs = [label for label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
+    failed_runs = [label for _, label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
 
 
@@ -127,62 +126,37 @@ def _follow(
         tell(f"{short(solution.provenance['method'])}: {said} ({work})")
         if len(result.references) == 1 and solution is result.references[0]:
             told = len(result.failures)
-            _print_tables(tell, result, case)
-    for label, message in result.failures[told:]:
-        tell(f"{'refused' if label in result.refused else 'failed'}  {short(label)}  {message}")
+            tell(f"\n{result.report()}")
+            if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+                command = f"stiffbeam ensemble {shlex.quote(case)}"
+                tell(f"\nStatistics past the horizon, over many runs: {command}")
+    for kind, label, message in result.failures[told:]:
+        tell(f"{kind}  {short(label)}  {message}")
 
 
-def _report(result: CaseComparison) -> Report:
-    from ..measures.report import report
-
-    return report(result.comparisons, result.references, result.failures, result.refused)
-
-
-def _print_tables(tell: Callable[[str], object], result: CaseComparison, case: str) -> None:
-    """Print the tables of what has been compared."""
-    tell(f"\n{_report(result)}")
-    if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-        command = f"stiffbeam ensemble {shlex.quote(case)}"
-        tell(f"\nStatistics past the horizon, over many runs: {command}")
-
-
-def _write(result: CaseComparison, folder: Path, written: list[Path]) -> None:
-    """Tables and records as files, after those that are ``written``."""
-    written.append(write_whole(folder / "comparison.txt", f"{_report(result)}\n"))
-    records = result.to_dict() | {"files": [path.name for path in written]}
-    written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
-
-
-def _rates(result: CaseComparison) -> list[tuple[str, ContactRates]]:
-    """Label and rates of the main reference and of every scheme."""
-    from ..measures.rates import contact_rates
-
-    solutions = [*result.references[:1], *result.runs] if result.case.has_stops else []
-    return [(one.label, contact_rates(one)) for one in solutions]
-
-
-def _rate_table(rated: list[tuple[str, ContactRates]], folder: Path) -> list[Path]:
-    """A table with a line for each run and stop."""
+def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
+    """Rates of the main reference and of every scheme; the file has a line for each run and stop."""
     import pandas
 
-    if not rated:
-        return []
-    rates = [each.to_dataframe().reset_index().assign(run=label) for label, each in rated]
-    table = pandas.concat(rates).set_index(["run", "contact"])
-    return [write_whole(folder / "comparison-rates.csv", table.to_csv())]
+    from ..measures.rates import contact_rates
+
+    tables = []
+    for one in (*result.references[:1], *result.runs):
+        rates = contact_rates(one)
+        tell(f"\n{one.label}, rates with 95 % intervals\n{rates}")
+        tables.append(rates.to_dataframe().reset_index().assign(run=one.label))
+    table = pandas.concat(tables).set_index(["run", "contact"])
+    return write_whole(folder / "comparison-rates.csv", table.to_csv())
 
 
-def _draw(result: CaseComparison, folder: Path) -> list[Path]:
+def _draw(result: CaseComparison, folder: Path) -> Path:
     """The picture."""
     from ..figures.chart import heading, save_figure
-    from ..figures.runs import comparison_panels
+    from ..figures.runs import comparison_figure
     from ..measures.report import verdict
 
-    if not result.references:
-        return []
     case, labels = result.case, {run.label for run in result.runs}
     own = [c for c in result.comparisons if c.label in labels]
     details = f"{result.references[0].provenance['form']}, dt = {case.dt:g}, {case.grid}"
     title = f"{heading(case, verdict(own) if own else case.title)}\n{details}"
-    figure = comparison_panels(title, result.runs, result.references, result.comparisons)
-    return [save_figure(figure, folder / "comparison.png")]
+    return save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png")

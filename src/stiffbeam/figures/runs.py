@@ -27,37 +27,25 @@ if TYPE_CHECKING:
 TICKS = 6  # of an axis of times: more would run into each other
 
 
-def comparison_figure(results: Sequence[Comparison]) -> Figure:
-    """Runs beside one reference, in the panels of ``stiffbeam compare``; the title states how far they agree.
+def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
+    """Displacement, error, close-up of the first impacts and contact force of runs beside one reference.
 
-    Each comparison has its ``pair`` of run and reference.
+    Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
+    largest one. All show the time inside the horizon of the reference. Other solvers are thin and lie beneath the
+    schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
+    vertical line at a solver's own horizon. title: by default it states how far the runs agree.
     """
     pairs = [c.pair for c in results if c.pair is not None]
     if len(pairs) < len(results):
         raise InputError(
             "figure", "a comparison without its runs", "be asked of what compare returned", "compare again"
         )
-    runs, reference = [run for run, _ in pairs], pairs[0][1]
+    runs, main = [run for run, _ in pairs], pairs[0][1]
     names = ", ".join(short(run.provenance["method"]) for run in runs)
-    title = f"{names} against {short(reference.provenance['method'])}: {verdict(results)}"
-    return comparison_panels(title, runs, [reference], results)
-
-
-def comparison_panels(
-    title: str, runs: Sequence[Trajectory], references: Sequence[Reference], comparisons: Sequence[Comparison]
-) -> Figure:
-    """Displacement, error, close-up of the first impacts and contact force of runs of one system.
-
-    Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
-    largest one. All show the time inside the horizon of the first reference. The other references are thin and lie
-    beneath the schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to
-    match and a vertical line at a solver's own horizon; ``comparisons`` of the runs and the other references with the
-    first.
-    """
-    main, runs = references[0], [*runs, *references[1:]]
+    title = title or f"{names} against {short(main.provenance['method'])}: {verdict(results)}"
     system = main.system
     assert system is not None
-    window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([*references, *runs])
+    window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([main, *runs])
     count = 2 + len(contacts) + bool(contacts)
     lines = (count + 1) // 2
     figure = new_figure(4.1 * lines, title)
@@ -72,8 +60,8 @@ def comparison_panels(
         return axis
 
     _draw_motion(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, window)
-    horizons = "; lines: horizons" * any(x.horizon < window for x in references[1:])
-    _draw_errors(panel(f"error{horizons}"), main, runs, comparisons, window)
+    horizons = "; lines: horizons" * any(isinstance(x, Reference) and x.horizon < window for x in runs)
+    _draw_errors(panel(f"error{horizons}"), main, runs, results, window)
     for i in contacts:
         _draw_first_impacts(panel(f"first impact at {contact_name(system, i)}"), main, runs, window, i)
     if contacts:

@@ -20,5 +20,5 @@ def case_blocks(text: str) -> dict[str, str]:
 
 
 def paper_entries() -> list[dict[str, Any]]:
-    """The tables as their entries stand in the data file, in order: name, title, cells, dt, t_end, runs and so on."""
+    """The tables as their entries stand in the data file, in order."""
     return tomllib.loads(paper_text())["case"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from textwrap import fill
@@ -137,13 +137,9 @@ class Report:
 def report(
     comparisons: Sequence[Comparison],
     references: Sequence[Reference] = (),
-    failures: Sequence[tuple[str, str]] = (),
-    refused: Container[str] = (),
+    failures: Sequence[tuple[str, str, str]] = (),
 ) -> Report:
-    """Return the tables of comparisons with one reference, to the horizon and of the whole runs, and the failures.
-
-    refused: the labels of those failures that the case does not allow.
-    """
+    """Return the tables of comparisons with one reference, to the horizon and of the whole runs, and the failures."""
     tables = tuple(zip(_titles(comparisons), (_frame(comparisons, x) for x in (False, True)), strict=True)
                    if comparisons else ())  # fmt: skip
     heads = " ".join(str(head) for _, frame in tables for head in frame)
@@ -151,7 +147,7 @@ def report(
         remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
         tables=tables,
         notes=tuple(dict.fromkeys(_notes(comparisons, references, heads))) if comparisons else (),
-        failures=tuple(("refused" if label in refused else "failed", label, message) for label, message in failures),
+        failures=tuple(failures),
     )
 
 

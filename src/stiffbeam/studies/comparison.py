@@ -15,6 +15,7 @@ from ..files.reference_cache import cached_reference
 from ..integrators import SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
+from ..measures.report import Report, report
 from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
@@ -27,7 +28,7 @@ class CaseComparison:
 
     form: None for that of the case's first run. budget: CPU seconds that a further reference may take, the main one
     four times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
-    failures: (label, message), of which those ``refused`` cannot be asked of the case.
+    failures: ("failed" or, of what cannot be asked of the case, "refused", label, message).
     """
 
     case: Case
@@ -38,8 +39,7 @@ class CaseComparison:
     runs: list[Trajectory] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
-    failures: list[tuple[str, str]] = field(default_factory=list)
-    refused: set[str] = field(default_factory=set)
+    failures: list[tuple[str, str, str]] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
@@ -132,13 +132,16 @@ class CaseComparison:
         try:
             self.comparisons.append(compare(run, main))
         except InputError as error:
-            self.failures.append((run.label, str(error)))
+            self.failures.append(("failed", run.label, str(error)))
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""
-        self.failures.append((label, str(error)))
-        if isinstance(error, InputError):
-            self.refused.add(label)
+        kind = "refused" if isinstance(error, InputError) else "failed"
+        self.failures.append((kind, label, str(error)))
+
+    def report(self) -> Report:
+        """The tables of what has been compared."""
+        return report(self.comparisons, self.references, self.failures)
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""
@@ -156,5 +159,5 @@ class CaseComparison:
                 for r in self.references
             ],
             "comparisons": [c.to_dict() for c in self.comparisons],
-            "failures": [{"run": label, "message": message} for label, message in self.failures],
+            "failures": [{"run": label, "message": message} for _, label, message in self.failures],
         }
