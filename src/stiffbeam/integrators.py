@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .basics.resources import clock
-from .basics.validation import InputError, positive
+from .basics.validation import InputError
 from .march.integrate import integrate
 from .model.equations import Matrices
 from .model.system import System
@@ -97,7 +97,7 @@ class Integrator:
         return max(run.work.counters.values(), default=run.work.steps)
 
 
-def integrator(given: Any, order: float | None = None) -> Integrator:
+def integrator(given: Any) -> Integrator:
     """Return the integrator that ``given`` names or is.
 
     Parameters
@@ -106,8 +106,6 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         A Scheme; a label such as "HHT(alpha=-0.1)" or "dop853"; a function solve(system, dt, t_end) that returns times
         and positions (t, u), with velocities (t, u, v), or a Trajectory; recorded runs of one name
         (``Trajectory.from_arrays``); "module:name" of any of these.
-    order : float, optional
-        Order of a scheme or function on smooth motion.
 
     Raises
     ------
@@ -127,12 +125,12 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
             return Integrator(given, SOLVER, given)
         named = user_object(given) if USER.fullmatch(given) else None
         if named is not None and not isinstance(named, type):
-            return replace(integrator(named, order), label=given)
+            return replace(integrator(named), label=given)
         if "@" in given:
             raise InputError("integrator", given, "be without a form", "leave @ out, and give the option form")
-        return integrator(parse_run(given)[0], order)
+        return integrator(parse_run(given)[0])
     if isinstance(given, Scheme):
-        return Integrator(str(given), SCHEME, given, given.order if order is None else positive("order", order))
+        return Integrator(str(given), SCHEME, given, given.order)
     if isinstance(given, Trajectory):
         return integrator([given])
     if isinstance(given, (list, tuple)) and given and all(isinstance(run, Trajectory) for run in given):
@@ -143,12 +141,12 @@ def integrator(given: Any, order: float | None = None) -> Integrator:
         taken = names[0] in REFERENCES or scheme_of(names[0]) is not None
         return Integrator(f"{names[0]} (recorded)" if taken else names[0], RECORDED, tuple(given))
     if callable(given) and not isinstance(given, type):
-        return Integrator(_function_label(given), FUNCTION, given, float("nan") if order is None else float(order))
+        return Integrator(_function_label(given), FUNCTION, given)
     remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
     raise InputError("integrator", given, "be something that can be run", remedy)
 
 
-def integrators(given: Iterable[Any], order: float | None = None) -> list[Integrator]:
+def integrators(given: Iterable[Any]) -> list[Integrator]:
     """Return the integrators of a list, each label once: a second of one label gets a number.
 
     Recorded runs of one name that stand in the list one by one are one integrator.
@@ -163,7 +161,7 @@ def integrators(given: Iterable[Any], order: float | None = None) -> list[Integr
             runs[name].append(x)
         else:
             first.append(x)
-    chosen = [integrator(x, order) for x in first]
+    chosen = [integrator(x) for x in first]
     labels = [x.label for x in chosen]
     earlier = [labels[:i].count(label) for i, label in enumerate(labels)]
     return [replace(x, label=f"{x.label} ({k + 1})") if k else x for x, k in zip(chosen, earlier, strict=True)]

@@ -36,7 +36,6 @@ CALLS = {
     "run": sb.contact_rates,
     "tangents": lambda x: sb.contact_rates(motion(), tangents=x),
     "problems": lambda x: sb.score("hht", x),
-    "order": lambda x: sb.score(sb.HHT(), "hertz", x),
     "states": lambda x: sb.Trajectory.from_arrays([0.0, 0.1, 0.2], system=chain(), states=x),
     "wrt": motion().derivative,
     "file": lambda x: motion().animate(x),

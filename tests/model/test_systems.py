@@ -11,7 +11,6 @@ from fuzz import STEEL
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.files.cases import parse_case
 from stiffbeam.model.modes import modes
 from stiffbeam.references import solve
 from stiffbeam.studies import study
@@ -127,7 +126,7 @@ def same(a, b, rel: float = 0.0) -> None:
 OUTPUTS = ("t", "tip", "tip_velocity", "contacts", "work", "provenance", "fingerprint", "energy", "states")
 
 
-def test_systems_cases_and_profiles_arrive():
+def test_systems_cases_and_profiles_arrive(tmp_path):
     for system in (*SYSTEMS.values(), replace(BEAM, stiffness=2.0 * BEAM.stiffness)):
         copy = again(system)
         assert (copy.fingerprint, copy.form, copy.problem) == (system.fingerprint, system.form, system.problem)
@@ -135,7 +134,8 @@ def test_systems_cases_and_profiles_arrive():
         assert np.array_equal(*runs)
     pushed = replace(BEAM, loads=[(np.ones(8), np.sin)])  # a callable has no content to hash
     assert again(pushed).fingerprint == pushed.fingerprint
-    steel = parse_case(STEEL, "steel.toml")
+    (tmp_path / "steel.toml").write_text(STEEL)
+    (steel,) = sb.load_cases(tmp_path / "steel.toml").values()
     assert again(steel).problem == steel.problem
     assert len({sb.semidiscretise(x.problem, 6).fingerprint for x in (steel, again(steel))}) == 1
     one, other = sb.PolynomialProfile((0, 1.5)), sb.PolynomialProfile([0.0, 1.5])

@@ -200,11 +200,6 @@ def paper_cases() -> dict[str, Case]:
     return _parse(_toml(paper_text()), "paper.toml")
 
 
-def parse_case(text: str, source: str) -> Case:
-    """The one case in a TOML text."""
-    return next(iter(_parse(_toml(text), source).values()))
-
-
 def load_cases(file: str | Path) -> dict[str, Case]:
     """Return the cases of a TOML file by name.
 
@@ -302,18 +297,13 @@ class Entry:
             raise InputError("problem", None, rule, remedy)
         # A time step that does not divide the span is refused here, before any work.
         step_count(positive("dt", self.dt), positive("t_end", self.t_end))
-        common: dict[str, Any] = {
-            "name": self.name, "title": self.title or self.name, "dt": float(self.dt), "t_end": float(self.t_end),
-            "runs": tuple(self._runs()), "published": self.published, "notes": tuple(self.inferred),
-            "uncertain": self._uncertain(),
-        }  # fmt: skip
-        # A system has no grid.
-        if self.system is not None:
-            if self.cells is not None:
-                raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
-            case = Case(problem=None, cells=0, matrices=self.system, **common)
-        else:
-            case = Case(problem=self.problem, cells=integer("cells", self.cells, 4), **common)
+        if self.system is not None and self.cells is not None:
+            raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
+        case = Case(
+            self.name, self.title or self.name, self.problem,
+            0 if self.problem is None else integer("cells", self.cells, 4), float(self.dt), float(self.t_end),
+            tuple(self._runs()), self.published, tuple(self.inferred), self._uncertain(), self.system,
+        )  # fmt: skip
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:
             varied_members(case.system(), case.uncertain)

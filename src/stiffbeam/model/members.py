@@ -189,13 +189,13 @@ def perturbed_members(
     noise = generator(rng).uniform(-1.0, 1.0, (members, 2, system.size))
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     speed = size * motion.speed
-    q0 = (_off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)
+    q0 = (off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)
     v0 = (system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1])
     systems = [replace(system, q0=q, v0=v) for q, v in zip(q0, v0, strict=True)]
     return EnsembleMembers(system, STARTS, np.arange(members), systems)
 
 
-def _off_rigid_stops(system: System, q: Array) -> Array:
+def off_rigid_stops(system: System, q: Array) -> Array:
     """q (n,), or the start of the system where q is beyond a rigid stop."""
     for contact in system.contacts:
         shift = float(offset_values(contact.offset, 0.0))

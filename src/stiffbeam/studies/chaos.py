@@ -25,6 +25,7 @@ from ..basics.validation import InputError, positive
 from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
+from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
@@ -105,8 +106,8 @@ class Chaos(Study):
         dq = basis.to_nodal(noise[0] / motion.rates)
         dv = basis.to_nodal(noise[1])
         systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
-        dq = np.array([before_stops(one, x) for one, x in zip(systems, dq, strict=True)])
-        systems += [later(system, t, *state) for t, *state in zip(times, q + dq, v + dv, strict=True)]
+        beside = [off_rigid_stops(one, x) for one, x in zip(systems, q + dq, strict=True)]
+        systems += [later(system, t, *state) for t, *state in zip(times, beside, v + dv, strict=True)]
         steps = round(span / dt)
         if method == "exact":
             many = reference_ensemble(systems[0], span, systems, np.arange(steps + 1) * dt)
@@ -176,22 +177,6 @@ class Chaos(Study):
         name_lines(axis, [short(method) for method in means])
         axis.set(title="exponents: every start, mean, 95 % interval", xlabel=labels["exponent"])
         shared_legend(figure)
-
-
-def before_stops(system: System, dq: Array) -> Array:
-    """A step dq (n,) from the start of ``system`` to a neighbour that violates no rigid stop.
-
-    Where it leads beyond a stop it is turned back: its part along M^-1 row^T changes sign, which keeps its size.
-    """
-    at = system.positions(0.0, system.q0)
-    for contact, u in zip(system.contacts, at, strict=False):
-        if not contact.stops.rigid:
-            continue
-        along = np.linalg.solve(system.mass, contact.row)
-        across = contact.row @ dq
-        if contact.stops.penetration(u + across):
-            dq = dq - 2.0 * across / (contact.row @ along) * along
-    return dq
 
 
 def _recorded(system: System) -> float:

@@ -238,7 +238,6 @@ def _impacts(e: Entry) -> str:
 def score(
     integrators: Any = None,
     problems: str | Problem | Iterable[str | Problem] | None = None,
-    order: float | None = None,
     progress: bool | Show = False,
 ) -> Scorecard:
     """Return the errors of integrators on problems with known answers, with orders and a verdict each.
@@ -255,10 +254,8 @@ def score(
         times t (k,); or runs recorded on the problems' systems (``Trajectory.from_arrays``), those of one name as one
         integrator. By default all schemes and a solver of each kind.
     problems : str, Problem or a sequence, optional
-        By default all.
-    order : float, optional
-        Order of the functions on smooth motion. Where ``free-oscillator`` is among the problems, the order measured
-        there counts if it is higher.
+        By default all. With ``free-oscillator`` among them, the order measured there is expected of a function on the
+        others.
     progress : bool or callable
         True shows a bar; a function is called as show(what, done, total).
 
@@ -283,7 +280,7 @@ def score(
         asked = sequence("problems", given, "be names of problems")
         chosen = sorted((x if isinstance(x, Problem) else problem(x) for x in asked), key=lambda x: x.number)
     those = DEFAULT if integrators is None else integrators
-    runners = integrators_of(those if isinstance(those, (list, tuple)) else [those], order)
+    runners = integrators_of(those if isinstance(those, (list, tuple)) else [those])
     entries = []
     with working("score", progress) as show:
         for i, runner in enumerate(runners):
