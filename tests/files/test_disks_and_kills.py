@@ -16,7 +16,7 @@ from commands import invoke
 from fuzz import STEEL
 
 import stiffbeam as sb
-from stiffbeam.cli.output import file_name
+from stiffbeam.cli.commands import file_name
 from stiffbeam.files.cases import paper_case
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)

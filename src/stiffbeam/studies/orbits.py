@@ -27,7 +27,7 @@ from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, re
 from ..trajectory.trajectory import SolverFailure
 from . import common
 from .base import Answer, Row, Study, Table, option
-from .parameters import drive_period, named, setup_of, values_of
+from .sweep import drive_period, named, setup_of, values_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
