@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from processes import nobody_left
 import stiffbeam as sb
 from stiffbeam.cli.commands import OWN
 from stiffbeam.files.cases import paper_cases
+from stiffbeam.references import registry
 
 MINE = """
 [[case]]
@@ -57,17 +59,6 @@ def assert_shows_curves(picture: Path):
     assert 0.02 < np.mean(~white) < 0.5
     coloured = np.ptp(pixels, axis=-1) > 0.3  # the schemes; axes, text and reference are grey
     assert np.mean(coloured) > 0.001
-
-
-# ---------------------------------------------------------------- cases
-
-
-def test_cases_lists_every_table(command):
-    code, out, err = command("cases")
-    assert (code, err) == (0, "")
-    for table in range(1, 18):
-        assert f"table{table} " in out
-    assert "stiffbeam cases --show NAME" in out
 
 
 # ---------------------------------------------------------------- compare
@@ -317,3 +308,41 @@ def test_an_interrupted_study_goes_on(number, tmp_path):
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+# ---------------------------------------------------------------- doctor
+
+
+@pytest.mark.slow
+def test_every_solver_works_here(command):
+    code, out, _ = command("doctor", "--json", "-")
+    found = json.loads(out)
+    assert code == 0
+    assert {solver["name"] for solver in found["solvers"]} == {"SDIRK", *registry.METHODS}
+    assert all(solver["agrees"] for solver in found["solvers"])
+    assert "missing" not in found["installed"].values()
+
+
+def test_a_broken_solver_is_named_and_the_others_go_on(command, monkeypatch):
+    real = sb.score
+
+    def broken(name, *arguments):
+        if name == "ida":
+            raise ImportError("no library")
+        return real("trapezoidal", *arguments)
+
+    monkeypatch.setattr("stiffbeam.testset.score.score", broken)
+    code, out, _ = command("doctor")
+    assert code == 1
+    rows = [line.split() for line in out.splitlines() if "works" in line or "fails" in line]
+    assert {row[0] for row in rows if "fails," in row} == {"ida"}
+    assert "ImportError: no library" in " ".join(out.split())
+
+
+@pytest.mark.slow
+def test_where_jax_finds_no_device_the_remedy_is_stated():
+    code = "import stiffbeam as sb; sb.reference(sb.problem('bilinear-gap').system, 0.01, 'kvaerno3', rtol=1e-4)"
+    environment = {**os.environ, "JAX_PLATFORMS": "tpu"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert "JAX must start its devices" in done.stderr
+    assert "set JAX_PLATFORMS=cpu" in done.stderr

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from oracles import beam_mode, beam_roots
+from systems import one_mass, two_contacts
 
 import stiffbeam as sb
-from stiffbeam.measures.comparison import phase_lag
+from stiffbeam.measures.comparison import AT_REST, phase_lag
 from stiffbeam.measures.errors import match, matched_until
+from stiffbeam.model.scales import scales
+from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.trajectory.records import Impacts
 
 
@@ -233,3 +237,152 @@ def test_several_runs_are_one_table(compared):
     assert sum(line.startswith("SDIRK(gamma=0.4359) ") for line in lines) == 2
     assert sum(line.startswith("BDF2 ") for line in lines) == 2
     assert len(both.figure().axes[0].get_lines()) >= 3
+
+
+# ---------------------------------------------------------------- what does not move or touch
+
+STILL = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(lower=-0.1, upper=0.1, stiffness=5e6))
+FAR = dataclasses.replace(STILL, stops=sb.Stops(lower=-1.0, upper=1.0, stiffness=5e6), base=sb.Harmonic(0.2, 10.0))
+NEAR = dataclasses.replace(FAR, stops=STILL.stops)
+PULSE = sb.Sampled([0.0, 0.1, 0.2, 1.0], [0.0, 1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("change", "still"), [
+    ({}, True), ({"base": sb.Harmonic(0.0, 10.0)}, True), ({"base": sb.Harmonic(1e-9, 10.0)}, False),
+    ({"loads": sb.PointLoad(position=0.5, time=sb.Constant(0.0))}, True),
+    ({"loads": sb.PointLoad(position=0.5, time=sb.Sampled([0.0, 1.0], [0.0, 0.0]))}, True),
+    ({"loads": sb.PointLoad(position=0.5, time=PULSE)}, False), ({"initial_velocity": lambda x: 1e-9 + 0 * x}, False),
+    ({"stops": sb.Stops(lower=0.0, upper=0.1, stiffness=5e6)}, True),
+    ({"stops": sb.Stops(lower=0.01, upper=0.1, stiffness=5e6)}, False),  # pressed at the start
+    ({"stops": sb.Stops(lower=-0.1, stiffness=5e6, motion=sb.Harmonic(0.2, 10.0))}, False),
+])  # fmt: skip
+def test_what_stays_at_rest_is_known(change: dict[str, object], still: bool) -> None:
+    system = sb.semidiscretise(dataclasses.replace(STILL, **change), cells=4)
+    assert (scales(system, 0.5).speed == 0.0) == still
+    assert np.any(sb.reference(system, t_end=0.5).tip) != still
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"), [(STILL, AT_REST), (FAR, "No impacts: the motion reaches no stop to t = 0.2."), (NEAR, "")]
+)
+def test_compare_and_advise_say_that_nothing_moves_or_touches(problem: sb.BeamProblem, said: str) -> None:
+    system = sb.semidiscretise(problem, cells=6)
+    reference = sb.reference(system, t_end=0.2)
+    assert bool(sum(len(c.impacts.times) for c in reference.contacts)) == (said == "")
+    found = sb.compare(sb.integrate(system, sb.HHT(alpha=-0.1), dt=1e-3, t_end=0.2), reference)
+    assert found.remark == found.to_dict()["remark"] == said
+    assert " ".join(str(found).split()).startswith(said or "To the horizon")
+    records = sb.study("advise", system, t_end=0.2, want={"tip": 0.5}, schemes=[sb.BDF2()])
+    assert said in records.answer.notes
+    assert records.answer.verdict.startswith("BDF2")
+
+
+# ---------------------------------------------------------------- tables in notebooks, pictures
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def cells(thing) -> list[list[str]]:
+    """The cells of every table, row by row; elements that are not closed are errors."""
+    text = thing._repr_html_()
+    assert "<pre" not in text
+    rows = ElementTree.fromstring(f"<div>{text}</div>").iter("tr")
+    return [["".join(cell.itertext()) for cell in row] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def things():
+    system = two_contacts()
+    run, reference = sb.integrate(system, sb.HHT(-0.1), 1e-3, 2.0), sb.reference(system, 2.0)
+    return {
+        "run": run,
+        "reference": reference,
+        "comparison": sb.compare(run, reference),
+        "scorecard": sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]),
+    }
+
+
+def test_a_picture_of_a_run_shows_it(things):
+    for kind, black in (("run", False), ("reference", True)):
+        figure = things[kind].plot()
+        assert figure._repr_png_().startswith(PNG)
+        line = figure.axes[0].lines[0]
+        assert np.array_equal(line.get_ydata(), things[kind].tip)
+        assert (line.get_color() == "black") == black
+        assert all(axis.get_ylabel() for axis in figure.axes)
+
+
+def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
+    """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
+    system = one_mass(100.0, sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8), v=10.0)
+    run, exact = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
+    for thing, label in ((run, "mean per step"), (exact, "without impulses")):
+        figure = thing.plot()
+        assert figure.axes[1].get_ylabel().endswith(label)
+        largest = np.nanmax(thing.impacts.impulses)
+        assert f"{thing.impacts.count} impacts, largest impulse {largest:.4g}" in figure.get_suptitle()
+        assert "contact force" not in figure.get_suptitle()
+
+
+@pytest.mark.parametrize("kind", ["comparison", "scorecard"])
+def test_every_result_is_a_table_in_a_notebook(kind, things):
+    assert cells(things[kind])
+
+
+@pytest.mark.slow
+def test_records_of_a_study_show_their_table_and_picture():
+    records = sb.study("modes", schemes=["BDF2"], steps=400)
+    rows = cells(records)
+    assert rows[0] == list(records.answer.table)
+    assert len(rows) == 1 + len(records.answer.table)
+    assert records._repr_png_().startswith(PNG)
+
+
+# ---------------------------------------------------------------- nothing false is certified
+
+
+@pytest.fixture(scope="module")
+def reference() -> sb.Reference:
+    stop = sb.Contact([1.0], sb.Stops(None, 0.3, stiffness=100.0))
+    return sb.reference(sb.System.from_matrices([[1.0]], [[4.0]], contacts=[stop], initial_velocity=[1.0]), 5.0)
+
+
+def test_the_reference_itself_passes_and_an_error_does_not(reference):
+    within_reference((reference.t, reference.tip), reference, 1e-12)
+    with pytest.raises(AssertionError, match="off by"):
+        within_reference((reference.t, 1.01 * reference.tip), reference, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("t", "u"),
+    [
+        ([0.0, 4.0, 0.0], [0.0, 99.0, 0.0]),  # the last time is no end: the 99 was never looked at
+        ([5.0, 0.0], [99.0, 0.0]),
+        ([0.0, np.nan, 1.0], [0.0, 99.0, 0.0]),
+        ([0.0, 1.0, 2.0], [0.0, np.nan, 0.0]),
+        ([0.0, 1.0, 2.0], [0.0, 5.0j, 0.0]),  # the imaginary part was dropped
+        ([], []),
+    ],
+)
+def test_runs_that_prove_nothing_are_refused(reference, t, u):
+    with pytest.raises(sb.InputError):
+        within_reference((np.array(t), np.array(u)), reference, 1e-3)
+
+
+@pytest.mark.parametrize(("tolerance", "until"), [
+    (np.inf, None), (np.nan, None), (0.0, None), (-1.0, None), (1e-3, np.nan), (1e-3, -1.0), (1e-3, 6.0),
+])  # fmt: skip
+def test_numbers_that_prove_nothing_are_refused(reference, tolerance, until):
+    with pytest.raises(sb.InputError, match="tolerance" if until is None else "until"):
+        within_reference((reference.t, reference.tip + 9.0), reference, tolerance, until=until)
+
+
+def test_other_systems_and_unknown_horizons_certify_nothing(reference):
+    """Even where the motions are close."""
+    unknown = dataclasses.replace(reference, horizon=float("nan"))
+    with pytest.raises(sb.InputError, match="horizon"):
+        within_reference((reference.t, reference.tip), unknown, 1e-3)
+    other = dataclasses.replace(reference.system, v0=np.array([1.0 + 1e-9]))
+    with pytest.raises(sb.InputError, match="same system"):
+        within_reference(sb.integrate(other, sb.HHT(), 1e-3, 5.0), reference, 0.1)
+    within_reference(sb.integrate(reference.system, sb.HHT(), 1e-3, 5.0), reference, 0.1)

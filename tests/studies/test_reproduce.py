@@ -14,8 +14,11 @@ from dumont2002.misprints import MISPRINTS, measured
 from dumont2002.no_contact import GRIDS, error_curves, mode, problem, tip_exact
 from dumont2002.reproduce import TABLES
 from dumont2002.table import Reading, drive_of, make_table
+from stiffbeam.files.cases import paper_cases
 from stiffbeam.model.beam import roots
 from stiffbeam.model.problem import PointLoad
+from stiffbeam.schemes import GAMMA_THIRD_ORDER
+from stiffbeam.schemes.labels import parse_run
 
 STORE = Path(__file__).parents[2] / "reference"
 BDF, RK, BOTH, ONE = ("(4.13)", "(4.5)", "(4.11)"), ("(4.10)", "(4.12)", "(4.14)"), ("(4.13)", "(4.14)"), ("(4.13)",)
@@ -125,6 +128,28 @@ def test_the_scheme_rests_on_the_stop_where_the_true_beam_bounces(table, hht):
     less than a tenth of the share but on Table 1, whose chatter comes and goes."""
     _, run = hht(table)
     assert run.contacts[0].fraction > (1.25 if table == 1 else 2.0) * TRUE[f"table{table}"]
+
+
+def test_every_published_number_is_of_a_run_the_case_makes():
+    def key(scheme, form):
+        return type(scheme), tuple(scheme.parameters.items()), form
+
+    for case in paper_cases().values():
+        runs = {key(*run) for run in case.runs}
+        for numbers in case.published.values():
+            assert {key(*parse_run(name)) for name in numbers} <= runs
+            assert all(value > 0 for value in numbers.values())
+
+
+def test_what_is_inferred_is_noted_with_its_reason():
+    for case in paper_cases().values():
+        noted = {note.partition(":")[0] for note in case.notes}
+        assert {"initial data", "t_end"} <= noted
+        assert all(note.partition(":")[2].strip() for note in case.notes)
+        third = [s for s, _ in case.runs if isinstance(s, sb.SDIRK) and s.gamma == GAMMA_THIRD_ORDER]
+        assert bool(third) == ("scheme" in noted)
+        assert bool(case.problem.loads) == ("load" in noted)
+    assert any(note.startswith("dt: printed 25 x 10^-5") for note in sb.paper_case(11).notes)
 
 
 # ---------------------------------------------------------------- Section 5.1

@@ -102,6 +102,21 @@ def test_compare_takes_functions_recorded_runs_and_solvers():
     assert {x.contacts[0].run.impacts for x in result.comparisons} == {result.references[0].impacts.count}
 
 
+@pytest.mark.slow
+def test_a_comparison_with_rigid_stops_asks_the_exact_solution_only():
+    stops = sb.Stops(-0.1, 0.1, stiffness=float("inf"), restitution=0.5)
+    beam = sb.BeamProblem(stiffness=300.0, stops=stops, base=sb.Harmonic(0.2, 10.0))
+    case = case_of(sb.semidiscretise(beam, 6), 1e-4, 0.1)
+    result = CaseComparison(case)
+    list(result.run())
+    assert [r.provenance["method"] for r in result.references] == ["exact"]
+    assert not result.failures
+    asked = CaseComparison(case)
+    list(asked.run(references=("exact", "cvode")))
+    assert [failure[:2] for failure in asked.failures] == [("refused", "cvode@displacement")]
+    assert str(asked.report()).count("refused  cvode@displacement") == 1
+
+
 def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
     def short(system, dt, t_end):
         t = np.linspace(0.0, 0.5 * t_end, 11)
