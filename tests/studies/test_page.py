@@ -1,4 +1,4 @@
-"""The page and the command that makes it: whole, self-contained, and without complaint from a real browser."""
+"""The page and the command that makes it: whole, and self-contained."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from browser import browse
 
 from dumont2002 import reproduce as reproducing
 from dumont2002.__main__ import main
 from dumont2002.claims import FAILS, HOLDS, NOT_MEASURED, SCHEME_ONLY
-from dumont2002.page import DOI, frame, typeset
+from dumont2002.page import DOI
 from dumont2002.reproduce import reproduce
 from dumont2002.table import Reading
 
@@ -109,16 +107,6 @@ def test_an_interruption_loses_the_running_table_only(monkeypatch, tmp_path):
     assert asked[3:] == [(10, "extrapolated", 3, 2)]
 
 
-def test_the_page_escapes_and_typesets_its_texts():
-    made = frame(pd.DataFrame([{"a < b": "c & d", "x": "1.2e-05", "y": "HHT(alpha=-0.1), -3"}]), '"quoted"')
-    assert "a &lt; b" in made
-    assert "c &amp; d" in made
-    assert "<caption>&quot;quoted&quot;</caption>" in made
-    assert "1.2 × 10⁻⁵" in made
-    assert "HHT(alpha=-0.1), −3" in made
-    assert typeset("5e+07 to 1e-04") == "5 × 10⁷ to 1 × 10⁻⁴"
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -135,27 +123,6 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     assert run(*arguments) == 2
     assert words in capsys.readouterr().err
-
-
-# ---------------------------------------------------------------- a real browser
-
-LOOK = """({
-  images: [...document.images].map(x => [x.naturalWidth, x.getBoundingClientRect().width]),
-  links: [...document.links].map(x => [x.hash, !!document.getElementById(x.hash.slice(1)), x.host]),
-  resources: performance.getEntriesByType("resource").map(x => x.name).filter(x => !x.startsWith("data:")),
-})"""
-
-
-@pytest.mark.slow
-def test_a_browser_shows_every_figure_and_follows_every_link(made, tmp_path):
-    for seen in browse(made, ["index.html"], [1280, 500], LOOK, tmp_path / "profile"):
-        found = seen["look"]
-        assert seen["complaints"] == []
-        assert found["resources"] == []
-        assert len(found["images"]) == 1
-        assert all(natural > 0 and shown > 0.3 * seen["width"] for natural, shown in found["images"])
-        assert all(there for target, there, _ in found["links"] if target)  # the others are files in the page
-        assert seen["overflow"] <= 0  # wide tables scroll inside their own box, never the page
 
 
 # ---------------------------------------------------------------- everything
