@@ -222,10 +222,6 @@ def run_of(arrays: Any, system: System, label: str) -> Trajectory:
             bad = ~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1)
             if np.any(bad):
                 raise Diverged(label, float(t[np.argmax(bad)]), "more steps may help")
-    for name, x in (("u", u), ("v", v)):
-        if x is not None and x.shape not in ((len(t),), (len(t), system.size)):
-            rule = f"have the shape ({len(t)},) of the tip or ({len(t)}, {system.size}) of all unknowns"
-            raise InputError(f"{label}: {name}", x.shape, rule, "times come first: transpose, for example")
     if u is not None and u.ndim == 2 and v is None:
         u = system.positions(t, u)[:, system.tip_channel]
     row, offset = system.channels[system.tip_channel]

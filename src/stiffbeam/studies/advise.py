@@ -84,7 +84,9 @@ class Advise(Study):
         "peak_force=0.05, of rigid stops impulse in the place of peak_force",
     )
     schemes: common.Labels = common.schemes()
-    contacts: common.Labels = option(("implicit", "conserving"), "treatments of contact to try, comma-separated")
+    contacts: common.Labels = option(
+        ("implicit", "conserving"), "treatments of contact to try, comma-separated", known=TREATMENTS
+    )
     form: str | None = common.form()
     most_steps: int | None = option(
         None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices", least=1
@@ -104,10 +106,7 @@ class Advise(Study):
         return [{}]
 
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
-        contacts = sequence("contacts", self.contacts, "be names")
-        for name in contacts:
-            one_of("contacts", name, TREATMENTS)
-        contacts = contacts[: None if system.contacts else 1]
+        contacts = sequence("contacts", self.contacts, "be names")[: None if system.contacts else 1]
         schemes = common.chosen_schemes(case, self.schemes).values()
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 

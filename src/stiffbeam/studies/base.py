@@ -25,7 +25,7 @@ from ..basics.resources import cores
 from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
-from ..basics.validation import InputError, integer
+from ..basics.validation import InputError, integer, one_of
 from ..files.cases import Case
 from ..model.scales import scales
 from ..model.system import System
@@ -52,9 +52,9 @@ class Answer(NamedTuple):
     notes: str = ""
 
 
-def option(default: Any, help: str, least: int | None = None) -> Any:
-    """A field of a study with its help; ``least``: of an integer option."""
-    return field(default=default, metadata={"help": help, "least": least})
+def option(default: Any, help: str, least: int | None = None, known: Iterable[str] = ()) -> Any:
+    """A field of a study with its help; ``least``: of an integer option; ``known``: all names that it may hold."""
+    return field(default=default, metadata={"help": help, "least": least, "known": tuple(known)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,14 +82,16 @@ class Study:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            value, least = getattr(self, each.name), each.metadata.get("least")
+            value, least, known = getattr(self, each.name), each.metadata.get("least"), each.metadata.get("known")
             if isinstance(value, np.ndarray):
                 value = value.tolist()
             if isinstance(value, (list, tuple)):
                 object.__setattr__(self, each.name, value := tuple(value))
-            if least is not None and value is not None:
-                for one in value if isinstance(value, tuple) else (value,):
+            for one in value if isinstance(value, tuple) else () if value is None else (value,):
+                if least is not None:
                     integer(each.name, one, least)
+                if known:
+                    one_of(each.name, one, known)
 
     def points(self, case: Case) -> Iterable[Row]:
         """Arguments of ``run``, by name."""

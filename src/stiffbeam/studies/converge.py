@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.validation import InputError, one_of
+from ..basics.validation import InputError
 from ..figures.chart import log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
@@ -71,9 +71,9 @@ class Converge(Study):
         "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
     )
     views: common.Labels = option(
-        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss"
+        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss", known=VIEWS
     )
-    kinds: common.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both")
+    kinds: common.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
     tolerances: common.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
     impacts: int = option(4, "number of impacts in the time window", least=1)
@@ -94,12 +94,8 @@ class Converge(Study):
         return ("seconds",) if "time" in (self.views or ()) else ()
 
     def require(self, case: Case) -> None:
-        """Raise InputError for unknown views or kinds."""
+        """Raise InputError for more steps than a computer can take."""
         super().require(case)
-        for view in self.views or ():
-            one_of("views", view, VIEWS, "be a view")
-        for kind in self.kinds or ():
-            one_of("kinds", kind, (SMOOTH, CONTACT), "be a kind")
         if self.halvings > MOST_HALVINGS:
             rule = f"be at most {MOST_HALVINGS}: the last run has 2^{MOST_HALVINGS - 1} times the steps of the first"
             raise InputError("halvings", self.halvings, rule, "take fewer, or a smaller dt")

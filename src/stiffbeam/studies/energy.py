@@ -58,7 +58,7 @@ class Energy(Study):
             last = int(np.searchsorted(run.energy.t, run.horizon, side="right"))
             keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
         else:
-            every = to_the_end(round(case.t_end / case.dt), OUTPUTS)
+            every = max(1, round(case.t_end / case.dt) // OUTPUTS)
             made = common.chosen_schemes(case, self.schemes)[scheme]
             run = integrate(system, made, case.dt, case.t_end, self.contact, every)
             keep = np.arange(len(run.energy.t))
@@ -121,15 +121,6 @@ class Energy(Study):
             _shares(left, table[table.form == form], names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
-
-
-def to_the_end(steps: int, outputs: int) -> int:
-    """Return the spacing of the steps that are kept, for ``outputs`` to twice as many of them.
-
-    The last step is among them where the number of steps has such a divisor.
-    """
-    most = max(1, steps // outputs)
-    return next((every for every in range(most, most // 2, -1) if steps % every == 0), most)
 
 
 def _row(ledger: Ledger, k: int) -> Row:
