@@ -16,7 +16,6 @@ from processes import passed
 import stiffbeam as sb
 from stiffbeam.schemes import RIGID, registered
 from stiffbeam.testing import check_scheme, check_solver
-from stiffbeam.testset.measure import read_trajectory
 from stiffbeam.testset.problem import folder, read
 from stiffbeam.testset.score import (
     CONVERGES,
@@ -26,6 +25,7 @@ from stiffbeam.testset.score import (
     NOT_JUDGED,
     NOT_TAKEN,
     STAYS,
+    read_trajectory,
     score_trajectories,
 )
 

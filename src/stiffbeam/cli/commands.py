@@ -389,10 +389,9 @@ def score(
         Folder for table, records and pictures.
     """
     from ..schemes.labels import split_runs
-    from ..testset.measure import read_trajectory
     from ..testset.problem import problems
+    from ..testset.score import read_trajectory, score_trajectories
     from ..testset.score import score as score_all
-    from ..testset.score import score_trajectories
 
     if integrators is not None and trajectory:
         raise InputError("INTEGRATORS", integrators, "be left out with --trajectory", "give one command for each")
