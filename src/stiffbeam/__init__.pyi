@@ -3,7 +3,7 @@
 from .basics.validation import InputError as InputError
 from .files.cases import load_cases as load_cases
 from .files.cases import paper_case as paper_case
-from .files.reference_cache import cached_reference as cached_reference
+from .files.store import cached_reference as cached_reference
 from .files.store import load as load
 from .march.integrate import integrate as integrate
 from .march.integrate import integrate_ensemble as integrate_ensemble

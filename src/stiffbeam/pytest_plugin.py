@@ -21,7 +21,7 @@ def reference_solution() -> Callable[..., Reference]:
     """
     from .basics.validation import InputError
     from .files.cases import Case, find_case
-    from .files.reference_cache import cached_reference
+    from .files.store import cached_reference
     from .model.system import System
 
     def make(what: Any, t_end: float | None = None, **options: Any) -> Reference:

@@ -12,7 +12,7 @@ import pytest
 import test_store
 
 import stiffbeam as sb
-from stiffbeam.files import reference_cache
+from stiffbeam.files import store
 from stiffbeam.files.store import BOUND
 
 TIMES = np.linspace(0.0, 0.06, 121)
@@ -76,7 +76,7 @@ def test_every_parameter_has_a_file_of_its_own(folder, system, monkeypatch):
         for _ in range(2):
             sb.cached_reference(each, t_end, **options)
         assert len(list(folder.iterdir())) == count
-    monkeypatch.setattr(reference_cache, "version", lambda package: "another")
+    monkeypatch.setattr(store, "version", lambda package: "another")
     sb.cached_reference(system, 0.06, **common)
     assert len(list(folder.iterdir())) == count + 1
 
@@ -146,7 +146,7 @@ def test_what_was_not_used_for_longest_goes(folder, system, monkeypatch):
     for file in folder.iterdir():
         os.utime(file, (old, old))
     assert sb.cached_reference(system, 0.06, "cvode", first, rtol=1e-5).provenance["kept"]  # used now
-    monkeypatch.setattr(reference_cache, "MOST", int(2.5 * max(f.stat().st_size for f in folder.iterdir())))
+    monkeypatch.setattr(store, "MOST", int(2.5 * max(f.stat().st_size for f in folder.iterdir())))
     sb.cached_reference(system, 0.06, "cvode", third, rtol=1e-5)
     found = [sb.cached_reference(system, 0.06, "cvode", t, rtol=1e-5).provenance.get("kept") for t in (first, third)]
     assert found == [True, True]

@@ -11,7 +11,7 @@ import numpy as np
 from ..basics.progress import current
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case, compared
-from ..files.reference_cache import cached_reference
+from ..files.store import cached_reference
 from ..integrators import SCHEME, SOLVER, Integrator, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
