@@ -11,7 +11,7 @@ from stiffbeam.measures.errors import tip_error
 from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.references import reference
 from stiffbeam.schemes import Scheme
-from stiffbeam.studies.common import first_impacts
+from stiffbeam.studies.base import first_impacts
 from stiffbeam.trajectory.trajectory import Diverged
 
 from .table import Reading, equation_of

@@ -18,7 +18,7 @@ from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
 from stiffbeam.model.time_functions import Drive
 from stiffbeam.references import best_reference, registry, substitute
-from stiffbeam.studies.common import chosen
+from stiffbeam.studies.base import chosen
 
 
 def hertz(**more) -> sb.System:

@@ -13,7 +13,7 @@ from stiffbeam.model.equations import Matrices, Modal
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, registered
 from stiffbeam.schemes.labels import parse_run, split_runs
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
-from stiffbeam.studies.common import chosen
+from stiffbeam.studies.base import chosen
 
 ALL = list(registered())
 PRINTED = [sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]

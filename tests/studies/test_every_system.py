@@ -10,7 +10,7 @@ from every_system import BENCHES, at_rest_on_its_stops
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import case_of
-from stiffbeam.studies.common import chosen_schemes, takes
+from stiffbeam.studies.base import chosen_schemes, takes
 
 # What may be refused, by the study that may refuse it: no other reason is good enough.
 REFUSED = {

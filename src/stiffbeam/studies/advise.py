@@ -43,7 +43,7 @@ from ..references import best_reference
 from ..schemes import Scheme
 from ..schemes.labels import label_of_run
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
-from . import common
+from . import base
 from .base import Answer, Records, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -83,11 +83,11 @@ class Advise(Study):
         "admissible relative errors: tip (rms), impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,"
         "peak_force=0.05, of rigid stops impulse in the place of peak_force",
     )
-    schemes: common.Labels = common.schemes()
-    contacts: common.Labels = option(
+    schemes: base.Labels = base.schemes()
+    contacts: base.Labels = option(
         ("implicit", "conserving"), "treatments of contact to try, comma-separated", known=TREATMENTS
     )
-    form: str | None = common.form()
+    form: str | None = base.form()
     most_steps: int | None = option(
         None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices", least=1
     )
@@ -107,7 +107,7 @@ class Advise(Study):
 
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
         contacts = sequence("contacts", self.contacts, "be names")[: None if system.contacts else 1]
-        schemes = common.chosen_schemes(case, self.schemes).values()
+        schemes = base.chosen_schemes(case, self.schemes).values()
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 
     def run(self, case: Case) -> list[Row]:
@@ -182,7 +182,7 @@ def advised(records: Records, every: int = 1) -> Trajectory:
     if row is None:
         raise InputError("records", records.answer.verdict, "advise a run", "ask for larger errors")
     study: Any = records.study
-    scheme = common.chosen_schemes(case, study.schemes)[row.scheme]
+    scheme = base.chosen_schemes(case, study.schemes)[row.scheme]
     return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact, every)
 
 

@@ -32,7 +32,7 @@ from ..model.system import System
 from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
 from ..trajectory.ensemble import Ensemble
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ class Chaos(Study):
     exact solution and by every scheme.
     """
 
-    schemes: common.Labels = common.schemes()
-    form: str | None = common.form()
+    schemes: base.Labels = base.schemes()
+    form: str | None = base.form()
     starts: int = option(48, "pairs of neighbouring motions", least=1)
     size: float | None = option(
         None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
@@ -73,7 +73,7 @@ class Chaos(Study):
     def points(self, case: Case) -> list[Row]:
         """Pairs by each method."""
         system = case.system(self.form)
-        exact = common.solve_once(system, case.t_end)
+        exact = base.solve_once(system, case.t_end)
         dt, span = case.dt, self.span
         most = (case.t_end if span is None else positive("span", span)) / STEPS
         if not dt <= most:
@@ -87,13 +87,13 @@ class Chaos(Study):
         known = exact.provenance["method"] == "exact"
         size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
         shared = {"size": size, "span": dt * round(span / dt)}
-        return [shared | {"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
+        return [shared | {"method": method} for method in ("exact", *base.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str, size: float, span: float) -> list[Row]:
         """Exponent of every pair of neighbouring motions, and the mean distance over time."""
         system = case.system(self.form)
         basis, motion = undamped_modes(system), scales(system, case.t_end)
-        exact = common.solve_once(system, case.t_end)
+        exact = base.solve_once(system, case.t_end)
         dt, count = case.dt, self.starts
         # Starts all along the motion after its first tenth; samples of loads must cover the span of every pair.
         times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), count) * case.t_end
@@ -113,7 +113,7 @@ class Chaos(Study):
             many = reference_ensemble(systems[0], span, systems, np.arange(steps + 1) * dt)
         else:
             many = integrate_ensemble(
-                systems[0], common.chosen_schemes(case, self.schemes)[method], dt, span, systems, every=1
+                systems[0], base.chosen_schemes(case, self.schemes)[method], dt, span, systems, every=1
             )
         distance = _distance(many, count, omega)
         largest = float(np.max(omega * np.abs(many.tip)))
@@ -147,7 +147,7 @@ class Chaos(Study):
             time = unit_of(units, "time") or "unit of time"
             notes += f" The exact motion loses {mean / np.log(10.0):.2g} digits per {time}."
         rates = {method: mean for method, (mean, _) in known.items() if method != "exact"}
-        said += [f"{common.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
+        said += [f"{base.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
         return Answer(
             f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(said)}.",
             pd.DataFrame(

@@ -26,7 +26,7 @@ from ..model.time_functions import Drive
 from ..references import takes
 from ..references.registry import ADAPTIVE, COMPARED, REFERENCES
 from ..trajectory.trajectory import Reference, Trajectory
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -66,19 +66,19 @@ class Converge(Study):
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
     """
 
-    integrators: common.Labels = option(
+    integrators: base.Labels = option(
         None,
         "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
     )
-    views: common.Labels = option(
+    views: base.Labels = option(
         ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss", known=VIEWS
     )
-    kinds: common.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
+    kinds: base.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
-    tolerances: common.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
+    tolerances: base.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
     impacts: int = option(4, "number of impacts in the time window", least=1)
-    form: str | None = common.form()
-    contact: str = common.treatment()
+    form: str | None = base.form()
+    contact: str = base.treatment()
 
     height: ClassVar = 8.4
     labels: ClassVar = {
@@ -102,11 +102,11 @@ class Converge(Study):
 
     def chosen(self, case: Case) -> dict[str, Integrator]:
         """Integrators by label."""
-        picked = common.chosen(case, self.integrators)
+        picked = base.chosen(case, self.integrators)
         if self.integrators is None:
             system = case.system(self.form)
             here = [m for m in SOLVERS if takes(m, system, case.t_end)]
-            picked |= common.chosen(case, here)
+            picked |= base.chosen(case, here)
         return picked
 
     def points(self, case: Case) -> list[Row]:
@@ -115,7 +115,7 @@ class Converge(Study):
         for kind in self.kinds or (SMOOTH, CONTACT):
             if kind == CONTACT and not system.contacts:
                 continue
-            end = common.first_impacts(case, self.form or case.forms[0], self.impacts) if kind == CONTACT else 0.0
+            end = base.first_impacts(case, self.form or case.forms[0], self.impacts) if kind == CONTACT else 0.0
             if kind == SMOOTH and not (end := smooth_end(system, case.t_end)):
                 continue
             for label, one in self.chosen(case).items():
@@ -141,7 +141,7 @@ class Converge(Study):
         system, one = case.system(self.form), self.chosen(case)[integrator]
         if kind == SMOOTH:
             system = smooth_motion(system)
-        exact = common.solve_once(system, case.t_end if kind == CONTACT else t_end)
+        exact = base.solve_once(system, case.t_end if kind == CONTACT else t_end)
         timed = fastest if self.measured else lambda run: run()
         if rtol:
             times = np.linspace(0.0, t_end, SAMPLES + 1)
@@ -189,9 +189,7 @@ class Converge(Study):
             for label, order in of_kind.items():
                 small[label][f"order {words[kind]}"] = str(order) if np.isfinite(order.slope) else "too few points"
             clear = {label: order.slope for label, order in of_kind.items() if not order.unclear}
-            found = (
-                common.extremes(clear, "{:.2f}".format) if any(map(np.isfinite, clear.values())) else "no clear rate"
-            )
+            found = base.extremes(clear, "{:.2f}".format) if any(map(np.isfinite, clear.values())) else "no clear rate"
             parts += [f"{found} {words[kind]}"] if of_kind else []
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
         costs = cheapest(at, ERROR, "solves")

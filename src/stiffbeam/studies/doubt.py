@@ -46,7 +46,7 @@ from ..references import best_reference
 from ..references.ensemble import energies, reference_ensemble
 from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
 from ..trajectory.trajectory import Diverged
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ class Doubt(Study):
     )
     members: int = option(48, "number of systems with random parameters", least=8)
     rng: int = option(1, "seed of the random systems", least=0)
-    form: str | None = common.form()
-    contact: str = common.treatment()
+    form: str | None = base.form()
+    contact: str = base.treatment()
 
     all_cores: ClassVar = True
 
@@ -99,7 +99,7 @@ class Doubt(Study):
         """A row for each quantity and source: the mean, the relative uncertainty and its interval."""
         form, t_end, uncertain = self.form or case.forms[0], case.t_end, self.uncertain or case.uncertain
         scheme = (
-            case.runs[0][0] if self.scheme is None else next(iter(common.chosen_schemes(case, [self.scheme]).values()))
+            case.runs[0][0] if self.scheme is None else next(iter(base.chosen_schemes(case, [self.scheme]).values()))
         )
         system, show = case.system(form), current()
         drawn = drawn_members(system, uncertain, self.members, self.rng)

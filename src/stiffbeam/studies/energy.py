@@ -14,7 +14,7 @@ from ..march.integrate import integrate
 from ..measures.report import DASH, percent
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ class Energy(Study):
     horizon.
     """
 
-    schemes: common.Labels = common.schemes()
-    forms: common.Labels = option(None, "comma-separated; default: all that the case supports")
-    contact: str = common.treatment()
+    schemes: base.Labels = base.schemes()
+    forms: base.Labels = option(None, "comma-separated; default: all that the case supports")
+    contact: str = base.treatment()
 
     needs_motion: ClassVar = True
     height: ClassVar = 8.2
@@ -47,19 +47,19 @@ class Energy(Study):
 
     def points(self, case: Case) -> list[Row]:
         """The exact solution and every scheme in every form."""
-        schemes = common.chosen_schemes(case, self.schemes)
+        schemes = base.chosen_schemes(case, self.schemes)
         return [{"scheme": name, "form": form} for form in self.forms or case.forms for name in ("exact", *schemes)]
 
     def run(self, case: Case, scheme: str, form: str) -> list[Row]:
         """Energy balance of one run at some times; that of the exact flow ends at its horizon."""
         system = case.system(form)
         if scheme == "exact":
-            run: Trajectory = common.solve_once(system, case.t_end)
+            run: Trajectory = base.solve_once(system, case.t_end)
             last = int(np.searchsorted(run.energy.t, run.horizon, side="right"))
             keep = np.unique(np.linspace(0, max(0, last - 1), OUTPUTS).astype(int))
         else:
             every = max(1, round(case.t_end / case.dt) // OUTPUTS)
-            made = common.chosen_schemes(case, self.schemes)[scheme]
+            made = base.chosen_schemes(case, self.schemes)[scheme]
             run = integrate(system, made, case.dt, case.t_end, self.contact, every)
             keep = np.arange(len(run.energy.t))
         return [_row(run.energy, int(k)) for k in keep]
@@ -87,7 +87,7 @@ class Energy(Study):
             part = f"{100 * share:z.0f} %" if row["sure"] else DASH
             small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = f"Schemes lose {common.extremes(lost, percent)} of the energy supplied to t = {end}, "
+        verdict = f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, "
         verdict += "the exact flow none."
         if not lost and not known:
             verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."

@@ -24,7 +24,7 @@ from ..measures.report import DASH, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -45,12 +45,12 @@ class Ensemble(Study):
     Example: stiffbeam ensemble table10 --schemes 'BDF2,HHT(alpha=-0.1)' --members 50
     """
 
-    schemes: common.Labels = common.schemes()
-    form: str | None = common.form()
+    schemes: base.Labels = base.schemes()
+    form: str | None = base.form()
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
     rng: int = option(1, "seed of the perturbations", least=0)
-    contact: str = common.treatment()
+    contact: str = base.treatment()
 
     needs_motion: ClassVar = True
     needs_stops: ClassVar = True
@@ -64,7 +64,7 @@ class Ensemble(Study):
 
     def points(self, case: Case) -> list[Row]:
         """The exact solution and every scheme."""
-        return [{"method": method} for method in ("exact", *common.chosen_schemes(case, self.schemes))]
+        return [{"method": method} for method in ("exact", *base.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str) -> list[Row]:
         """Rows of members, and the distributions of durations and peak forces."""
@@ -73,7 +73,7 @@ class Ensemble(Study):
         if method == "exact":
             many = reference_ensemble(system, t_end, members)
         else:
-            scheme = common.chosen_schemes(case, self.schemes)[method]
+            scheme = base.chosen_schemes(case, self.schemes)[method]
             many = integrate_ensemble(system, scheme, dt, t_end, members, self.contact)
         if np.all(np.isfinite(many.diverged)):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
@@ -143,7 +143,7 @@ class Ensemble(Study):
                 texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
                 line[with_unit(units, "durations", "time")] = f"median {texts[0]}, half of the time from {texts[1]}"
             small.append(line)
-        counted = f"; schemes count {common.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+        counted = f"; schemes count {base.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
         share = percent(_mean(distribution(table, "exact", "fraction")))
         return Answer(

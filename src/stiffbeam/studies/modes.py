@@ -17,7 +17,7 @@ from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
 from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ class Modes(Study):
     steps per period are left out, because their samples are aliased. Theory: one step on a damped oscillator.
     """
 
-    schemes: common.Labels = common.schemes()
-    form: str | None = common.form()
+    schemes: base.Labels = base.schemes()
+    form: str | None = base.form()
     steps: int = option(4000, "number of time steps of a run", least=1)
 
     free: ClassVar = True
@@ -48,11 +48,11 @@ class Modes(Study):
 
     def points(self, case: Case) -> list[Row]:
         """A run of every scheme."""
-        return [{"scheme": label} for label in common.chosen_schemes(case, self.schemes)]
+        return [{"scheme": label} for label in base.chosen_schemes(case, self.schemes)]
 
     def run(self, case: Case, scheme: str) -> list[Row]:
         """One row for each mode: elongation and damping, measured and in theory."""
-        made = common.chosen_schemes(case, self.schemes)[scheme]
+        made = base.chosen_schemes(case, self.schemes)[scheme]
         system = replace(without_contact(case.system(self.form)), loads=())
         basis, natural = undamped_modes(system), modes(system)
         if not np.any(natural.omega):
@@ -102,14 +102,14 @@ class Modes(Study):
         left = len(table) - len(measured)
         short_lived = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
         notes = [short_lived] * (left > 0)
-        for label, scheme in common.chosen_schemes(case, self.schemes).items():
+        for label, scheme in base.chosen_schemes(case, self.schemes).items():
             limit = amplification(scheme, STEPS).stable_to
             if np.isfinite(limit):
                 limit = max(limit, amplification(scheme, limit + STEPS[0] * np.linspace(0.01, 1.0, 100)).stable_to)
                 notes.append(f"{short(label)} is stable to dt/T = {limit:.4f}.")
         return Answer(
-            f"Mode {measured['mode'].iloc[0]:g} is late by {common.extremes(first.period_elongation.to_dict(), late)}, "
-            f"with a damping ratio of {common.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
+            f"Mode {measured['mode'].iloc[0]:g} is late by {base.extremes(first.period_elongation.to_dict(), late)}, "
+            f"with a damping ratio of {base.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
             f"differ from theory by at most {off[0]:.1g} in the period and {off[1]:.1g} in the damping ratio.",
             small,
             " ".join(notes),

@@ -25,7 +25,7 @@ from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic, sizes
 from ..trajectory.trajectory import SolverFailure
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 from .sweep import drive_period, named, setup_of, values_of
 
@@ -58,9 +58,9 @@ class Orbits(Study):
     parameter: str = option(
         "frequency", "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness"
     )
-    values: common.Values = option(None, common.VALUES)
+    values: base.Values = option(None, base.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
-    form: str | None = common.form()
+    form: str | None = base.form()
     count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
     named_by: ClassVar = ("parameter",)

@@ -19,7 +19,7 @@ from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..references.exact.solution import solve_exact
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -37,9 +37,9 @@ class Rigid(Study):
     Stops of the case's stiffness times ``factors``, until the first ``impacts`` impacts on rigid stops are over.
     """
 
-    factors: common.Values = option(tuple(4.0**k for k in range(10)), "factors on the stiffness, comma-separated")
+    factors: base.Values = option(tuple(4.0**k for k in range(10)), "factors on the stiffness, comma-separated")
     impacts: int = option(3, "number of impacts in the time window", least=1)
-    form: str | None = common.form()
+    form: str | None = base.form()
 
     needs_stops: ClassVar = True
     needs_motion: ClassVar = True
@@ -82,7 +82,7 @@ class Rigid(Study):
         end = 0.5 * float(times[n - 1] + times[n])
         compliant = replace(system, contacts=(replace(contact, stops=replace(stops, stiffness=kappa)),))
         # The window is short against the horizon, and the same for every kappa.
-        exact = common.solve_once(compliant, min(case.t_end, 2.0 * end))
+        exact = base.solve_once(compliant, min(case.t_end, 2.0 * end))
         t = np.linspace(0.0, end, SAMPLES)
         error = tip_error(exact.at(t)[0], rigid.at(t)[0])
         inside = exact.impacts.until(end)
@@ -107,7 +107,7 @@ class Rigid(Study):
         })  # fmt: skip
         if len(near) < 2:
             return Answer("Fewer than two of the stiffest stops tried have as many impacts as rigid ones.", small)
-        order, soft = common.order_over(near, lambda rows: 1.0 / rows.kappa, "tip_error"), rows.iloc[0]
+        order, soft = base.order_over(near, lambda rows: 1.0 / rows.kappa, "tip_error"), rows.iloc[0]
         which = "the case's kappa" if soft.factor == 1.0 else "kappa"
         first, here = (f"{x:.2g}" for x in (near.kappa.iloc[0], soft.kappa))
         return Answer(
@@ -130,7 +130,7 @@ class Rigid(Study):
                 continue
             axis.axvline(kappa, color="0.5", lw=0.9, ls=":", label="κ of the case")
             kept = near[near[name] > 0.0]
-            order = common.order_over(kept, lambda rows: 1.0 / rows.kappa, name)
+            order = base.order_over(kept, lambda rows: 1.0 / rows.kappa, name)
             label = f"in 1/κ: {order}" if np.isfinite(order.slope) else "as many impacts as rigid stops"
             axis.plot(kept.kappa, kept[name], label=label, **style)
             others = table[(table[name] > 0.0) & ~table.index.isin(near.index)]

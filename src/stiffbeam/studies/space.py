@@ -16,7 +16,7 @@ from ..measures.frequencies import steady_state, without_contact
 from ..model.beam import natural_frequencies, tip_response
 from ..model.modes import modes
 from ..model.time_functions import Harmonic
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ class Space(Study):
     cells until its first ``impacts`` impacts are over, and not past the horizon of either grid.
     """
 
-    cells: common.Integers = option(None, "numbers of cells, comma-separated; default: 10 to 80", least=2)
-    forms: common.Labels = option(None, "comma-separated; default: all that the case supports")
+    cells: base.Integers = option(None, "numbers of cells, comma-separated; default: 10 to 80", least=2)
+    forms: base.Labels = option(None, "comma-separated; default: all that the case supports")
     finest: int = option(160, "cells of the grid that contact is compared with", least=2)
     impacts: int = option(1, "number of impacts in the time window", least=1)
     modes: int = option(3, "number of natural frequencies to compare", least=1)
@@ -71,12 +71,12 @@ class Space(Study):
     def _contact(self, case: Case, coarser: Case, form: str) -> list[Row]:
         n, finest = self.impacts, replace(case, cells=self.finest).system(form)
         # Half as long again as the case's own grid needs: the other grids meet the stop at other times.
-        span = min(case.t_end, 1.5 * common.first_impacts(case, form, n))
-        fine = common.solve_once(finest, span)
+        span = min(case.t_end, 1.5 * base.first_impacts(case, form, n))
+        fine = base.solve_once(finest, span)
         while len(impact_times(fine)) <= n and span < case.t_end:
             span = min(case.t_end, 2.0 * span)
-            fine = common.solve_once(finest, span)
-        coarse = common.solve_once(coarser.system(form), span)
+            fine = base.solve_once(finest, span)
+        coarse = base.solve_once(coarser.system(form), span)
         there = min(len(impact_times(fine)), len(impact_times(coarse)))
         if there < n:
             remedy = "ask for fewer, or lengthen t_end"
@@ -112,7 +112,7 @@ class Space(Study):
         for words, impact in (("without contact", False), ("in contact", True)):
             group = {f"{q}, {form}": order for (q, form), order in observed.items() if ("impact" in q) == impact}
             slopes = {name: order.slope for name, order in group.items() if not order.unclear}
-            clear = common.extremes(slopes, "{:.2f}".format) if slopes else "no clear rate"
+            clear = base.extremes(slopes, "{:.2f}".format) if slopes else "no clear rate"
             parts += [f"{clear} {words}"] if group else []
         notes = f"In brackets the relative error on {near:g} cells (the case has {case.cells}), in contact against the "
         notes += f"grid of {self.finest}. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
@@ -151,7 +151,7 @@ class Space(Study):
 def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
     parts = table.groupby(["quantity", "form"], sort=False)
-    return {key: common.order_over(part, lambda rows: 1.0 / rows.cells, "error") for key, part in parts}
+    return {key: base.order_over(part, lambda rows: 1.0 / rows.cells, "error") for key, part in parts}
 
 
 def _frequencies(case: Case, form: str, count: int) -> list[Row]:
@@ -166,11 +166,11 @@ def _frequencies(case: Case, form: str, count: int) -> list[Row]:
 
 def _response(case: Case, form: str) -> list[Row]:
     """The amplitude of u(1, t) per amplitude of the base in the steady motion."""
-    system, base = without_contact(case.system(form)), case.beam.base
-    assert isinstance(base, Harmonic)
+    system, drive = without_contact(case.system(form)), case.beam.base
+    assert isinstance(drive, Harmonic)
     y, _ = steady_state(system)
     sine, cosine = (y @ system.channels[system.tip_channel][0])[1:3]
     # u = sine sin(a t) + cosine cos(a t) = Im((sine + i cosine) e^{i a t}).
-    ratio = complex(sine, cosine) / (base.amplitude * np.exp(1j * base.phase))
+    ratio = complex(sine, cosine) / (drive.amplitude * np.exp(1j * drive.phase))
     exact = tip_response(case.beam)
     return [{"quantity": "tip response", "value": abs(ratio), "error": abs(ratio - exact) / abs(exact)}]

@@ -37,7 +37,7 @@ from ..references.exact.solution import refuse
 from ..schemes.scheme import RigidScheme, Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
-from . import common
+from . import base
 from .base import Answer, Row, Study, Table, option
 
 if TYPE_CHECKING:
@@ -68,12 +68,12 @@ class Sweep(Study):
     parameter: str = option(
         "frequency", "frequency, amplitude, clearance, stiffness, viscosity, or a path: stops.stiffness"
     )
-    values: common.Values = option(None, common.VALUES)
+    values: base.Values = option(None, base.VALUES)
     method: str | None = option(
         None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     )
-    form: str | None = common.form()
-    contact: str = common.treatment()
+    form: str | None = base.form()
+    contact: str = base.treatment()
     periods: int = option(60, "periods of the drive to record", least=1)
     transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
@@ -83,19 +83,19 @@ class Sweep(Study):
 
     def points(self, case: Case) -> list[Row]:
         """Batches of values that march together, after the checks of the options."""
-        parameter, base, method = self.parameter, case.system(self.form), self.method
+        parameter, nominal, method = self.parameter, case.system(self.form), self.method
         if method is None:
-            runs = [run for run, *_ in case.runs if not base.rigid or isinstance(run, RigidScheme)]
+            runs = [run for run, *_ in case.runs if not nominal.rigid or isinstance(run, RigidScheme)]
             method = runs[0] if runs else EXACT
         scheme = scheme_of(case, method)
-        method = EXACT if scheme is None else next(iter(common.chosen(case, [method])))
+        method = EXACT if scheme is None else next(iter(base.chosen(case, [method])))
         # Without a period of the drive, every value is one run from 0 to t_end, without sections.
-        period = drive_period(base, parameter)
+        period = drive_period(nominal, parameter)
         once = period is None
         if once:
-            covered(base.time_functions, case.t_end)
+            covered(nominal.time_functions, case.t_end)
         if once and self.values is None:
-            paths = sorted(paths_of(base), key=lambda path: "[" not in path)  # loads and contacts
+            paths = sorted(paths_of(nominal), key=lambda path: "[" not in path)  # loads and contacts
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
         values = values_of(parameter, self.values, self.count, period)
@@ -106,7 +106,7 @@ class Sweep(Study):
             "periods": 1 if once else self.periods, "transient": transient,
         } | ({"t_end": case.t_end} if once else {})  # fmt: skip
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-        ends = [setup_of(base, shared, value) for value in (min(values), max(values))]
+        ends = [setup_of(nominal, shared, value) for value in (min(values), max(values))]
         if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
             try:
                 refuse(ends[0].system, transient * ends[0].period)
@@ -381,7 +381,7 @@ def values_of(parameter: str, values: Sequence[float] | None, count: int, period
 
 def scheme_of(case: Case, method: Any) -> Scheme | None:
     """The scheme of a method, None for the exact solution."""
-    return None if method == EXACT else next(iter(common.chosen_schemes(case, [method]).values()))
+    return None if method == EXACT else next(iter(base.chosen_schemes(case, [method]).values()))
 
 
 def setup_of(system: System, point: Row, value: float) -> Setup:
