@@ -1,14 +1,19 @@
-"""Case files of one's own: defaults, units, and what is said of bad fields."""
+"""Case files of one's own, of beams and of matrices: defaults, units, every study, and what is said of bad fields."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse
 
 import stiffbeam as sb
+from stiffbeam.basics.validation import InputError
 from stiffbeam.files.cases import _parse, find_case, load_cases
 from stiffbeam.files.paper import case_blocks, paper_text
 
@@ -223,3 +228,221 @@ def test_a_bad_case_name_lists_near_ones():
         find_case("cantilever")
     with pytest.raises(sb.InputError, match="got 'table18': did you mean"):
         sb.paper_case(18)
+
+
+# ---------------------------------------------------------------- systems of matrices
+
+TEXT = """
+[[case]]
+name = "chain"
+dt = 1e-3
+t_end = 8.0
+runs = ["HHT(alpha=-0.1)", "bdf2"]
+[case.system]
+mass = "M.mtx"
+stiffness = "K.npz"
+damping = "C.npy"
+loads = [
+  { row = [0.0, 0.0, 1.0], amplitude = 6.0, frequency = 2.2, phase = 0.3 },
+  { row = { 0 = 1.0 }, sampled = "push.csv", kind = "cubic" },
+]
+observe = "row.npy"
+initial_velocity = { 0 = 0.2, 2 = 1 }
+[[case.system.contacts]]
+row = { 1 = 0.2, 2 = 1.0 }
+lower = -0.35
+upper = 0.25
+stiffness = 900.0
+offset = { amplitude = 0.05, frequency = 1.1 }
+[[case.system.contacts]]
+row = [1.0, 0.0, 0.0]
+upper = 0.2
+stiffness = 500.0
+"""
+MASS = np.array([[1.0, 0.2, 0.0], [0.2, 1.5, 0.1], [0.0, 0.1, 0.7]])
+STIFFNESS = np.array([[60.0, -30.0, 0.0], [-30.0, 60.0, -30.0], [0.0, -30.0, 30.0]])
+TIMES = np.linspace(0.0, 8.0, 41)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """The case with its matrices in a folder of their own: paths are relative to the file."""
+    folder = tmp_path / "model"
+    folder.mkdir()
+    scipy.io.mmwrite(folder / "M.mtx", scipy.sparse.coo_array(MASS), symmetry="symmetric", precision=17)
+    scipy.sparse.save_npz(folder / "K.npz", scipy.sparse.csr_array(STIFFNESS))
+    np.save(folder / "C.npy", 1e-3 * STIFFNESS)
+    np.save(folder / "row.npy", np.array([0.0, 0.0, 1.0]))
+    lines = [f"{t!r},{v!r}" for t, v in zip(TIMES.tolist(), np.cos(TIMES).tolist(), strict=True)]
+    (folder / "push.csv").write_text("t,force\n" + "\n".join(lines))
+    (folder / "chain.toml").write_text(TEXT)
+    return folder / "chain.toml"
+
+
+def own_system() -> sb.System:
+    return sb.System.from_matrices(
+        MASS,
+        STIFFNESS,
+        1e-3 * STIFFNESS,
+        loads=[([0, 0, 1], sb.Harmonic(6.0, 2.2, 0.3)), ([1, 0, 0], sb.Sampled(TIMES, np.cos(TIMES), "cubic"))],
+        contacts=[
+            sb.Contact([0.0, 0.2, 1.0], sb.Stops(-0.35, 0.25, stiffness=900.0), sb.Harmonic(0.05, 1.1)),
+            sb.Contact([1.0, 0.0, 0.0], sb.Stops(None, 0.2, stiffness=500.0)),
+        ],
+        observe=[0.0, 0.0, 1.0],
+        initial_velocity=[0.2, 0.0, 1.0],
+    )
+
+
+def test_matrices_have_the_units_that_are_stated(file):
+    """In a case file and in Python; a changed or reduced system keeps them, and its runs and files have them."""
+    named = TEXT.replace("observe =", 'units = { length = "mm", time = "ms", force = "kN" }\nobserve =')
+    file.write_text(named)
+    system, units = find_case(str(file)).system(), ("mm", "ms", "kN")
+    assert system.units == units
+    assert find_case(str(file)).units == units
+    own = own_system()
+    assert own.units != units
+    assert replace(own, units=units).fingerprint != own.fingerprint  # a cache must not mix them
+    assert replace(own, units=own.units).fingerprint == own.fingerprint
+    assert replace(system, stiffness=2.0 * STIFFNESS).units == units
+    stop = sb.Contact([0, 0, 1], sb.Stops(upper=0.1, stiffness=1e3))
+    assert sb.reduce_model(MASS, STIFFNESS, contacts=[stop], modes=2, units=units)[0].units == units
+    run = sb.integrate(system, sb.HHT(), 1e-2, 1.0)
+    assert sb.load(run.save(file.parent / "run.nc")).units == units
+    assert "(kN)" in str(sb.compare(run, sb.reference(system, 1.0)))
+    for text, field in (("length = 1", "units"), ('mass = "kg"', "mass")):
+        file.write_text(named.replace('length = "mm"', text))
+        with pytest.raises(InputError, match=field):
+            find_case(str(file))
+    with pytest.raises(InputError, match="units must be the names"):
+        sb.System.from_matrices(MASS, STIFFNESS, observe=[1, 0, 0], units="mm")  # type: ignore[arg-type]
+
+
+def test_a_large_model_is_reduced_in_its_file(tmp_path):
+    n = 160
+    stiffness = scipy.sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)) * 1e4
+    scipy.io.mmwrite(tmp_path / "M.mtx", scipy.sparse.eye_array(n))
+    scipy.io.mmwrite(tmp_path / "K.mtx", stiffness, precision=17)
+    text = """
+    [[case]]
+    name = "string"
+    dt = 1e-3
+    t_end = 2.0
+    [case.system]
+    mass = "M.mtx"
+    stiffness = "K.mtx"
+    modes = 12
+    loads = [{ row = { 80 = 1.0 }, amplitude = 300.0, frequency = 2.0 }]
+    contacts = [{ row = { 120 = 1.0 }, upper = 0.2, stiffness = 1e4 }]
+    """
+    file = tmp_path / "string.toml"
+    file.write_text(text)
+    case, unit = find_case(str(file)), np.eye(n)
+    small, _ = sb.reduce_model(
+        np.eye(n), stiffness, loads=[(unit[80], sb.Harmonic(300.0, 2.0))],
+        contacts=[sb.Contact(unit[120], sb.Stops(upper=0.2, stiffness=1e4))], modes=12,
+    )  # fmt: skip
+    found = case.system()
+    assert found.size == 14
+    np.testing.assert_allclose(np.diag(found.stiffness), np.diag(small.stiffness), rtol=1e-10)
+    np.testing.assert_allclose(np.abs(found.contacts[0].row), np.abs(small.contacts[0].row), atol=1e-9)
+    file.write_text(text.replace("modes = 12", "modes = 12\n    modal_damping = 0.03"))
+    np.testing.assert_allclose(sb.modes(find_case(str(file)).system()).damping_ratio, 0.03, rtol=1e-12)
+    for wrong in ("0", "2.5", "160"):
+        file.write_text(text.replace("modes = 12", f"modes = {wrong}"))
+        with pytest.raises(InputError, match="modes"):
+            find_case(str(file))
+    file.write_text(text.replace("loads =", "initial_velocity = { 3 = 1.0 }\n    loads ="))
+    with pytest.warns(UserWarning, match=r"12 modes lose 0\.\d+ of the initial data"):
+        find_case(str(file))
+
+
+def test_modal_damping_of_a_file_is_added_to_its_damping(file):
+    file.write_text(TEXT.replace("[case.system]", "[case.system]\nmodal_damping = [0.02]", 1))
+    found, wanted = find_case(str(file)).system(), own_system()
+    added = sb.modal_damping(wanted.mass, wanted.stiffness, [0.02])
+    np.testing.assert_allclose(found.damping, wanted.damping + added, rtol=1e-14, atol=1e-16)
+    file.write_text(TEXT.replace("[case.system]", "[case.system]\nmodal_damping = -0.02", 1))
+    with pytest.raises(InputError, match="modal_damping"):
+        find_case(str(file))
+
+
+def test_a_file_makes_the_system_that_python_makes(file):
+    """Every number of it: the motions to the last bit, and the exact decimals of the file beside them."""
+    case, wanted = find_case(str(file)), own_system()
+    found = case.system()
+    assert (case.has_stops, case.grid, case.forms) == (True, "3 unknowns", ("matrices",))
+    for name in ("mass", "damping", "stiffness", "q0", "v0", "observe"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+    runs = [sb.integrate(x, sb.HHT(alpha=-0.1), 1e-3, 8.0) for x in (found, wanted)]
+    np.testing.assert_array_equal(runs[0].tip, runs[1].tip)
+    assert runs[0].contacts[1].impacts.count > 0
+    assert any(text.startswith("contacts") for text in found.exact_parameters)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"M.mtx"', '"missing.mtx"', "mass|be a file beside the case"),
+        ('"M.mtx"', '"M.csv"', ".mtx, .npz, .npy"),
+        ('"M.mtx"', '"two.npz"', "be a readable matrix in .npz"),
+        ('"M.mtx"', '"model.mat"', r"mass must be a file of .*: in Python: scipy.io.mmwrite"),
+        ('"M.mtx"', '"pickled.npy"', "be a readable matrix"),
+        ('"M.mtx"', '"abaqus.mtx"', r"mass must be a readable matrix in .mtx, got .*: write it by scipy.io.mmwrite"),
+        ("upper = 0.2\n", "upper = 0.2\nscale = 2.0\n", r"got 2.0: .*known: damping, .*upper"),
+        ('"M.mtx"', "[[1.0, 0.0], [0.0]]", "every row as long"),
+        ('"M.mtx"', '"/dev/zero"', "be a file"),
+        ('"push.csv"', '"/dev/zero"', "no folder, device or pipe"),
+        ("{ 0 = 1.0 }", "{ }", "be on an unknown"),
+        ("{ 0 = 1.0 }", "{ 3 = 1.0 }", "of an unknown from 0 to 2"),
+        ("{ 0 = 1.0 }", '{ "²" = 1.0 }', "of an unknown from 0 to 2"),
+        ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "hold 3 numbers"),
+        ("dt = 1e-3", "dt = 1e-3\ncells = 8", "has no grid"),
+        ('"bdf2"]', '"BDF2@hermite"]', "be without a form"),
+        ("upper = 0.2\n", "upper = 0.2\nmotion = { constant = 0.1 }\n", "known field"),
+        ("[case.system]", "[case.problem]\nstiffness = 1.0\n[case.system]", "stand alone"),
+    ],
+)
+def test_what_is_wrong_is_said(file, old, new, words):
+    np.savez(file.parent / "two.npz", a=MASS, b=MASS)
+    np.save(file.parent / "pickled.npy", np.array([{}], dtype=object))
+    (file.parent / "abaqus.mtx").write_text("1,1, 1,1, 2.0\n")
+    file.write_text(TEXT.replace(old, new, 1))
+    with pytest.raises(InputError, match=words):
+        find_case(str(file))
+
+
+def test_a_vector_is_a_diagonal_mass(file):
+    wanted = sb.System.from_matrices(np.diag([1.0, 2.0, 3.0]), STIFFNESS, observe=[1, 0, 0])
+    assert sb.System.from_matrices([1, 2, 3], STIFFNESS, observe=[1, 0, 0]).fingerprint == wanted.fingerprint
+    file.write_text(TEXT.replace('"M.mtx"', "[1, 2, 3]", 1))
+    np.testing.assert_array_equal(find_case(str(file)).system().mass, wanted.mass)
+
+
+def test_a_beam_that_is_given_as_its_system_keeps_its_grid():
+    beam = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0))
+    system = sb.semidiscretise(beam, 8)
+    records = sb.study("space", system, dt=1e-3, t_end=0.1, cells=[8, 10, 12], forms=["displacement"])
+    assert records.case.problem == beam
+    # Its table says what this grid costs: the first frequency of the cantilever is 1.8751... squared times k.
+    error = abs(sb.modes(system).omega[0] / (1.8751040687119611**2 * np.sqrt(300.0)) - 1.0)
+    (line,) = [line for line in records.answer.table.to_dict("records") if line["order in h of"] == "frequency 1"]
+    assert line["displacement"].endswith(f" ({error:.1g})")
+    assert "on 8 cells (the case has 8)" in records.answer.notes
+
+
+@pytest.mark.slow
+def test_the_commands_take_the_file(file, command):
+    """compare, with sampled loads and damping; many digits and the study of the grid say why not."""
+    code, out, err = command("compare", str(file), "--t-end", "1", "--references", "exact", "--json", "-")
+    assert code == 0, err
+    found = json.loads(out)
+    assert (found["case"], found["cells"]) == ("chain", None)
+    assert {f"{x}@matrices" for x in ("HHT(alpha=-0.1)", "BDF2", "exact")} <= set(re.findall(r'[^\s"]+@matrices', out))
+    code, out, err = command("reference", str(file), "--t-end", "0.3", "--method", "multiprecision", "--out", "r.nc")
+    assert code == 2
+    assert "use the method exact" in err
+    code, out, err = command("study", "space", str(file))
+    assert code == 2
+    assert "be a beam with a grid" in err

@@ -1,8 +1,9 @@
-"""The reproduction: that its runs are the paper's, that each table's main feature is there, and what is measured."""
+"""The reproduction of the paper: its runs, what is measured, the claims that are judged, and the page."""
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,15 +11,33 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from dumont2002 import claims as judging
+from dumont2002 import reproduce as reproducing
+from dumont2002.__main__ import main
+from dumont2002.claims import (
+    FAILS,
+    HOLDS,
+    NOT_MEASURED,
+    OPEN,
+    PARTLY,
+    SCHEME_ONLY,
+    Evidence,
+    in_parts,
+    judged,
+    of_both,
+)  # fmt: skip
 from dumont2002.misprints import MISPRINTS, measured
 from dumont2002.no_contact import GRIDS, error_curves, mode, problem, tip_exact
-from dumont2002.reproduce import TABLES
+from dumont2002.numbers import Sample, numbers_of
+from dumont2002.page import DOI
+from dumont2002.reproduce import TABLES, reproduce
 from dumont2002.table import Reading, drive_of, make_table
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.model.beam import roots
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.schemes import GAMMA_THIRD_ORDER
 from stiffbeam.schemes.labels import parse_run
+from stiffbeam.trajectory.trajectory import Diverged
 
 STORE = Path(__file__).parents[2] / "reference"
 BDF, RK, BOTH, ONE = ("(4.13)", "(4.5)", "(4.11)"), ("(4.10)", "(4.12)", "(4.14)"), ("(4.13)", "(4.14)"), ("(4.13)",)
@@ -195,3 +214,211 @@ def test_misprints_are_measured():
     assert "of order 1.00 instead of 2" in found["(4.11), M_d"]
     assert "it would not vibrate" in found["(4.12)"]
     assert "overflows" in found["Table 11"]
+
+
+# ---------------------------------------------------------------- claims
+
+NOTHING = Evidence({n: {"runs": {}, "exact": {}, "failures": {"(4.13)": "overflow"}} for n in range(1, 18)}, [],
+                   Reading())  # fmt: skip
+
+
+def sample(*values: float) -> Sample:
+    return Sample(np.array(values, float))
+
+
+def test_the_spread_decides_or_leaves_open():
+    near, far = sample(1.0, 1.2, 0.8, 1.1), sample(5.0, 5.2, 4.9, 5.1)
+    assert far.above(near) is True
+    assert near.above(far) is False
+    assert near.above(sample(1.1, 0.9, 1.0, 1.2)) is None
+    assert near.above(1.05) is None
+    assert sample(2.0, 2.0).above(1.0) is True  # members that do not differ decide by themselves
+    assert sample(2.0, 2.5).above(sample(1.0)) is None  # one degree of freedom decides little
+
+
+def test_a_verdict_tells_the_scheme_from_the_beam():
+    found = [of_both([a], [b]) for a in (True, False) for b in (True, False)]
+    assert found == [HOLDS, SCHEME_ONLY, PARTLY, FAILS]
+    assert {of_both([None], [True]), of_both([False, True], [None])} == {OPEN}
+    assert [in_parts(x) for x in ([True, True], [True, False], [False], [True, None])] == [HOLDS, PARTLY, FAILS, OPEN]
+
+
+@pytest.mark.parametrize("error", [Diverged("hht", 1.0, "a smaller step"), sb.InputError("x", 1, "be 2", "add 1")])
+def test_what_cannot_be_measured_says_so(error, monkeypatch):
+    def fail(e):
+        """Never."""
+        raise error
+
+    def fine(e):
+        """Always."""
+        return "Fine.", HOLDS
+
+    monkeypatch.setattr(judging, "CLAIMS", [("5", "before", fail), ("6", "after", fine)])
+    first, second = judged(NOTHING)
+    assert (first["verdict"], second["verdict"]) == (NOT_MEASURED, HOLDS)
+    assert str(error) in first["measured"]
+    assert second["holds if"] == "Always."
+
+
+def test_a_run_that_overflowed_is_evidence_for_nothing():
+    with pytest.raises(ValueError, match=r"\(4.13\) overflowed on Table 3"):
+        NOTHING.motions(3)
+
+
+# ---------------------------------------------------------------- what is measured
+
+
+@pytest.fixture(scope="module")
+def short():
+    """Table 17 to half a time unit with the exact solution in float64: five periods, twice its horizon."""
+    return make_table(replace(sb.paper_case(17), t_end=0.5), Reading())
+
+
+@pytest.mark.slow
+def test_ensembles_span_ten_periods(short):
+    found = numbers_of(short, 3, 2)
+    assert found["periods"] == 10
+    members = found["runs"]["(4.13)"]["members"]
+    assert len(members["impacts"]) == len(set(members["fraction"])) == 3
+    assert len(found["exact"]["displacement"]["members"]["depth"]) == 2
+    # The impacts of a member to T are those of its solo run.
+    system = short.systems["displacement"]
+    solo = sb.integrate(sb.perturbed_members(system, 3)[1], sb.HHT(-0.1), short.case.dt, short.case.t_end)
+    assert members["impacts"][1] == solo.impacts.count
+
+
+# ---------------------------------------------------------------- the page
+
+
+def check(text: str) -> list[str]:
+    """The pictures' texts of a page that stands alone: links lead to its ids, nothing is loaded from outside."""
+    ids, sources = (re.findall(rf'\s(?:{name})="([^"]*)"', text) for name in ("id", "src|href"))
+    paper, images = f"https://doi.org/{DOI}", re.findall(r"<img [^>]*>", text)
+    assert len(set(ids)) == len(ids)
+    assert sources.count(paper) == 1
+    assert {x for x in sources if x != paper and not x.startswith("data:")} <= {f"#{name}" for name in ids}
+    assert all('src="data:image/png;base64,' in image for image in images)
+    plain = re.sub(r"base64,[A-Za-z0-9+/=]+", "", text)
+    assert not re.search(r"<script|<iframe|@import|url\(", plain)
+    assert "nan" not in re.sub(r"<[^>]*>", " ", plain).lower().split()
+    texts = [re.findall(r'alt="([^"]*)"', image)[0] for image in images]
+    assert len(set(texts)) == len(texts) > 0
+    assert all(len(words) > 30 for words in texts)
+    return texts
+
+
+def run(*arguments) -> int:
+    return main([*map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """``figure 17`` as a user runs it: the quickest table, and the one with a panel more."""
+    out = tmp_path_factory.mktemp("reproduction")
+    code = run("figure", "17", "--references", STORE, "--out", out, "--json", out / "17.json")
+    assert code == 0
+    return out
+
+
+@pytest.mark.slow
+def test_the_page_of_one_table_is_whole_and_stands_alone(made):
+    text = (made / "index.html").read_text(encoding="utf-8")
+    assert len(check(text)) == 1
+    assert (made / "figure17.png").stat().st_size > 50_000
+    assert 'id="table-17"' in text
+    assert not list(made.glob("*.partial"))
+
+
+@pytest.mark.slow
+def test_the_numbers_of_a_table_hold_together(made):
+    found = json.loads((made / "17.json").read_text(encoding="utf-8"))["tables"]["table17"]
+    run_, true = found["runs"]["(4.13)"], found["exact"]["displacement"]
+    manifest = json.loads((STORE / "MANIFEST.json").read_text(encoding="utf-8"))["references"]
+    entry = next(e for e in manifest if "table17" in e["tables"])
+    assert true["impacts"] == entry["impacts"]
+    assert true["fraction"] == pytest.approx(entry["contact_fraction"], rel=1e-6)
+    assert true["sampled"] <= true["impacts"]  # a step can jump over a short visit
+    assert 0.1 < true["horizon"] < 0.4
+    assert 0.0 < run_["matched_until"] <= true["horizon"]
+    assert run_["fast"] < true["fast"]
+    # The run itself belongs to its ensemble, the true motion to the true one: within four deviations.
+    for row in (run_, true):
+        counts = np.array(row["members"]["impacts"])
+        assert abs(row["impacts"] - np.mean(counts)) < 4.0 * np.std(counts, ddof=1) * np.sqrt(1 + 1 / len(counts))
+    assert found["periods"] >= 10
+
+
+@pytest.mark.slow
+def test_a_second_run_takes_the_table_from_the_store(made, monkeypatch):
+    monkeypatch.setattr(reproducing, "make_table", None)
+    before = (made / "index.html").read_text(encoding="utf-8")
+    assert run("table", "17", "--references", STORE, "--out", made) == 0
+    after = (made / "index.html").read_text(encoding="utf-8")
+    footer = re.compile(r"<footer.*</footer>", re.DOTALL)
+    assert footer.sub("", after) == footer.sub("", before)
+
+
+def test_an_interruption_loses_the_running_table_only(monkeypatch, tmp_path):
+    asked: list[tuple] = []
+
+    def part(number, reading, members):
+        asked.append((number, reading.contact, *members))
+        if asked.count(asked[-1]) == 1 and number == 14:
+            raise KeyboardInterrupt
+        return {"numbers": {"table": number}, "pictures": {}}
+
+    monkeypatch.setattr(reproducing, "table_part", part)
+    monkeypatch.setattr(reproducing, "write_page", lambda file, *_: file)
+    with pytest.raises(KeyboardInterrupt):
+        reproduce([10, 14], Reading(), tmp_path, 1)
+    _, made = reproduce([10, 14], Reading(), tmp_path, 1)
+    assert made[14]["numbers"] == {"table": 14}
+    assert [number for number, *_ in asked] == [10, 14, 14]
+    reproduce([10], Reading("extrapolated"), tmp_path, 1, (3, 2))  # another reading is another table
+    assert asked[3:] == [(10, "extrapolated", 3, 2)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["table"], "table N"),
+        (["chapter", "3"], "all, table N or figure N"),
+        (["all", "3"], "all, table N or figure N"),
+        (["table", "18"], "1 to 17"),
+        (["table", "3", "--contact", "soft"], "implicit"),
+        (["table", "3", "--references", "nowhere"], "MANIFEST"),
+        (["table", "3", "--jobs", "0"], ">= 1"),
+    ],
+)
+def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- everything
+
+
+@pytest.mark.campaign
+def test_the_whole_reproduction(tmp_path):
+    """Every table, claim and misprint on one page; small ensembles, for time."""
+    file, tables = reproduce(None, Reading(references=str(STORE)), tmp_path, 2, (6, 2))
+    assert list(tables) == list(range(1, 18))
+    text = file.read_text(encoding="utf-8")
+    assert len(check(text)) == 17 + 3  # Table 10 at its stop, shares of contact, Section 5.1
+    assert all(f'id="table-{n}"' in text for n in range(1, 18))
+    assert not any(part["numbers"]["failures"] for part in tables.values())
+    row = r"<td>([^<]*)</td>\s*<td>[^<]*</td>\s*<td>[^<]*</td>\s*<td>([^<]*)</td>\s*</tr>"
+    verdicts = dict(re.findall(row, text[text.index('id="claims"') : text.index('id="without-contact"')]))
+    assert len(verdicts) > 20
+    assert NOT_MEASURED not in verdicts.values()
+    # What other tests and the references' manifest know already.
+    known = {
+        "“The duration of free flights is very short comparing": SCHEME_ONLY,
+        "“The contact time is relatively long in comparison": SCHEME_ONLY,
+        "“Higher is the value of γ, higher is the damping”": FAILS,
+        "“The solutions obtained with the schemes (4.12) and (4.14) are exactly": HOLDS,
+        "“Both discretisations in space are second order": HOLDS,
+    }
+    for words, verdict in known.items():
+        assert [found for claim, found in verdicts.items() if claim.startswith(words)] == [verdict], words
