@@ -259,7 +259,7 @@ def _follow(
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
     """Print a line of each solution and save it as soon as it is there; the tables follow the main reference."""
-    from ..measures.report import largest, percent, short, verdict
+    from ..measures.report import largest, short, verdict
 
     told = 0  # failures
     for solution in result.run(schemes, names):
@@ -270,10 +270,7 @@ def _follow(
         written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
         said = largest(solution)
         for c in result.comparisons if solution in result.references[1:] else ():
-            if c.label == solution.label:
-                right = c.contacts and c.matched_until >= c.window
-                said = f"all impacts right as far as it is known, to t = {c.window:.3g}, tip error " if right else ""
-                said += f"{percent(c.tip_error_matched)} rms" if right else verdict([c])
+            said = verdict([c]) if c.label == solution.label else said
         work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
         tell(f"{short(solution.provenance['method'])}: {said} ({work})")
         if len(result.references) == 1 and solution is result.references[0]:

@@ -18,11 +18,11 @@ from ..basics.units import Units
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System
+from ..model.time_functions import Drive
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .frequencies import drive_frequency
 from .report import report
 
 if TYPE_CHECKING:
@@ -334,7 +334,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(
         t[:steps], run.tip[:steps], run.tip_velocity[:steps], lambda times: u_ref[np.searchsorted(t, times)], together,
-        drive_frequency(system), 2.0 * np.pi / period,
+        max(Drive.of(system).frequencies, default=0.0), 2.0 * np.pi / period,
     )  # fmt: skip
     return Comparison(
         label=run.label, reference=reference.label, units=system.units, dt=dt, steps=run.work.steps,

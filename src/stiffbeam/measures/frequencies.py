@@ -17,21 +17,15 @@ from ..model.system import System
 from ..model.time_functions import Drive, Sampled, Superposition, parts
 
 
-def drive_frequency(system: System) -> float:
-    """The highest angular frequency that drives the system, 0 where none does."""
-    return max(Drive.of(system).frequencies, default=0.0)
-
-
-def slowest_period(system: System, t_end: float = np.inf) -> float:
-    """The longest period of the drives and of the modes that oscillate in a run to t_end.
-
-    Raises InputError where nothing does.
-    """
-    rates = [*undamped_modes(system).omega[oscillates(system, t_end)], *Drive.of(system).frequencies]
-    if not rates:
+def smooth_period(system: System, t_end: float = np.inf) -> float:
+    """The longest period of the drives and of the modes that oscillate without contact in a run to t_end; 0 where the
+    body flies freely away from its stops. Raises InputError where there are no stops either."""
+    free = without_contact(system)
+    rates = [*undamped_modes(free).omega[oscillates(free, t_end)], *Drive.of(free).frequencies]
+    if not rates and not system.contacts:
         remedy = "give it stiffness or a Harmonic load, or a longer run"
         raise InputError("system", "no oscillation", "have a frequency without its stops", remedy)
-    return 2.0 * np.pi / min(rates)
+    return 2.0 * np.pi / min(rates) if rates else 0.0
 
 
 def without_contact(system: System) -> System:

@@ -506,6 +506,12 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
     return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
+def clear_orders(orders: Mapping[str, Order]) -> str:
+    """The least and the largest order with a narrow interval, see ``extremes``."""
+    slopes = {name: order.slope for name, order in orders.items() if not order.unclear}
+    return extremes(slopes, "{:.2f}".format) if any(map(np.isfinite, slopes.values())) else "no clear rate"
+
+
 def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
     """The observed order of column ``error`` in a step that is taken from the table, of errors above 0."""
     kept = table[table[error] > 0.0]

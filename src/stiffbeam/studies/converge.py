@@ -18,7 +18,7 @@ from ..figures.chart import log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
-from ..measures.frequencies import slowest_period, smooth_motion, without_contact
+from ..measures.frequencies import smooth_motion, smooth_period
 from ..measures.report import DASH, percent
 from ..model.scales import scales
 from ..model.system import System
@@ -116,7 +116,7 @@ class Converge(Study):
             if kind == CONTACT and not system.contacts:
                 continue
             end = base.first_impacts(case, self.form or case.forms[0], self.impacts) if kind == CONTACT else 0.0
-            if kind == SMOOTH and not (end := smooth_end(system, case.t_end)):
+            if kind == SMOOTH and not (end := smooth_period(system, case.t_end)):
                 continue
             for label, one in self.chosen(case).items():
                 shared = {"kind": kind, "integrator": label, "t_end": end}
@@ -178,29 +178,25 @@ class Converge(Study):
     def answer(self, table: Table, case: Case) -> Answer:
         """Orders of every integrator, the work for one error, the step from which on impacts are right."""
         observed = orders(table)
-        small: dict[str, Row] = {label: {"integrator": short(label)} for label in table.integrator.unique()}
+        columns: dict[str, dict[str, str]] = {"integrator": {x: short(x) for x in table.integrator.unique()}}
         words, parts = {SMOOTH: "without contact", CONTACT: "through the first impacts"}, []
         for kind in (x for x in words if x in set(table.kind)):
             of_kind = {label: order for (k, label), order in observed.items() if k == kind}
             if kind == CONTACT and not _touches(table):
-                words[CONTACT] = (
-                    f"as the motion starts, without impacts to t = {table[table.kind == CONTACT].t_end.max():g}"
-                )
-            for label, order in of_kind.items():
-                small[label][f"order {words[kind]}"] = str(order) if np.isfinite(order.slope) else "too few points"
-            clear = {label: order.slope for label, order in of_kind.items() if not order.unclear}
-            found = base.extremes(clear, "{:.2f}".format) if any(map(np.isfinite, clear.values())) else "no clear rate"
-            parts += [f"{found} {words[kind]}"] if of_kind else []
+                end = table[table.kind == CONTACT].t_end.max()
+                words[CONTACT] = f"as the motion starts, without impacts to t = {end:g}"
+            columns[f"order {words[kind]}"] = {
+                label: str(order) if np.isfinite(order.slope) else "too few points" for label, order in of_kind.items()
+            }
+            parts += [f"{base.clear_orders(of_kind)} {words[kind]}"] if of_kind else []
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
-        costs = cheapest(at, ERROR, "solves")
-        for label, cost in costs.items():
-            small[label][f"work for {ERROR:g}"] = _count(cost)
-        right = right_from(at)
-        for label, dt in right.items():
-            small[label]["impacts right from dt"] = f"{dt:.2g}" if np.isfinite(dt) else DASH
+        costs, right = cheapest(at, ERROR, "solves"), right_from(at)
+        columns[f"work for {ERROR:g}"] = {label: _count(cost) for label, cost in costs.items()}
+        columns["impacts right from dt"] = {x: f"{dt:.2g}" if np.isfinite(dt) else DASH for x, dt in right.items()}
         if "energy_lost" in at:
-            for label, rows in at[at.energy_lost.notna()].groupby("integrator", sort=False):
-                small[str(label)]["energy lost at dt"] = percent(rows.energy_lost.iloc[0])
+            lost = at[at.energy_lost.notna()].groupby("integrator").energy_lost.first()
+            columns["energy lost at dt"] = lost.map(percent).to_dict()
+        small = pd.DataFrame({name: column for name, column in columns.items() if column})
         best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if best is not None:
@@ -210,7 +206,7 @@ class Converge(Study):
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
-        return Answer(verdict.strip(), pd.DataFrame(list(small.values())), notes)
+        return Answer(verdict.strip(), small, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """A panel for each view; errors over the step have one for each kind of motion."""
@@ -237,19 +233,6 @@ class Converge(Study):
         for axis in axes[len(panels) :]:
             axis.remove()
         shared_legend(figure, 4)
-
-
-def smooth_end(system: System, t_end: float) -> float:
-    """The end of a run without contact: the longest period, or 0 where the body flies freely away from its stops.
-
-    Raises InputError where there are no stops either.
-    """
-    try:
-        return slowest_period(without_contact(system), t_end)
-    except InputError:
-        if not system.contacts:
-            raise
-        return 0.0
 
 
 def _count(cost: float) -> str:

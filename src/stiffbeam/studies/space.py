@@ -111,9 +111,7 @@ class Space(Study):
         parts = []
         for words, impact in (("without contact", False), ("in contact", True)):
             group = {f"{q}, {form}": order for (q, form), order in observed.items() if ("impact" in q) == impact}
-            slopes = {name: order.slope for name, order in group.items() if not order.unclear}
-            clear = base.extremes(slopes, "{:.2f}".format) if slopes else "no clear rate"
-            parts += [f"{clear} {words}"] if group else []
+            parts += [f"{base.clear_orders(group)} {words}"] if group else []
         notes = f"In brackets the relative error on {near:g} cells (the case has {case.cells}), in contact against the "
         notes += f"grid of {self.finest}. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
         return Answer(f"Observed orders in h: {', '.join(parts)}.", pd.DataFrame(list(small.values())), notes)
