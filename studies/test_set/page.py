@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffbeam.figures.scores import problem_picture
+from stiffbeam.figures.chart import new_figure
+from stiffbeam.figures.scores import motion
 from stiffbeam.testset.problem import VERSION, Answer, Problem, read
 
 LONG = 6  # values that a page shows of a list
@@ -16,7 +17,10 @@ def write_page(folder: Path) -> None:
     """Pictures beside the files, and the page that shows them."""
     made = sorted((read(x.read_text(encoding="utf-8")) for x in folder.glob("*.toml")), key=lambda p: p.number)
     for problem in made:
-        problem_picture(problem).savefig(folder / f"{problem.name}.png", dpi=80)
+        figure = new_figure(2.6, width=8.0)
+        motion(axis := figure.subplots(), problem)
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", fontsize=8, frameon=False, ncols=3)
+        figure.savefig(folder / f"{problem.name}.png", dpi=80)
     (folder / "README.md").write_text(page_text(made), encoding="utf-8")
 
 

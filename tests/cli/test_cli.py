@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -247,21 +246,13 @@ def test_a_full_disk_is_one_line():
 # ---------------------------------------------------------------- studies
 
 
-def test_the_help_lists_every_command(command):
-    code, out, err = command("--help")
-    assert (code, err) == (0, "")
-    commands = [*OWN, "cases", "compare", "doctor", "reference", "score", "study"]
-    assert [name for name in commands if f" {name} " not in out] == []
-    assert "130" in out
-
-
-@pytest.mark.parametrize("words", [["converge"], ["sweep"], ["study", "energy"], ["advise"], ["compare"]], ids="-".join)
+@pytest.mark.parametrize("words", [[], ["converge"], ["study", "energy"], ["advise"], ["compare"]], ids="-".join)
 def test_the_help_of_a_command_has_every_option_with_its_help(words, command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
-    code, out, _ = command(*words, "--help")
-    assert code == 0
-    options = re.findall(r"--[a-z-]+", out)
-    assert {"--t-end", "--json"} <= set(options)
+    code, out, err = command(*words, "--help")
+    assert (code, err) == (0, "")
+    wanted = ["--t-end", "--json"] if words else [*OWN, "cases", "compare", "doctor", "reference", "score", "study"]
+    assert [name for name in wanted if f" {name} " not in out] == []
     for line in out.splitlines():
         if " --" in line[:8]:
             assert len(line.strip("│ ").split()) > 2, line

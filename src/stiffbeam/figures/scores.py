@@ -36,15 +36,6 @@ def motion(axis: Axes, problem: Any) -> None:
     axis.set(xlabel="time $t$", ylabel="$u(t)$")
 
 
-def problem_picture(problem: Any) -> Figure:
-    """The motion of a problem."""
-    figure = new_figure(2.6, width=8.0)
-    axis = figure.subplots()
-    motion(axis, problem)
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", fontsize=8, frameon=False, ncols=3)
-    return figure
-
-
 def score_picture(entries: Sequence[Any]) -> Figure:
     """The motion of the entries' problem, the error of the tip over the cost, and that of the impact times."""
     problem = entries[0].problem

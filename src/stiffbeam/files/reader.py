@@ -47,8 +47,7 @@ def read_matrix(file: Path) -> Any:
     try:
         return readers[file.suffix](file)
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
-        writers = {".mtx": "scipy.io.mmwrite", ".npz": "scipy.sparse.save_npz", ".npy": "numpy.save"}
-        remedy = f"write it by {writers[file.suffix]} ({error})"
+        remedy = f"write it by scipy.io.mmwrite, scipy.sparse.save_npz or numpy.save ({error})"
         raise InputError("", str(file), f"be a readable matrix in {file.suffix}", remedy) from None
 
 

@@ -83,11 +83,11 @@ class Advise(Study):
         "admissible relative errors: tip (rms), impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,"
         "peak_force=0.05, of rigid stops impulse in the place of peak_force",
     )
-    schemes: base.Labels = base.schemes()
+    schemes: base.Labels = option(*base.SCHEME_LABELS)
     contacts: base.Labels = option(
         ("implicit", "conserving"), "treatments of contact to try, comma-separated", known=TREATMENTS
     )
-    form: str | None = base.form()
+    form: str | None = option(*base.FORM)
     most_steps: int | None = option(
         None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices", least=1
     )

@@ -441,19 +441,10 @@ Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
 
 
-def schemes() -> Any:
-    """The option ``schemes``."""
-    return option(None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all that support the case")
-
-
-def form() -> Any:
-    """The option ``form``."""
-    return option(None, "displacement, velocity-curvature or hermite; default: the case's first")
-
-
-def treatment() -> Any:
-    """The option ``contact``."""
-    return option("implicit", "implicit, conserving, or extrapolated as in the paper")
+# Defaults and helps of options that several studies have.
+SCHEME_LABELS = None, "comma-separated, e.g. 'BDF2,HHT(alpha=-0.2)'; default: all that support the case"
+FORM = None, "displacement, velocity-curvature or hermite; default: the case's first"
+TREATMENT = "implicit", "implicit, conserving, or extrapolated as in the paper"
 
 
 # ---------------------------------------------------------------- integrators and their runs

@@ -54,8 +54,8 @@ class Chaos(Study):
     exact solution and by every scheme.
     """
 
-    schemes: base.Labels = base.schemes()
-    form: str | None = base.form()
+    schemes: base.Labels = option(*base.SCHEME_LABELS)
+    form: str | None = option(*base.FORM)
     starts: int = option(48, "pairs of neighbouring motions", least=1)
     size: float | None = option(
         None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"

@@ -77,8 +77,8 @@ class Converge(Study):
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
     tolerances: base.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
     impacts: int = option(4, "number of impacts in the time window", least=1)
-    form: str | None = base.form()
-    contact: str = base.treatment()
+    form: str | None = option(*base.FORM)
+    contact: str = option(*base.TREATMENT)
 
     height: ClassVar = 8.4
     labels: ClassVar = {

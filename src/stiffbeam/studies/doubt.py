@@ -81,8 +81,8 @@ class Doubt(Study):
     )
     members: int = option(48, "number of systems with random parameters", least=8)
     rng: int = option(1, "seed of the random systems", least=0)
-    form: str | None = base.form()
-    contact: str = base.treatment()
+    form: str | None = option(*base.FORM)
+    contact: str = option(*base.TREATMENT)
 
     all_cores: ClassVar = True
 

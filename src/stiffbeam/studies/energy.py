@@ -36,9 +36,9 @@ class Energy(Study):
     horizon.
     """
 
-    schemes: base.Labels = base.schemes()
+    schemes: base.Labels = option(*base.SCHEME_LABELS)
     forms: base.Labels = option(None, "comma-separated; default: all that the case supports")
-    contact: str = base.treatment()
+    contact: str = option(*base.TREATMENT)
 
     needs_motion: ClassVar = True
     height: ClassVar = 8.2

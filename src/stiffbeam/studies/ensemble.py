@@ -45,12 +45,12 @@ class Ensemble(Study):
     Example: stiffbeam ensemble table10 --schemes 'BDF2,HHT(alpha=-0.1)' --members 50
     """
 
-    schemes: base.Labels = base.schemes()
-    form: str | None = base.form()
+    schemes: base.Labels = option(*base.SCHEME_LABELS)
+    form: str | None = option(*base.FORM)
     members: int = option(200, "perturbed runs of each method", least=2)
     size: float = option(SPREAD, "of the perturbation, relative to the motion")
     rng: int = option(1, "seed of the perturbations", least=0)
-    contact: str = base.treatment()
+    contact: str = option(*base.TREATMENT)
 
     needs_motion: ClassVar = True
     needs_stops: ClassVar = True

@@ -38,8 +38,8 @@ class Modes(Study):
     steps per period are left out, because their samples are aliased. Theory: one step on a damped oscillator.
     """
 
-    schemes: base.Labels = base.schemes()
-    form: str | None = base.form()
+    schemes: base.Labels = option(*base.SCHEME_LABELS)
+    form: str | None = option(*base.FORM)
     steps: int = option(4000, "number of time steps of a run", least=1)
 
     free: ClassVar = True

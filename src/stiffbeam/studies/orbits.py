@@ -60,7 +60,7 @@ class Orbits(Study):
     )
     values: base.Values = option(None, base.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
-    form: str | None = base.form()
+    form: str | None = option(*base.FORM)
     count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
     named_by: ClassVar = ("parameter",)

@@ -39,7 +39,7 @@ class Rigid(Study):
 
     factors: base.Values = option(tuple(4.0**k for k in range(10)), "factors on the stiffness, comma-separated")
     impacts: int = option(3, "number of impacts in the time window", least=1)
-    form: str | None = base.form()
+    form: str | None = option(*base.FORM)
 
     needs_stops: ClassVar = True
     needs_motion: ClassVar = True

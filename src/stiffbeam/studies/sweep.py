@@ -72,8 +72,8 @@ class Sweep(Study):
     method: str | None = option(
         None, "a scheme, or exact; default: the case's first scheme that has a law for its stops"
     )
-    form: str | None = base.form()
-    contact: str = base.treatment()
+    form: str | None = option(*base.FORM)
+    contact: str = option(*base.TREATMENT)
     periods: int = option(60, "periods of the drive to record", least=1)
     transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
