@@ -66,10 +66,8 @@ def option(default: Any, help: str, least: int | None = None, known: Iterable[st
 class Study:
     """Base of all studies: fields are options, the first line of the docstring is the question.
 
-    Class variables: ``all_cores``, True where a point uses every core;
-    ``needs_stops`` and ``needs_motion``;
-    ``any_step``, True where the study chooses the time steps itself;
-    ``free``, True where the motion touches no stop; ``named_by``, options in the names of files;
+    Class variables: ``all_cores``, True where a point uses every core; ``needs_stops`` and ``needs_motion``;
+    ``any_step``, True where the study chooses the time steps itself; ``free``, True where the motion touches no stop;
     ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
     """
 
@@ -78,7 +76,6 @@ class Study:
     needs_motion: ClassVar[bool] = False
     any_step: ClassVar[bool] = False
     free: ClassVar[bool] = False
-    named_by: ClassVar[tuple[str, ...]] = ()
     height: ClassVar[float] = 6.0
     labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
@@ -253,8 +250,8 @@ class Records:
         """Write the table as CSV, the answer as text and the picture as PNG into ``folder``."""
         from ..figures.chart import save_figure
 
-        named = [getattr(self.study, option) for option in self.study.named_by]
-        stem = "-".join([self.name, *(str(x).replace("/", "_") for x in named if x is not None)])
+        parameter = getattr(self.study, "parameter", "")  # of a sweep or a branch
+        stem = f"{self.name}-{parameter}".replace("/", "_") if parameter else self.name
         csv = write_whole(Path(folder) / f"{stem}.csv", self.table.to_csv(index=False))
         text = write_whole(Path(folder) / f"{stem}.txt", f"{self}\n")
         return [csv, text, save_figure(self.figure(), Path(folder) / f"{stem}.png")]

@@ -276,11 +276,6 @@ class Column:
     sample: Array
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
-    @property
-    def size(self) -> float:
-        """|statistic| of all members, times its factor."""
-        return self.factors[0] * abs(float(self.statistic(self.sample)))
-
 
 def shift(values: Array, wanted: Array) -> Column:
     """The column of mean(values - wanted), member by member."""
@@ -314,7 +309,8 @@ def share(column: Column, scale: float) -> tuple[float, float, float]:
     low, high = column.factors[1] * low, column.factors[2] * high
     if scale == 0.0:
         return (np.inf, np.inf if low else 0.0, np.inf) if high else (0.0, 0.0, 0.0)
-    return column.size / scale, low / scale, high / scale
+    size = column.factors[0] * abs(float(column.statistic(column.sample)))
+    return size / scale, low / scale, high / scale
 
 
 def largest_of(shares: Mapping[str, tuple[float, float, float]]) -> tuple[str, ...]:

@@ -63,7 +63,6 @@ class Orbits(Study):
     form: str | None = option(*base.FORM)
     count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
-    named_by: ClassVar = ("parameter",)
     height: ClassVar = 8.8
 
     def points(self, case: Case) -> list[Row]:

@@ -78,7 +78,6 @@ class Sweep(Study):
     transient: int = option(100, "periods of the drive before the recorded ones", least=0)
     count: int = option(200, "number of drive frequencies if no values are given", least=1)
 
-    named_by: ClassVar = ("parameter",)
     height: ClassVar = 9.4
 
     def points(self, case: Case) -> list[Row]:
