@@ -9,8 +9,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from html import escape
@@ -266,6 +265,7 @@ def perform(
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import BrokenProcessPool
 
     study.require(case)
     if jobs is not None:
@@ -277,40 +277,30 @@ def perform(
         points = list(study.points(case))
         jobs, available = 1 if study.measured else jobs, cores()
         threads = max(1, available // jobs) if jobs is not None else 0
-        work = (delayed(_numbered)(i, study, case, point, store, threads) for i, point in enumerate(points))
+        work = (delayed(_point)(study, case, point, store, threads) for point in points)
         show(name, 0, len(points))
-        parts: list[tuple[int, list[Row]]] = []
-        with _processes(store):
-            done: Any = Parallel(jobs, return_as="generator_unordered")(work)
-            for part in done:
-                parts.append(part)
-                show(name, len(parts), len(points))
-    rows = [row for _, part in sorted(parts, key=lambda part: part[0]) for row in part]
+        rows = list[Row]()
+        try:
+            done: Any = Parallel(jobs, return_as="generator")(work)
+            for count, part in enumerate(done, 1):
+                rows += part
+                show(name, count, len(points))
+        except KeyboardInterrupt:  # learns what the processes have kept
+            TALK.kept = TALK.kept or (store.folder is not None and any(store.folder.glob("*.json")))
+            raise
+        except BrokenProcessPool as error:
+            reason = "is there enough memory? Run it again; with a folder the finished points are kept"
+            raise Unfinished(f"a process of the study died: {reason}") from error
     table = pd.DataFrame(rows)
     table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": study.axis_labels(case)}
     return Records(study, case, table)
 
 
-@contextmanager
-def _processes(store: Store) -> Generator[None, None, None]:
-    """Raise Unfinished where the processes of joblib die. An interruption learns what they have kept."""
-    from joblib.externals.loky.process_executor import BrokenProcessPool
-
-    try:
-        yield
-    except KeyboardInterrupt:
-        TALK.kept = TALK.kept or (store.folder is not None and any(store.folder.glob("*.json")))
-        raise
-    except BrokenProcessPool as error:
-        reason = "is there enough memory? Run it again; with a folder the finished points are kept"
-        raise Unfinished(f"a process of the study died: {reason}") from error
-
-
-def _numbered(i: int, study: Study, case: Case, point: Row, store: Store, threads: int) -> tuple[int, list[Row]]:
-    """The rows of point i, from the store if it has them. threads: of an ensemble in this process, 0: all."""
+def _point(study: Study, case: Case, point: Row, store: Store, threads: int) -> list[Row]:
+    """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all."""
     if threads and os.environ.get("STIFFBEAM_THREADS") is None and threads < cores():
         os.environ["STIFFBEAM_THREADS"] = str(threads)
-    return i, store.rows(point, lambda: evaluate(study, case, point))
+    return store.rows(point, lambda: evaluate(study, case, point))
 
 
 def evaluate(study: Study, case: Case, point: Row) -> list[Row]:
