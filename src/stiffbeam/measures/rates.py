@@ -100,11 +100,10 @@ def stationary_mean(series: ArrayLike) -> Mean:
 
 @dataclass(frozen=True)
 class ContactRates:
-    """Rates at every contact, over the time from ``since`` to ``t_end``.
+    """Rates at every contact of a run.
 
     Parameters
     ----------
-    since, t_end : float
     rates : sequence of dict
         For each contact the Mean of ``impact`` (impacts per time), ``impulse`` (integral of |sigma| per time),
         ``contact`` (share of the time), ``normal_work`` and ``sliding_work`` (work per time) and ``force_rms``.
@@ -113,8 +112,6 @@ class ContactRates:
         a reference, or the output times; of rigid stops "impacts", with their impulses.
     """
 
-    since: float
-    t_end: float
     rates: tuple[Mapping[str, Mean], ...]
     sources: tuple[str, ...]
     run: Trajectory = field(repr=False)
@@ -209,7 +206,7 @@ def contact_rates(
         square = means["force_rms"]
         means["force_rms"] = Mean(square.value**0.5, square.low**0.5, square.high**0.5, square.effective)
         rates.append(means)
-    return ContactRates(float(since), end, tuple(rates), tuple(sources), run)
+    return ContactRates(tuple(rates), tuple(sources), run)
 
 
 def _integrals(edges: Array, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> Array:

@@ -111,7 +111,7 @@ class Advise(Study):
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
 
     def run(self, case: Case) -> list[Row]:
-        """A row of kind "run" for every trial, and remarks."""
+        """A row of kind "run" for every trial, of kind "advised" for the one that is, and remarks."""
         begun, show, t_end = clock(), current(), case.t_end
         system = case.system(self.form)
         exact = best_reference(system, t_end, progress=show, seconds=0.4 * self.seconds)
@@ -131,7 +131,7 @@ class Advise(Study):
         if search.ended:
             remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
         if chosen is not None:
-            chosen["advised"] = True
+            chosen["kind"] = "advised"
         rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
         return [row | {"t_end": t_end, "horizon": exact.horizon} for row in rows]
 
@@ -152,7 +152,7 @@ class Advise(Study):
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
         axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        runs, best = table[table.kind == "run"].copy(), advised_row(table)
+        runs, best = table[table.kind != "remark"].copy(), advised_row(table)
         if len(runs):
             runs["worst"] = _worst(runs, wanted)
             for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
@@ -161,7 +161,7 @@ class Advise(Study):
                 group = group.sort_values("work")
                 axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
             if best is not None:
-                worst = runs.worst[runs.advised.astype(bool)]
+                worst = runs.worst[runs.kind == "advised"]
                 axis.plot(best.work, worst, "o", ms=10, mfc="none", color="black", label="advised")
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
@@ -172,8 +172,7 @@ class Advise(Study):
 
 def advised_row(table: Table) -> Any:
     """The row of the run that is advised, None where there is none."""
-    rows = table[table.advised.fillna(False).astype(bool)] if "advised" in table else table[:0]
-    return next(rows.itertuples(), None)
+    return next(table[table.kind == "advised"].itertuples(), None)
 
 
 def advised(records: Records, every: int = 1) -> Trajectory:
@@ -239,7 +238,7 @@ class Search:
                 return None
             errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
         row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
-                    "work": steps * len(scheme.nodes), "seconds": seconds, "advised": False}  # fmt: skip
+                    "work": steps * len(scheme.nodes), "seconds": seconds}  # fmt: skip
         return row | {f"error_{name}": x for name, x in errors.items()}
 
     def meets(self, run: Row) -> bool:
