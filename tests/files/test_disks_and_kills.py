@@ -1,4 +1,4 @@
-"""Folders of others, texts, terminals, kills: what was finished stays, and a clear line says the rest."""
+"""Full disks, folders of others, texts, terminals, kills: what was finished stays, and a clear line says the rest."""
 
 from __future__ import annotations
 
@@ -21,6 +21,38 @@ from stiffbeam.files.cases import paper_case
 
 SMALL = replace(paper_case(10), cells=8, t_end=0.8)
 AMPLIFICATION = {"schemes": ["bdf2"], "steps": 10}
+
+
+FULL = """
+import resource, sys
+import numpy as np
+import stiffbeam as sb
+run = sb.Trajectory.from_arrays(np.linspace(0.0, 1.0, 20001), np.random.default_rng(1).normal(size=20001))
+figure = run.plot()
+from stiffbeam.figures.chart import save_figure
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+for suffix in ("nc", "csv", "json", "png"):
+    try:
+        save = save_figure if suffix == "png" else type(run).save
+        save(figure if suffix == "png" else run, f"{sys.argv[1]}/file.{suffix}")
+    except sb.InputError as error:
+        print(error)
+"""
+
+
+@pytest.mark.slow
+def test_a_disk_without_room_is_one_clear_line_and_what_was_there_stays(tmp_path):
+    """A limit of 4 kB a file stands for the full disk; HDF5 itself ends in a segmentation fault there."""
+    names = [f"file.{suffix}" for suffix in ("nc", "csv", "json", "png")]
+    for name in names:
+        (tmp_path / name).write_text("before")
+    done = subprocess.run([sys.executable, "-c", FULL, str(tmp_path)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(names)
+    assert all("with room" in line and "what was there is as it was" in line for line in lines)
+    assert sorted(x.name for x in tmp_path.iterdir()) == sorted(names)
+    assert {x.read_text() for x in tmp_path.iterdir()} == {"before"}
 
 
 @pytest.mark.slow
