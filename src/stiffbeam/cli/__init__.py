@@ -23,6 +23,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # letters that an ASCII or Latin-1 terminal does not have
     os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
+    # Of an interrupted study joblib's clean-up would tell what it cleans.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
     from cyclopts import CycloptsError
 
     from ..basics.validation import InputError

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette, distinguishable with any colour vision, and two more; black is the exact motion.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5E3C99", "#7F5A1D")
+OWN = ("#117733", "#B0003A", "#1B1F6B", "#FF5FA2")  # of classes and functions of one's own, none of a scheme here
 # Thirteen, one for each scheme of the package, so that they can be told apart in grey.
 DASHES = (
     (), (5, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 1), (8, 2), (1, 3), (6, 1.5, 1.5, 1.5, 1.5, 1.5),
@@ -70,7 +71,7 @@ def look(label: str) -> dict[str, Any]:
         pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
         other = 1 + crc32(short(label).encode()) % (pairs - 1)
     return {
-        "color": COLOURS[colour],
+        "color": (*COLOURS, *OWN)[colour],
         "linestyle": dashed(dashes + other),
         "marker": MARKERS[(marker + other) % len(MARKERS)],
     }
@@ -80,11 +81,11 @@ def look_of_name(name: str) -> tuple[int, int, int]:
     """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else by the name's checksum and _COLOUR_OF."""
     if name in LOOKS:
         return LOOKS[name]
-    rest, colour = divmod(crc32(name.encode()), len(COLOURS))
+    rest, colour = divmod(crc32(name.encode()), len(OWN))
     if name not in _COLOUR_OF:
-        free = [c for c in range(len(COLOURS)) if c not in _COLOUR_OF.values()]
-        _COLOUR_OF[name] = min(free or [colour], key=lambda c: (c - colour) % len(COLOURS))
-    return _COLOUR_OF[name], *_FREE[rest % len(_FREE)]
+        free = [c for c in range(len(OWN)) if c not in _COLOUR_OF.values()]
+        _COLOUR_OF[name] = min(free or [colour], key=lambda c: (c - colour) % len(OWN))
+    return len(COLOURS) + _COLOUR_OF[name], *_FREE[rest % len(_FREE)]
 
 
 def dashed(i: int) -> Any:

@@ -9,11 +9,14 @@ import hashlib
 import json
 import os
 import re
+import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from html import escape
+from multiprocessing import current_process
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -298,6 +301,8 @@ def perform(
 
 def _point(study: Study, case: Case, point: Row, store: Store, threads: int) -> list[Row]:
     """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all."""
+    if current_process().name != "MainProcess" and current_thread() is main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a traceback
     if threads and os.environ.get("STIFFBEAM_THREADS") is None and threads < cores():
         os.environ["STIFFBEAM_THREADS"] = str(threads)
     return store.rows(point, lambda: evaluate(study, case, point))
