@@ -404,9 +404,9 @@ def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
     regime, n = tangent.regimes[segment], tangent.variation.n
     if not regime.held or (segment and set(regime.held) <= set(tangent.regimes[segment - 1].held)):
         return dz
-    parts = []
+    parts, H = [], tangent.variation.free.rows[regime.held]
     for x in (dz[:, :n], dz[:, n:]):
-        kept = x - x @ regime.H.T @ regime.inverse @ regime.H
+        kept = x - x @ np.linalg.pinv(H) @ H
         left, whole = (np.linalg.norm(y, axis=1, keepdims=True) for y in (kept, x))
         parts.append(np.where(left > ROUNDING * whole, kept, 0.0))
     return np.hstack(parts)
@@ -419,8 +419,8 @@ def _vectors(tangent: Tangent, rng: Rng) -> Array:
     slowest = np.min(omega, where=omega > 0.0, initial=np.max(omega) or 1.0)  # also for a rigid motion
     # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
     scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * np.max(omega)), slowest)
-    eta = tangent.at_start(0).eta[:, 0, 0]
-    return np.vstack([np.hstack([noise[0].T / scale, noise[1].T]), np.append(eta[1], 2.0 * eta[2])])
+    own = tangent.regimes[0].A @ tangent.whole(0, 0.0, tangent.z[0], np.zeros((0, tangent.z.shape[1])))[0]
+    return np.vstack([np.hstack([noise[0].T / scale, noise[1].T]), own[: tangent.z.shape[1]]])
 
 
 def _norm(tangent: Tangent, dz: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
 from .tangent import GRAZE, Tangent, path_of_solution
-from .variation import TERMS, Variation
+from .variation import STEP, Variation
 
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
@@ -64,23 +64,19 @@ class Derivative:
 
     @cached_property
     @working("differentiating")
-    def _at_outputs(self) -> tuple[IntArray, Array]:
-        """Segments (k,) of the times t, and the motion and its derivatives there, (k, 1 + p, 2n)."""
-        segments = self.tangent.segment_at(self.t)
-        return segments, self.tangent.at(self.t, segments)
+    def _at_outputs(self) -> Array:
+        """The motion and its derivatives at the times t, (k, 1 + p, N)."""
+        return self.tangent.at(self.t, self.tangent.segment_at(self.t))
 
     @cached_property
     def _tip(self) -> Array:
         """Derivatives of the observed position and velocity, (k, 2, p)."""
-        variation, (segments, z) = self.tangent.variation, self._at_outputs
-        found = np.empty((len(self.t), 2, len(self.wrt)))
-        for regime, part in self.tangent.parts(segments, 3 * z[0].size):
-            series = regime.series(self.t[part], self.tangent.since[segments[part]], z[part], 2)
-            seen, eta = series.u[:2, :, 1:, 0], series.eta[:2]
-            if self._system.observe is not None:
-                seen = eta[:, :, 1:] @ variation.data.observe + eta[:, :, 0] @ variation.slopes["observe"].T
-            found[part] = np.moveaxis(seen, 0, 1)
-        return self._masked(self.t, found)
+        y, found = self._at_outputs, []
+        variation = self.tangent.variation
+        for name in ("seen", "seen_rate"):
+            slopes = np.array([np.imag(getattr(x, name)) / STEP for x in variation.beside])
+            found.append(y[:, 1:] @ getattr(variation.base, name) + y[:, 0] @ slopes.T)
+        return self._masked(self.t, np.stack(found, axis=1))
 
     @property
     def tip(self) -> Array:
@@ -97,50 +93,28 @@ class Derivative:
         """Derivative of (q, q'), (k, 2n, p)."""
         X, p = self.tangent.variation.X, len(self.wrt)
         afford("wrt", p, "ask for fewer parameters or times", floats=8.0 * len(self.t) * len(X) * p)
-        parts = np.split(self._at_outputs[1][:, 1:], 2, axis=2)
-        return self._masked(self.t, np.moveaxis(np.concatenate([x @ X.T for x in parts], axis=2), 1, 2))
-
-    @property
-    def _system(self) -> System:
-        assert self.reference.system is not None
-        return self.reference.system
+        y, n = self._at_outputs[:, 1:], len(X)
+        parts = [y[:, :, :n] @ X.T, y[:, :, n : 2 * n] @ X.T]
+        return self._masked(self.t, np.moveaxis(np.concatenate(parts, axis=2), 1, 2))
 
     @cached_property
     @working("differentiating a copy for the horizon")
     def horizon(self) -> float:
         """Time to which the derivative of a copy of the motion agrees to 1e-3 of the largest, 0 where it never does."""
         # A copy as for the horizon of the motion: rounded otherwise, or with other segments.
-        t, system, t_end = self.t, self._system, float(self.reference.provenance["t_end"])
+        t, variation, t_end = self.t, self.tangent.variation, float(self.reference.provenance["t_end"])
+        system = variation.system
         copy = Solver(system).perturbed(COPY, 1).solve(t_end)
-        tangent = Tangent(self.tangent.variation, path_of_solution(system, copy, t_end))
+        tangent = Tangent(variation, path_of_solution(system, copy, t_end))
         other = Derivative(self.reference, self.wrt, t, self.bounds, self.exists_until, self.reason, tangent)
         # Until a wave arrives the terms of the tip cancel to rounding.
-        variation, modes = self.tangent.variation, self._at_outputs[1][:, 1:, : self.tangent.variation.n]
-        row = variation.free.rows[0] if system.observe is None else variation.data.observe
+        modes, row = self._at_outputs[:, 1:, : variation.n], variation.base.seen[: variation.n]
         terms = np.abs(modes) @ np.abs(row) + np.abs(self.tip - modes @ row)
         scale = AGREEMENT * np.nan_to_num(np.abs(self.tip)) + GRAZE * np.nan_to_num(terms)
         apart = np.abs(other.tip - self.tip) > np.maximum.accumulate(scale, axis=0)
         wrong = np.flatnonzero(np.any(apart, axis=1) | (t >= self.exists_until))
         known = float(t[max(0, wrong[0] - 1)]) if len(wrong) else float(t[-1])
         return min(known, self.reference.horizon) if np.isfinite(self.reference.horizon) else known
-
-
-def maxima(p: Array, h: Array) -> tuple[IntArray, Array]:
-    """The inner maxima of polynomials p (K, S) on [0, h], h (S,): the number of each and its place."""
-    rate = np.arange(1.0, len(p))[:, None] * p[1:]
-
-    def rising(s: Array, which: Any) -> NDArray[np.bool_]:
-        return np.polynomial.polynomial.polyval(s, rate[:, which], tensor=False) > 0.0
-
-    edges = np.multiply.outer(np.linspace(0.0, 1.0, 1 + LOOKS), h)
-    up = np.array([rising(s, slice(None)) for s in edges])
-    part, which = np.nonzero(up[:-1] & ~up[1:])
-    low, high = edges[part, which], edges[part + 1, which]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        before = rising(middle, which)
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return which, high
 
 
 def chatter_ends(solution: Motion) -> list[float]:
@@ -203,47 +177,48 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
 
 def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
     """Times at which an open contact reaches its stop to rounding and turns back."""
-    owner, at, h, z = tangent.cut()
+    base, sides = tangent.variation.base, tangent.path.sides
+    owner, at, h, _ = tangent.cut()
+    here = np.flatnonzero((sides[owner, contact] == 0) & (h > 0.0))
 
-    def gaps(owner: IntArray, t: Array, z: Array) -> Iterator[tuple[IntArray, Array, Array]]:
-        """Parts of the times, the series of the depth there, negative in the gap, and the size of its terms."""
-        for regime, part in tangent.parts(owner, (TERMS + 1) * z[0].size):
-            series = regime.series(t[part], tangent.since[owner[part]], z[part][:, None])
-            yield part, side * tangent.gap(series, contact, side)[:, :, 0], tangent.size(series, contact, side)
+    def states(t: Array, owner: IntArray) -> Array:
+        """y (k, N) at times of the segments ``owner`` (k,)."""
+        return np.hstack([tangent.states(t, owner), base.driven(t, tangent.since[owner])])
 
-    def near(owner: IntArray, t: Array) -> NDArray[np.bool_]:
-        found = np.zeros(len(t), bool)
-        for part, depth, size in gaps(owner, t, tangent.states(t, owner)):
-            found[part] = depth[0] > -tangent.graze * size
-        return found
+    def approaches(t: Array, owner: IntArray) -> NDArray[np.bool_]:
+        return side * (states(t, owner) @ base.rate[contact]) > 0.0
 
-    here = np.flatnonzero((tangent.path.sides[owner, contact] == 0) & (h > 0.0))
-    owner, at, h, z = owner[here], at[here], h[here], z[here]
-    tops, segment = [np.zeros(0)], [np.zeros(0, np.int64)]
-    for part, depth, _ in gaps(owner, at, z) if len(here) else ():
-        which, s = maxima(depth, h[part])
-        tops.append(at[part[which]] + s)
-        segment.append(owner[part[which]])
-    top, own = np.concatenate(tops), np.concatenate(segment)
-    if not len(top):
-        return []
+    def near(t: Array, owner: IntArray) -> NDArray[np.bool_]:
+        y, form, stop = states(t, owner), base.position[contact], base.position[contact] - base.gap(contact, side)
+        size = np.abs(y) @ np.abs(form) + abs(np.sum(stop))
+        return side * (y @ (form - stop)) > -tangent.graze * size
+
+    # Parts of steps in which the approach ends, halved until they are a time.
+    times = [at[here] + s * h[here] for s in np.linspace(0.0, 1.0, 1 + LOOKS)]
+    up = np.array([approaches(t, owner[here]) for t in times])
+    part, which = np.nonzero(up[:-1] & ~up[1:])
+    low, high, owner = np.array(times)[part, which], np.array(times)[part + 1, which], owner[here][which]
+    for _ in range(HALVINGS if len(low) else 0):
+        middle = 0.5 * (low + high)
+        before = approaches(middle, owner)
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
     # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
-    return top[near(own, top) & ~near(own, 0.5 * (tangent.path.times[own] + top))].tolist()
+    return high[near(high, owner) & ~near(0.5 * (tangent.path.times[owner] + high), owner)].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
     """Return True if a contact starts on its stop to rounding, and its gap there depends on a parameter."""
-    variation, n, series = tangent.variation, tangent.variation.n, tangent.at_start(0)
-    row, z, dz = variation.free.rows[contact], tangent.z[0], tangent.dz[0]
-    gap, size = tangent.gap(series, contact, side)[:2, 0], float(tangent.size(series, contact, side)[0])
-    if abs(float(gap[0, 0])) > tangent.graze * size:
+    variation, n, z, dz = tangent.variation, tangent.variation.n, tangent.z[0], tangent.dz[0]
+    row = variation.data.rows[contact]
+    gap, slopes, size = tangent.gap(tangent.whole(0, 0.0, z, dz), contact, side)
+    if abs(float(gap[0])) > tangent.graze * size:
         return False
-    speeds = np.abs(row) @ np.abs(z[n:]) + abs(float(gap[1, 0] - row @ z[n:]))
+    speeds = np.abs(row) @ np.abs(z[n:]) + abs(float(gap[1] - row @ z[n:]))
     # At rest there, a rigid contact is hit or leaves as the speed is turned.
-    both = tangent.rigid and abs(float(gap[1, 0])) <= tangent.graze * speeds
-    for k, part in enumerate([slice(0, n), slice(n, 2 * n)][: 1 + both]):
+    both = tangent.rigid and abs(float(gap[1])) <= tangent.graze * speeds
+    for slope, part in list(zip(slopes, (dz[:, :n], dz[:, n:]), strict=True))[: 1 + both]:
         # Sums far below their terms are cancellation: the gap does not depend on the parameter.
-        terms = np.abs(dz[:, part]) @ np.abs(row) + np.abs(gap[k, 1:] - dz[:, part] @ row)
-        if np.any(np.abs(gap[k, 1:]) > 1e-12 * terms):
+        terms = np.abs(part) @ np.abs(row) + np.abs(slope - part @ row)
+        if np.any(np.abs(slope) > 1e-12 * terms):
             return True
     return False

@@ -15,7 +15,7 @@ Source: di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), section 2
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,7 +25,7 @@ from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...model.system import System
 from .motion import Motion
-from .variation import RADIANS, TERMS, Regime, Series, Variation
+from .variation import RADIANS, STEP, Variation
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
 CHUNK = 1_000_000  # numbers of a series at once
@@ -95,25 +95,17 @@ class Tangent:
         self.z_end = self.states(path.ends, segments)
         self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
         self.ties: list[float] = []  # rigid: times at which several free contacts are hit
-        start = np.zeros((variation.P, 2 * n))
-        for p, column in enumerate(variation.columns):
-            start[p, :n], start[p, n:] = column.q0, column.v0
+        start = np.array([np.append(x.q0, x.v0) for x in variation.columns]).reshape(-1, 2 * n)
         if directions is not None:
-            start = self.into(directions)
-        self.count = len(start)
+            start = np.hstack([directions[:n].T @ variation.into, directions[n:].T @ variation.into])
         # Steps of the Taylor series; without parameters a segment is one step.
         self.steps = self.cut() if variation.P else (segments, path.times, self.lengths, self.z)
         _, t, h, _ = self.steps
-        afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + self.count) * n)
-        driven = np.zeros((len(t), self.count, 2 * n))
+        afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + len(start)) * n)
+        driven = np.zeros((len(t), len(start), 2 * n))
         if variation.P:
-            driven = self._later(driven, np.arange(len(t)), h)[:, 1:]
+            driven = self._later(driven, np.arange(len(t)), h)[:, 1:, : 2 * n]
         self.dz, self.end = self._follow(start, driven)  # at the starts of steps, and at the end
-
-    def into(self, directions: Array) -> Array:
-        """Derivatives (D, 2n) in modes of directions (2n, D) of q, q'."""
-        n, into = self.variation.n, self.variation.into
-        return np.hstack([directions[:n].T @ into, directions[n:].T @ into])
 
     def _follow(self, dz: Array, driven: Array) -> tuple[Array, Array]:
         """Derivatives at the starts of all steps and at the end of the path."""
@@ -146,7 +138,7 @@ class Tangent:
         return owner, t, h, self.states(t, owner)
 
     def at(self, t: Array, segment: IntArray) -> Array:
-        """Motion and derivatives (k, 1 + D, 2n) at increasing times t (k,) in the given segments."""
+        """Motion and derivatives y (k, 1 + D, N) at increasing times t (k,) in the given segments."""
         owner, at = self.steps[:2]
         # The last step that begins before each time, in its segment.
         first, last = np.searchsorted(owner, segment), np.searchsorted(owner, segment, "right") - 1
@@ -154,110 +146,85 @@ class Tangent:
         return self._later(self.dz, step, t - at[step])
 
     def _later(self, dz: Array, step: IntArray, late: Array) -> Array:
-        """Motion and derivatives (k, 1 + D, 2n) at ``late`` (k,) behind the starts of rising steps, from dz there."""
-        used = np.unique(step)
-        owner, t, _, z = (x[used] for x in self.steps)
-        whole = np.concatenate([z[:, None], dz[used]], axis=1)
-        found = np.empty((len(late), *whole.shape[1:]))
-        for regime, part in self.parts(owner, (TERMS + 1) * whole.shape[1] * self.variation.n):
-            here = np.flatnonzero(np.isin(step, used[part]))
-            of = np.searchsorted(used[part], step[here])
-            found[here] = regime.later(t[part], self.since[owner[part]], whole[part], of, late[here])
-        return found
-
-    def parts(self, owner: IntArray, size: int) -> Iterator[tuple[Regime, IntArray]]:
-        """Parts of the segments ``owner`` (k,) of one regime each, with ``size`` numbers for each, CHUNK at once."""
+        """y (k, 1 + D, N) at ``late`` (k,) behind the starts of steps (k,), from dz there."""
+        owner, t, _, z = (x[step] for x in self.steps)
         regimes = np.array([id(x) for x in self.regimes])[owner]
+        found = np.empty((len(late), 1 + dz.shape[1], len(self.variation.base.seen)))
         for one in dict.fromkeys(regimes.tolist()):
             here = np.flatnonzero(regimes == one)
-            for part in np.array_split(here, min(len(here), 1 + size * len(here) // CHUNK)):
-                yield self.regimes[owner[part[0]]], part
+            for part in np.array_split(here, 1 + len(here) * found[0].size // CHUNK):
+                of = owner[part]
+                y = self.variation.whole(t[part], self.since[of], np.concatenate([z[part, None], dz[step[part]]], 1))
+                found[part] = self.regimes[of[0]].later(y, late[part])
+        return found
 
     def segment_at(self, t: Array) -> IntArray:
         """The segment that each time lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
 
-    def _at_end(self, i: int, dz: Array) -> Series:
-        """Series at the end of segment i."""
-        return self._series(self.regimes[i], i, float(self.path.ends[i]), self.z_end[i], dz)
+    def whole(self, i: int, t: float, z: Array, dz: Array) -> Array:
+        """y (1 + D, N) at a time of segment i from z (2n,) and dz (D, 2n)."""
+        return self.variation.whole(np.array([t]), self.since[i : i + 1], np.vstack([z, dz])[None])[0]
 
-    def at_start(self, i: int) -> Series:
-        """Series at the start of segment i, behind the event there."""
-        first = int(np.searchsorted(self.steps[0], i))
-        return self._series(self.regimes[i], i, float(self.path.times[i]), self.z[i], self.dz[first])
-
-    def _series(self, regime: Regime, i: int, t: float, z: Array, dz: Array) -> Series:
-        return regime.series(np.array([t]), self.since[i : i + 1], np.concatenate([z[None], dz])[None], 4)
-
-    def gap(self, series: Series, contact: int, side: int) -> Array:
-        """Coefficients (K + 1, S, 1 + D) of u - g of a contact."""
-        gap = series.u[..., contact].copy()
-        gap[0] = self.variation.gap(series.u[0][..., [contact]], [contact], [side])[..., 0]
-        return gap
-
-    def size(self, series: Series, contact: int, side: int) -> Array:
-        """Sizes (S,) of the terms of a gap."""
-        row, eta = self.variation.free.rows[contact], series.eta[0][:, 0]
-        stop = getattr(self.variation.data, "upper" if side > 0 else "lower")[contact]
-        return np.abs(eta) @ np.abs(row) + np.abs(series.u[0][:, 0, contact] - eta @ row) + abs(stop)
+    def gap(self, y: Array, contact: int, side: int) -> tuple[Array, Array, float]:
+        """u - g and u' of a contact in y (1 + D, N), their derivatives (2, D), and the size of the terms of u - g."""
+        numbers, data = self.variation.base, self.variation.data
+        forms = [np.array([x.gap(contact, side), x.rate[contact]]) for x in (numbers, *self.variation.beside)]
+        slopes = forms[0] @ y[1:].T
+        for p, form in enumerate(forms[1 : len(y)]):
+            slopes[:, p] += np.imag(form) @ y[0] / STEP
+        stop = (data.upper if side > 0 else data.lower)[contact]
+        return forms[0] @ y[0], slopes, float(np.abs(numbers.position[contact]) @ np.abs(y[0]) + abs(stop))
 
     def across(self, i: int, dz: Array) -> Array:
         """dz (D, 2n) after the event at which segment i begins, from that before it."""
-        variation, n = self.variation, self.variation.n
+        t, before, after = float(self.path.times[i]), self.path.sides[i - 1], self.path.sides[i]
+        data, n = self.variation.data, self.variation.n
         if self.rigid:
             return self._struck(i, dz) if i in self.path.hits else dz
-        before, after = self.path.sides[i - 1], self.path.sides[i]
-        for contact in np.flatnonzero((before == 0) & (after != 0) & (variation.data.c > 0.0)).tolist():
+        for contact in np.flatnonzero((before == 0) & (after != 0) & (data.c > 0.0)).tolist():
             # A neighbour enters later by -dh/h', without the force c h' until then.
-            side = int(np.sign(after[contact]))
-            series = self._at_end(i - 1, dz)
-            h = self.gap(series, contact, side)[:, 0]
-            if grazes(h[:, 0], float(self.size(series, contact, side)[0]), self.graze):
-                self.grazes.append(float(self.path.times[i]))
+            y = self.whole(i - 1, t, self.z_end[i - 1], dz)
+            late = self._reached(i, y, contact, int(np.sign(after[contact])))[1][0]
             dz = dz.copy()
-            dz[:, n:] -= variation.data.c[contact] * np.outer(h[0, 1:], variation.free.rows[contact])
+            dz[:, n:] -= data.c[contact] * np.outer(late, data.rows[contact])
         return dz
+
+    def _reached(self, i: int, y: Array, contact: int, side: int) -> tuple[Array, Array]:
+        """Gap and rate of the contact that meets its stop in y (1 + D, N), with their derivatives; notes a graze."""
+        h, slopes, size = self.gap(y, contact, side)
+        curve = self.variation.base.rate[contact] @ (self.regimes[i - 1].A @ y[0])
+        if grazes(np.append(h, 0.5 * curve), size, self.graze):
+            self.grazes.append(float(self.path.times[i]))
+        return h, slopes
 
     def _struck(self, i: int, dz: Array) -> Array:
         """dz (D, 2n) behind the impact on a rigid stop at which segment i begins, from that before it."""
         variation, n, t = self.variation, self.variation.n, float(self.path.times[i])
         before, after, hits = self.path.sides[i - 1], self.path.sides[i], list(self.path.hits[i])
-        now, z, end = self._at_end(i - 1, dz), self.z_end[i - 1], self.z[i]
+        y = self.whole(i - 1, t, self.z_end[i - 1], dz)
+        arriving = variation.base.rate @ y[0]
         # The fastest of the free contacts is hit; if all were held, the fastest of these.
         free = [c for c in hits if not before[c]]
         if len(free) > 1:
             self.ties.append(t)
-        hit = max(free or hits, key=lambda c: abs(now.u[1, 0, 0, c]))
+        hit = max(free or hits, key=lambda c: abs(arriving[c]))
         # Held contacts take part in the blow: those in ``hits`` and those that stay held.
         taking = [hit, *(c for c in hits if c != hit)]
         taking += [c for c in np.flatnonzero(before & after).tolist() if c not in hits]
-        held, slopes, P = after[taking] != 0, variation.slopes, variation.P if len(dz) else 0
-        arriving, rates = now.u[1, 0, 0, taking], now.u[1, 0, 1:, taking].T
-        side = int(np.sign(arriving[0])) or 1
-        h = self.gap(now, hit, side)[:, 0]
-        if grazes(h[:, 0], float(self.size(now, hit, side)[0]), self.graze):
-            self.grazes.append(t)
+        (_, speed), (slope, _) = self._reached(i, y, hit, int(np.sign(arriving[hit])) or 1)
         # The time of the impact, and the derivatives of the motion there. Without speed it is the graze noted above.
-        late = -h[0, 1:] / arriving[0] if arriving[0] else np.zeros(len(dz))
-        moved = dz + np.outer(late, np.concatenate([z[n:], 2.0 * now.eta[2, 0, 0]]))
-        rates = rates + np.outer(late, 2.0 * now.u[2, 0, 0, taking])
-        # The impulses, by (1 + e) times the speeds, and the same equation differentiated.
-        H, e = variation.free.rows[taking], np.where(held, 0.0, variation.data.restitution[taking])
-        inverse = np.linalg.inv(H @ H.T)
-        impulse = -inverse @ ((1.0 + e) * arriving)
-        kick = impulse @ H
-        kicks = np.zeros((len(dz), n))
-        right = -(1.0 + e) * rates
-        if P:
-            rows = slopes["rows"][:, taking]
-            kicks[:P] = impulse @ rows - kick @ slopes["mass"]
-            right[:P] -= np.where(held, 0.0, slopes["restitution"][:, taking]) * arriving + rows @ kick
-        kicks += (right - kicks @ H.T) @ inverse @ H
+        late = -slope / speed if speed else np.zeros(len(dz))
+        y[1:] += np.outer(late, self.regimes[i - 1].A @ y[0])
+        # The same blow for all directions, or by the numbers of the neighbour of each parameter.
+        beside = [([p], x) for p, x in enumerate(variation.beside[: len(dz)])] or [(slice(None), variation.base)]
+        out = y[1:, : 2 * n].copy()
+        for these, numbers in beside:
+            e = np.where(after[taking] != 0, 0.0, numbers.data.restitution[taking])
+            out[these, n:] += np.imag(numbers.kick(y[0] + 1j * STEP * y[1:][these], taking, e)) / STEP
         # Derivatives behind the blow, brought back to a fixed time.
-        then = self._series(self.regimes[i], i - 1, t, end, np.zeros((0, 2 * n)))
-        out = moved - np.outer(late, np.concatenate([end[n:], 2.0 * then.eta[2, 0, 0]]))
-        out[:, n:] += kicks
-        return out
+        then = self.whole(i - 1, t, self.z[i], dz[:0])[0]
+        return out - np.outer(late, (self.regimes[i].A @ then)[: 2 * n])
 
     @property
     def monodromy(self) -> Array:
