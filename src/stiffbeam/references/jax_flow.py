@@ -10,76 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, near, numbers, one_of, require_jax_float64, sequence
-from ..model.members import paths_of, value_at, with_values
+from ..basics.validation import InputError, numbers, one_of, require_jax_float64, sequence
+from ..model.members import value_at, with_values
 from ..model.system import System, require_system
+from ..model.system_data import slopes
 from ..trajectory.trajectory import Reference
 from . import reference
 from .registry import output_times
 
-QUANTITIES = ("tip", "tip_velocity", "state")
 
-
-class JaxFlow:
-    """A ``quantity`` of the exact solution at fixed times ``t`` (k,) as a function of the p parameters ``wrt``, see
-    ``sb.jax_flow``. ``start`` (p,) are their values in the system itself."""
-
-    def __init__(self, system: System, wrt: Sequence[str], t: Array, quantity: str) -> None:
-        import jax
-
-        self.system, self.wrt, self.t, self.quantity = system, tuple(wrt), t, quantity
-        self.start = np.array([value_at(system, path) for path in self.wrt])
-        # JAX asks for the value and for the derivative at one place in two calls: they share one solution.
-        self._solved = lru_cache(maxsize=1)(self._solve)
-        # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
-        run = self._solved(*self.start.tolist())
-        if run.horizon < t[-1]:
-            raise InputError(
-                "t", t[-1], f"end before the horizon of the solution, {run.horizon:.4g}", "ask for less time"
-            )
-        values, slopes = (
-            # The solver takes one system at a time, so vmap calls it member by member.
-            partial(jax.pure_callback, f, jax.ShapeDtypeStruct(f(self.start).shape, float), vmap_method="sequential")
-            for f in (self._values, self._slopes)
-        )
-        self._flow = jax.custom_jvp(values)
-        # Linear in the tangent, so that JAX can transpose it.
-        self._flow.defjvp(lambda x, tangents: (values(*x), slopes(*x) @ tangents[0]))
-
-    def __call__(self, values: Any) -> Any:
-        """Return the quantity for these values of the parameters, a JAX array (k,), of the state (k, 2n).
-
-        It is NaN past the horizon, and so is its derivative past its own, or where none exists. Raises InputError for
-        arrays of another shape, and for values that the system does not allow.
-        """
-        import jax.numpy as jnp
-
-        values = jnp.asarray(values)
-        if values.shape != self.start.shape:
-            raise InputError("values", f"shape {values.shape}", f"have shape {self.start.shape}", "one per path")
-        return self._flow(values)
-
-    def _solve(self, *values: float) -> Reference:
-        system = with_values(self.system, dict(zip(self.wrt, values, strict=True)))
-        return reference(system, float(self.t[-1]), t_eval=self.t)
-
-    def _values(self, values: ArrayLike) -> Array:
-        run = self._solved(*np.asarray(values, float).tolist())
-        found = np.hstack(run.states) if self.quantity == "state" else getattr(run, self.quantity)
-        return self._until(run.horizon, found)
-
-    def _slopes(self, values: ArrayLike) -> Array:
-        """The derivative, with the parameters as last axis."""
-        derivative = self._solved(*np.asarray(values, float).tolist()).derivative(self.wrt)
-        return self._until(derivative.horizon, getattr(derivative, self.quantity))
-
-    def _until(self, horizon: float, found: Array) -> Array:
-        """A copy that is NaN past a horizon."""
-        past = (self.t > horizon).reshape(-1, *[1] * (found.ndim - 1))
-        return np.where(past, np.nan, found)
-
-
-def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> JaxFlow:
+def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> Any:
     """Return the exact solution at fixed times as a function of parameters, for ``jax.grad``, ``jit`` and ``vmap``.
 
     Value and derivative are those of ``sb.reference`` and ``Reference.derivative``. No second derivatives.
@@ -93,12 +33,13 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
     t : (k,) array_like
         Increasing times, the last one inside the horizon.
     quantity : str
-        "tip", "tip_velocity" or "state", the last one (q, q').
+        "tip" or "tip_velocity".
 
     Returns
     -------
-    JaxFlow
-        f(values) with ``.start``, the values in the system.
+    function
+        f(values), a JAX array (k,), for values (p,); NaN past the horizon, and so is its derivative past its own, or
+        where none exists. ``f.start`` (p,): the values in the system. ``f.t``: the times.
 
     Raises
     ------
@@ -113,17 +54,44 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
     >>> jax.jacobian(flow)(flow.start).shape
     (2, 2)
     """
+    import jax
+
     require_system(system)
     require_jax_float64()
-    one_of("quantity", quantity, QUANTITIES)
-    times, paths = (
-        numbers("t", t).ravel(),
-        sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]'),
+    one_of("quantity", quantity, ("tip", "tip_velocity"))
+    times = numbers("t", t).ravel()
+    paths = sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]')
+    slopes(system, paths)  # which refuses wrong paths
+    times = output_times(times, float(times[-1]))
+    start = np.array([value_at(system, path) for path in paths])
+
+    @lru_cache(maxsize=1)  # JAX asks for the value and for the derivative at one place in two calls
+    def solved(*values: float) -> Reference:
+        member = with_values(system, dict(zip(paths, values, strict=True)))
+        return reference(member, float(times[-1]), t_eval=times)
+
+    def read(values: ArrayLike, differentiate: bool) -> Array:
+        run: Any = solved(*np.asarray(values, float).tolist())
+        found = run.derivative(paths) if differentiate else run
+        return np.where(times > found.horizon, np.nan, getattr(found, quantity).T).T
+
+    # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
+    horizon = solved(*start.tolist()).horizon
+    if horizon < times[-1]:
+        raise InputError("t", times[-1], f"end before the horizon of the solution, {horizon:.4g}", "ask for less time")
+    values, slope = (
+        # The solver takes one system at a time, so vmap calls it member by member.
+        partial(jax.pure_callback, f, jax.ShapeDtypeStruct(f(start).shape, float), vmap_method="sequential")
+        for f in (partial(read, differentiate=False), partial(read, differentiate=True))
     )
-    for path in paths:
-        try:
-            value_at(system, path)
-        except LookupError as error:
-            rule = "be a path to a number of the system"
-            raise InputError("wrt", path, rule, near(path, paths_of(system))) from error
-    return JaxFlow(system, paths, output_times(times, float(times[-1])), quantity)
+
+    @jax.custom_jvp
+    def flow(x: Any) -> Any:
+        if np.shape(x) != start.shape:
+            raise InputError("values", f"shape {np.shape(x)}", f"have shape {start.shape}", "one per path")
+        return values(x)
+
+    # Linear in the tangent, so that JAX can transpose it.
+    flow.defjvp(lambda x, tangents: (values(*x), slope(*x) @ tangents[0]))
+    flow.start, flow.t = start, times  # type: ignore[attr-defined]
+    return flow
