@@ -22,7 +22,7 @@ import scipy.optimize
 
 import stiffbeam as sb
 from stiffbeam.references.exact.motion import Solver
-from stiffbeam.references.exact.tangent import Tangent, path_of_solution
+from stiffbeam.references.exact.tangent import Tangent
 from stiffbeam.references.exact.variation import Variation
 
 INF = float("inf")
@@ -129,7 +129,7 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
     drive = sb.Harmonic(1.0, w, w * t0 + 0.5 * np.pi)
     one = mass(1.0, sb.Stops(upper=0.0, stiffness=INF, restitution=e), drive, v=-e * V)
     motion = Solver(one).solve(1.01 * T)
-    flow = Tangent(Variation(one), path_of_solution(one, motion, 1.01 * T))
+    flow = Tangent(Variation(one), motion, 1.01 * T)
     after = int(np.argmax(np.array([0.0, *motion.times[1:]]) > 0.99 * T))
     monodromy = np.eye(2)
     for k in range(after):

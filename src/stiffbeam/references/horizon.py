@@ -25,7 +25,7 @@ from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, within_float64
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
-from .exact.tangent import Tangent, path_of_solution
+from .exact.tangent import Tangent
 from .exact.variation import Variation
 from .registry import OUTPUTS, Steps
 
@@ -370,14 +370,14 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
         solution = Solver(system).solve(t_end)
         if not system.rigid:
             audit(solution, t_end)
-        tangent = Tangent(Variation(system), path_of_solution(system, solution, t_end))
+        tangent = Tangent(Variation(system), solution, t_end)
         # Vectors that held contacts leave nothing of drop out.
         dz = _on_stops(tangent, 0, _vectors(tangent, rng))
         size = _norm(tangent, dz)
         dz = dz[size > 0.0] / size[size > 0.0, None]
         if not len(dz):
             raise SolverFailure("lyapunov", 0.0, MERGED, "shorten t_end")
-        times = tangent.path.times
+        times = tangent.times
         # Every event is an edge, so that each flow is that of one segment.
         edges = np.union1d(times[times < t_end], np.linspace(0.0, t_end, SAMPLES + 1))
         segment = tangent.segment_at(edges[:-1])

@@ -23,7 +23,7 @@ from ..basics.validation import InputError
 from ..figures.chart import panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
-from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic, sizes
+from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
 from ..trajectory.trajectory import SolverFailure
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -206,7 +206,7 @@ def follow(make: Maker, values: Sequence[float], orbit: Orbit) -> tuple[Branch, 
 def _next(make: Maker, branch: Branch, value: float) -> Orbit:
     """Return the orbit at the next value; raise SolverFailure for one far from the line through the last two."""
     states = [np.concatenate([orbit.q, orbit.v]) for _, orbit in branch[-2:]]
-    last, scale = branch[-1][0], sizes(branch[-1][1].path)
+    last, scale = branch[-1][0], branch[-1][1].sizes
     ahead = (value - last) / (last - branch[-2][0]) * (states[1] - states[0]) if len(states) > 1 else 0.0 * states[0]
     predicted, n = states[-1] + ahead, len(states[0]) // 2
     found = periodic_orbit(*make(value), (predicted[:n], predicted[n:]))

@@ -14,11 +14,10 @@ from ...basics.arrays import Array, IntArray
 from ...basics.progress import working
 from ...basics.resources import afford
 from ...basics.validation import InputError
-from ...model.system import System
 from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
-from .tangent import GRAZE, Tangent, path_of_solution
+from .tangent import GRAZE, Tangent
 from .variation import STEP, Variation
 
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
@@ -105,7 +104,7 @@ class Derivative:
         t, variation, t_end = self.t, self.tangent.variation, float(self.reference.provenance["t_end"])
         system = variation.system
         copy = Solver(system).perturbed(COPY, 1).solve(t_end)
-        tangent = Tangent(variation, path_of_solution(system, copy, t_end))
+        tangent = Tangent(variation, copy, t_end)
         other = Derivative(self.reference, self.wrt, t, self.bounds, self.exists_until, self.reason, tangent)
         # Until a wave arrives the terms of the tip cancel to rounding.
         modes, row = self._at_outputs[:, 1:, : variation.n], variation.base.seen[: variation.n]
@@ -146,24 +145,24 @@ def derivative(reference: Reference, wrt: Sequence[Any], t: Array) -> Derivative
         raise InputError("reference", reference.provenance["method"], rule, remedy)
     names, columns, bounds = slopes(system, wrt)
     t_end = float(reference.provenance["t_end"])
-    path = path_of_solution(system, solution, t_end)
     size = (2.0 * system.size + 8.0) * len(names)
-    afford("wrt", len(names), "ask for fewer parameters", floats=3.0 * size * len(path.times))
-    tangent = Tangent(Variation(system, columns), path)
-    exists, reason = min(ends_of(system, solution, tangent), default=(np.inf, ""))
+    afford("wrt", len(names), "ask for fewer parameters", floats=3.0 * size * len(solution.times))
+    tangent = Tangent(Variation(system, columns), solution, t_end)
+    exists, reason = min(ends_of(tangent), default=(np.inf, ""))
     return Derivative(reference, tuple(names), t, bounds, exists, reason, tangent)
 
 
-def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float, str]]:
+def ends_of(tangent: Tangent) -> list[tuple[float, str]]:
     """Times from which a motion has no derivative, each with the reason.
 
     Undamped compliant stops have none of these: their force is continuous, and so is the derivative of the flow.
     """
+    system = tangent.variation.system
     ends = [(t, "a contact grazes its stop") for t in tangent.grazes]
     ends += [(t, "two contacts are hit at one time") for t in tangent.ties]
     if system.rigid:
-        ends += [(t, "the impacts of a chatter end") for t in chatter_ends(solution)]
-        if 0 in tangent.path.hits:
+        ends += [(t, "the impacts of a chatter end") for t in chatter_ends(tangent.motion)]
+        if 0 in tangent.hits:
             ends.append((0.0, "an impact at the start"))
     # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
@@ -177,7 +176,7 @@ def ends_of(system: System, solution: Any, tangent: Tangent) -> list[tuple[float
 
 def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
     """Times at which an open contact reaches its stop to rounding and turns back."""
-    base, sides = tangent.variation.base, tangent.path.sides
+    base, sides = tangent.variation.base, tangent.sides
     owner, at, h, _ = tangent.cut()
     here = np.flatnonzero((sides[owner, contact] == 0) & (h > 0.0))
 
@@ -203,7 +202,7 @@ def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
         before = approaches(middle, owner)
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
-    return high[near(high, owner) & ~near(0.5 * (tangent.path.times[owner] + high), owner)].tolist()
+    return high[near(high, owner) & ~near(0.5 * (tangent.times[owner] + high), owner)].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:

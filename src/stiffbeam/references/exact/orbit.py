@@ -7,7 +7,7 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
 from .solution import refuse, solve_exact
-from .tangent import GRAZE, Path, Tangent, path_of_solution
+from .tangent import GRAZE, Tangent
 from .variation import Variation
 
 LEAST = 0.01  # of the position that one turn in the period gives at the velocity of the motion: its least size
@@ -61,8 +61,8 @@ class Orbit:
         Derivative of (q, q') after a period with respect to (q, q') at its start.
     events : array (k,)
         Times in [0, period) at which a contact opens, closes or is hit.
-    path : Path
-        The events and segments of one period.
+    sizes : array (2n,)
+        The largest |q| and |q'| at the events, for each entry of a state.
     """
 
     system: System
@@ -73,7 +73,7 @@ class Orbit:
     multipliers: NDArray[np.complex128]
     monodromy: Array
     events: Array
-    path: Path = field(repr=False)
+    sizes: Array
 
     def __repr__(self) -> str:
         first, events = self.multipliers[0], several(len(self.events), "event")
@@ -126,21 +126,20 @@ class PeriodMap:
 
     def flow(self, z: Array, graze: float = GRAZE) -> tuple[Array, Array, Tangent]:
         """State after a period, its derivative (2n, 2n), and the tangent along the way."""
-        path = path_of_solution(self.system, self.solve(z), self.period)
-        if 0 in path.hits:
+        tangent = Tangent(self.variation, self.solve(z), self.period, np.eye(len(z)), graze)
+        if 0 in tangent.hits:
             reason = "the period starts with an impact"
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase of the loads")
-        tangent = Tangent(self.variation, path, np.eye(len(z)), graze)
-        q, v = path.solution.states(np.array([self.period]))
+        q, v = tangent.motion.states(np.array([self.period]))
         return np.concatenate([q[0], v[0]]), tangent.monodromy, tangent
 
 
-def sizes(path: Path) -> Array:
+def _sizes(motion: Motion, period: float) -> Array:
     """The largest |q| and |q'| where the segments of a period start, for each entry of a state, (2n,).
 
     Where all starts are near zeros of one of them it counts as a share of what one turn in the period gives.
     """
-    turn, states = path.t_end / (2.0 * np.pi), path.solution.states(path.times, path.piece)
+    turn, states = period / (2.0 * np.pi), motion.states(motion.times, np.arange(len(motion.times)))
     q, v = (float(np.max(np.abs(x))) for x in states)
     q = max(q, LEAST * turn * v, 1e-300)
     return np.repeat([q, max(v, q / turn)], states[0].shape[1])
@@ -204,8 +203,7 @@ def _orbit(mapping: PeriodMap, z: Array, closure: float) -> Orbit:
     system, n = mapping.system, mapping.system.size
     # The orbit is known to its closure only: so near to a graze it may be one.
     _, D, tangent = mapping.flow(z, max(GRAZE, NEAR_GRAZE * closure))
-    path = tangent.path
-    time, reason = min(ends_of(system, path.solution, tangent), default=(np.inf, ""))
+    time, reason = min(ends_of(tangent), default=(np.inf, ""))
     if np.isfinite(time):
         reason = f"the orbit has no multipliers: {reason}"
         raise SolverFailure("periodic_orbit", time, reason, "change a parameter or a phase")
@@ -214,8 +212,9 @@ def _orbit(mapping: PeriodMap, z: Array, closure: float) -> Orbit:
     if np.min(np.abs(multipliers - 1.0)) < max(ALONE, closure**0.5):
         raise SolverFailure("periodic_orbit", mapping.period, NOT_ALONE, FREE)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
-    events = np.repeat(path.times[1:], np.sum(path.changed, axis=1))
-    return Orbit(system, mapping.period, z[:n].copy(), z[n:].copy(), closure, multipliers, D, events, path)
+    motion, start = tangent.motion, (z[:n].copy(), z[n:].copy())
+    events = motion.events[0][(motion.events[0] > 0.0) & (motion.events[0] < mapping.period)]
+    return Orbit(system, mapping.period, *start, closure, multipliers, D, events, _sizes(motion, mapping.period))
 
 
 def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, float]:
@@ -224,7 +223,7 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, float]:
     # Newton's method, with steps halved until the defect falls.
     for iteration in range(NEWTON):
         end, D, tangent = mapping.flow(z)
-        scale = sizes(tangent.path)
+        scale = _sizes(tangent.motion, mapping.period)
         defect = float(np.max(np.abs(end - z) / scale))
         if defect < ROUNDING or (iteration >= HOPELESS and defect > ASTRAY):
             break

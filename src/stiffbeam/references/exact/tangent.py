@@ -15,15 +15,10 @@ Source: di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), section 2
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
-from ...model.system import System
 from .motion import Motion
 from .variation import RADIANS, STEP, Variation
 
@@ -31,77 +26,47 @@ GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from
 CHUNK = 1_000_000  # numbers of a series at once
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Segments of a motion: they start at times (k,) with the contacts on ``sides`` (k, m).
+class Tangent:
+    """Derivatives along a motion in the parameters of ``variation``, or in ``directions`` (2n, D) of its start.
 
-    piece: (k,) the segments of the solution, which records divide. hits: for segments that start with impacts on rigid
-    stops the contacts that are hit.
+    Segments also begin at the samples of records: at times (k,), with the contacts on ``sides`` (k, m), in segment
+    ``piece`` (k,) of the motion. hits: contacts that are hit where a segment begins. grazes: times of impacts without
+    derivative, on rigid or damped stops. ties: times at which several free rigid contacts are hit.
     """
 
-    solution: Motion
-    times: Array
-    sides: IntArray
-    t_end: float
-    piece: IntArray
-    hits: Mapping[int, Sequence[int]] = field(default_factory=dict)
-
-    @property
-    def ends(self) -> Array:
-        """Times (k,) at which the segments end."""
-        return np.append(self.times[1:], self.t_end)
-
-    @property
-    def changed(self) -> NDArray[np.bool_]:
-        """True for the contacts that open, close or are hit where each segment but the first begins, (k - 1, m)."""
-        changed = self.sides[1:] != self.sides[:-1]
-        # Impacts that hold nothing change no side.
-        for segment, contacts in self.hits.items():
-            for contact in contacts:
-                changed[segment - 1, contact] |= segment > 0 and self.sides[segment - 1][contact] == 0
-        return changed
-
-
-def path_of_solution(system: System, solution: Motion, t_end: float) -> Path:
-    """Segments of an exact solution, compliant or rigid, which also begin at the samples of records."""
-    count = max(1, int(np.searchsorted(solution.times, t_end, side="left")))
-    times, segments = solution.times[:count], np.arange(count)
-    edges = np.setdiff1d(solution.drive.edges, times)
-    edges = edges[(edges > 0.0) & (edges < t_end)]
-    place = np.searchsorted(times, edges, "right")
-    times, segments = np.insert(times, place, edges), np.insert(segments, place, place - 1)
-    sides = solution.sides[segments]
-    hits: dict[int, list[int]] = {}
-    # A contact may take two blows at one time, for example where it is then held: it is hit once.
-    first = {int(mark): k for k, mark in reversed(list(enumerate(solution.first_mark[segments].tolist())))}
-    for mark, contact in dict.fromkeys(zip(solution.blows.mark.tolist(), solution.blows.contact.tolist(), strict=True)):
-        if mark in first:
-            hits.setdefault(first[mark], []).append(contact)
-    return Path(solution, times, np.abs(sides) if system.rigid else sides, t_end, segments, hits)
-
-
-class Tangent:
-    """Derivatives along a path in the parameters of ``variation``, or in ``directions`` (2n, D) of its start."""
-
-    def __init__(self, variation: Variation, path: Path, directions: Array | None = None, graze: float = GRAZE) -> None:
-        self.variation, self.path, self.graze, n = variation, path, graze, variation.n
-        self.rigid, self.lengths = variation.system.rigid, path.ends - path.times
-        self.regimes = [variation.regime(sides) for sides in path.sides.tolist()]
-        # Samples between which the functions of time have one series.
-        edges = variation.edges
-        self.since = edges[np.maximum(np.searchsorted(edges, path.times, "right") - 1, 0)] if len(edges) else path.times
-        segments = np.arange(len(path.times))
-        self.z = self.states(path.times, segments)
-        self.z_end = self.states(path.ends, segments)
-        self.grazes: list[float] = []  # times of impacts without derivative, on rigid or damped stops
-        self.ties: list[float] = []  # rigid: times at which several free contacts are hit
+    def __init__(
+        self, variation: Variation, motion: Motion, t_end: float, directions: Array | None = None, graze: float = GRAZE
+    ) -> None:
+        self.variation, self.motion, self.t_end, self.graze, n = variation, motion, t_end, graze, variation.n
+        self.rigid, self.grazes, self.ties = variation.system.rigid, list[float](), list[float]()
+        count = max(1, int(np.searchsorted(motion.times, t_end, side="left")))
+        edges = np.setdiff1d(variation.edges, motion.times)
+        edges = edges[(edges > 0.0) & (edges < t_end)]
+        place = np.searchsorted(motion.times[:count], edges, "right")
+        self.times = np.insert(motion.times[:count], place, edges)
+        self.piece = np.insert(np.arange(count), place, place - 1)
+        self.sides = np.abs(motion.sides[self.piece]) if self.rigid else motion.sides[self.piece]
+        ends = np.append(self.times[1:], t_end)
+        self.hits: dict[int, list[int]] = {}
+        # A contact may take two blows at one time, for example where it is then held: it is hit once.
+        first = {int(mark): k for k, mark in reversed(list(enumerate(motion.first_mark[self.piece].tolist())))}
+        for mark, contact in dict.fromkeys(zip(motion.blows.mark.tolist(), motion.blows.contact.tolist(), strict=True)):
+            if mark in first:
+                self.hits.setdefault(first[mark], []).append(contact)
+        # The regimes, and the samples between which the functions of time have one series.
+        self.regimes = [variation.regime(sides) for sides in self.sides.tolist()]
+        samples = np.append(self.times[0], variation.edges)
+        self.since = samples[np.searchsorted(variation.edges, self.times, "right")]
+        segments = np.arange(len(self.times))
+        self.z, self.z_end = self.states(self.times, segments), self.states(ends, segments)
         start = np.array([np.append(x.q0, x.v0) for x in variation.columns]).reshape(-1, 2 * n)
         if directions is not None:
             start = np.hstack([directions[:n].T @ variation.into, directions[n:].T @ variation.into])
         # Steps of the Taylor series; without parameters a segment is one step.
-        self.steps = self.cut() if variation.P else (segments, path.times, self.lengths, self.z)
+        self.lengths = ends - self.times
+        self.steps = self.cut() if variation.P else (segments, self.times, self.lengths, self.z)
         _, t, h, _ = self.steps
-        afford("t_end", path.t_end, "shorten t_end", floats=4.0 * len(t) * (1 + len(start)) * n)
+        afford("t_end", t_end, "shorten t_end", floats=4.0 * len(t) * (1 + len(start)) * n)
         driven = np.zeros((len(t), len(start), 2 * n))
         if variation.P:
             driven = self._later(driven, np.arange(len(t)), h)[:, 1:, : 2 * n]
@@ -124,17 +89,17 @@ class Tangent:
 
     def states(self, t: Array, segment: IntArray) -> Array:
         """Motion (k, 2n) in modes at times t (k,), as the given segments have it."""
-        q, v = self.path.solution.states(t, self.path.piece[segment])
+        q, v = self.motion.states(t, self.piece[segment])
         return np.hstack([q @ self.variation.into, v @ self.variation.into])
 
     def cut(self) -> tuple[IntArray, Array, Array, Array]:
         """Steps of RADIANS at most: the segment, time, length and state of each."""
         count = np.maximum(1, np.ceil(self.lengths * np.array([x.fastest for x in self.regimes]) / RADIANS))
         floats = 4.0 * float(np.sum(count)) * self.variation.n
-        afford("t_end", self.path.t_end, "shorten t_end", floats=floats)
+        afford("t_end", self.t_end, "shorten t_end", floats=floats)
         count = count.astype(int)
         h, owner = np.repeat(self.lengths / count, count), np.repeat(np.arange(len(count)), count)
-        t = self.path.times[owner] + h * (np.arange(len(h)) - np.repeat(np.cumsum(count) - count, count))
+        t = self.times[owner] + h * (np.arange(len(h)) - np.repeat(np.cumsum(count) - count, count))
         return owner, t, h, self.states(t, owner)
 
     def at(self, t: Array, segment: IntArray) -> Array:
@@ -160,7 +125,7 @@ class Tangent:
 
     def segment_at(self, t: Array) -> IntArray:
         """The segment that each time lies in; an event belongs to the segment it begins."""
-        return np.maximum(np.searchsorted(self.path.times, t, side="right") - 1, 0)
+        return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
     def whole(self, i: int, t: float, z: Array, dz: Array) -> Array:
         """y (1 + D, N) at a time of segment i from z (2n,) and dz (D, 2n)."""
@@ -178,10 +143,10 @@ class Tangent:
 
     def across(self, i: int, dz: Array) -> Array:
         """dz (D, 2n) after the event at which segment i begins, from that before it."""
-        t, before, after = float(self.path.times[i]), self.path.sides[i - 1], self.path.sides[i]
+        t, before, after = float(self.times[i]), self.sides[i - 1], self.sides[i]
         data, n = self.variation.data, self.variation.n
         if self.rigid:
-            return self._struck(i, dz) if i in self.path.hits else dz
+            return self._struck(i, dz) if i in self.hits else dz
         for contact in np.flatnonzero((before == 0) & (after != 0) & (data.c > 0.0)).tolist():
             # A neighbour enters later by -dh/h', without the force c h' until then.
             y = self.whole(i - 1, t, self.z_end[i - 1], dz)
@@ -195,13 +160,13 @@ class Tangent:
         h, slopes, size = self.gap(y, contact, side)
         curve = self.variation.base.rate[contact] @ (self.regimes[i - 1].A @ y[0])
         if grazes(np.append(h, 0.5 * curve), size, self.graze):
-            self.grazes.append(float(self.path.times[i]))
+            self.grazes.append(float(self.times[i]))
         return h, slopes
 
     def _struck(self, i: int, dz: Array) -> Array:
         """dz (D, 2n) behind the impact on a rigid stop at which segment i begins, from that before it."""
-        variation, n, t = self.variation, self.variation.n, float(self.path.times[i])
-        before, after, hits = self.path.sides[i - 1], self.path.sides[i], list(self.path.hits[i])
+        variation, n, t = self.variation, self.variation.n, float(self.times[i])
+        before, after, hits = self.sides[i - 1], self.sides[i], list(self.hits[i])
         y = self.whole(i - 1, t, self.z_end[i - 1], dz)
         arriving = variation.base.rate @ y[0]
         # The fastest of the free contacts is hit; if all were held, the fastest of these.

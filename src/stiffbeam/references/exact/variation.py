@@ -41,13 +41,13 @@ class Numbers:
         loads, offsets = load_terms(system), offset_terms(system)
         self.leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
         # Functions of time as states: 1; a sin and a cos of a harmonic; a piece of a record and its derivatives.
-        widths = [{Harmonic: 2, Sampled: 4}.get(type(leaf), 0) for leaf in self.leaves]
+        widths = [2 * isinstance(leaf, Harmonic) + 4 * isinstance(leaf, Sampled) for leaf in self.leaves]
         self.places = 1 + np.cumsum([0, *widths])[:-1]
         kind = complex if np.iscomplexobj(data.mass) else float
         values, self.drives = np.zeros((len(widths), 1 + sum(widths)), kind), np.zeros(2 * [1 + sum(widths)], kind)
         harmonics, constants = iter(data.harmonics), iter(data.constants)
         for value, leaf, at in zip(values, self.leaves, self.places.tolist(), strict=True):
-            value[at if type(leaf) is not Constant else 0] = 1.0
+            value[0 if isinstance(leaf, Constant) else at] = 1.0
             if isinstance(leaf, Harmonic):
                 w = next(harmonics)[1]
                 self.drives[at, at + 1], self.drives[at + 1, at] = w, -w
