@@ -25,64 +25,52 @@ from flint import arb, arb_mat, ctx
 from ...basics.arrays import Array
 from ...model.system import System
 from ...model.time_functions import Drive
-from .rational import channels, exact_problem, number
+from .rational import exact_problem, number
 
 
 class LinearFlow:
-    """Data that every regime of ``system`` shares, at the current precision.
-
-    forms: the positions of all channels, (1, N) each, the contacts first; rates: of these. back: M^-1 row^T (N, m),
-    a unit of impulse on each contact as a change of z.
-    """
+    """G of all regimes of ``system``, at the current precision. start: z (N, 1) at t = 0."""
 
     def __init__(self, system: System) -> None:
         self.drive = Drive.of(system)
-        self.problem = problem = exact_problem(system, self.drive)
-        n, d = system.size, self.drive.size
-        self.n, self.N = n, 2 * n + d
-        m = len(problem.contacts)
-        rows = arb_mat(m, n, [x for contact in problem.contacts for x in contact.row])
-        inverse = problem.mass.inv()
-        back = inverse * rows.transpose()
-        self.back = arb_mat([[arb(0)] * m for _ in range(n)] + back.mid().tolist() + [[arb(0)] * m] * d)
-        self.forms = [
-            arb_mat([[*row, *[arb(0)] * n, *map(arb, offset)]]).mid()
-            for row, offset in channels(system, problem, self.drive)
-        ]
-        # G: the equation of motion with its loads, then the equations of the functions of time.
-        pulls = (inverse * problem.stiffness).tolist(), (inverse * problem.damping).tolist()
-        loads = (inverse * problem.basis.transpose()).tolist()
-        G = [[arb(0)] * self.N for _ in range(self.N)]
-        for i in range(n):
-            G[i][n + i] = arb(1)
-            G[n + i] = [*(-x for x in (*pulls[0][i], *pulls[1][i])), *loads[i]]
-        for k, frequency in enumerate(self.drive.frequencies):
-            at, w = 2 * n + 1 + 2 * k, arb(number(frequency))
-            # (sin w t)' = w cos w t, (cos w t)' = -w sin w t.
-            G[at][at + 1], G[at + 1][at] = w, -w
-        self.G = arb_mat(G).mid()
-        self.rates = [(form * self.G).mid() for form in self.forms]
+        mass, damping, stiffness, basis, self.contacts, q0, v0 = exact_problem(system, self.drive)
+        self.n, self.N, inverse = system.size, 2 * system.size + self.drive.size, arb_mat(mass.tolist()).inv()
 
-    def start(self) -> Any:
-        """z (N, 1) at t = 0."""
-        waves = [x for _ in self.drive.frequencies for x in (arb(0), arb(1))]  # sin 0 and cos 0
-        return arb_mat([[x] for x in (*self.problem.q0, *self.problem.v0, arb(1), *waves)]).mid()
+        def solved(x: Any) -> Any:
+            return np.array((inverse * arb_mat(x.tolist())).tolist(), object).reshape(x.shape)
+
+        # G: the equation of motion with its loads, then the equations of the functions of time.
+        n, G = self.n, np.full((self.N, self.N), arb(0), object)
+        np.fill_diagonal(G[:n, n:], arb(1))
+        G[n : 2 * n] = np.hstack([-solved(stiffness), -solved(damping), solved(basis.T)])
+        for k, frequency in enumerate(self.drive.frequencies):
+            at, w = 2 * n + 1 + 2 * k, number(frequency)
+            # (sin w t)' = w cos w t, (cos w t)' = -w sin w t.
+            G[at, at + 1], G[at + 1, at] = w, -w
+        self.G = arb_mat(G.tolist()).mid()
+        waves = len(self.drive.frequencies) * [0, 1]  # sin 0 and cos 0
+        self.start = arb_mat([[x] for x in (*q0, *v0, 1, *waves)]).mid()
+        # The position of every contact as a form, its rate, and M^-1 row^T, a unit of impulse as a change of z.
+        self.forms = [arb_mat([[*contact.row, *n * [0], *contact.offset]]).mid() for contact in self.contacts]
+        self.rates = [(form * self.G).mid() for form in self.forms]
+        rows = [solved(contact.row[:, None]).ravel() for contact in self.contacts]
+        self.back = [arb_mat([[x] for x in (*n * [0], *row, *self.drive.size * [0])]).mid() for row in rows]
 
     def closed(self, sides: Sequence[int]) -> Any:
         """G with compliant contacts on the given sides, 0 free: sigma = kappa (g - u) - c u'."""
         G = self.G
-        for c, (contact, side) in enumerate(zip(self.problem.contacts, sides, strict=True)):
+        for c, (contact, side) in enumerate(zip(self.contacts, sides, strict=True)):
             if side:
-                force = self.gap(c, side) * -contact.kappa - self.rates[c] * contact.damping
-                G = (G + arb_mat([[line[c]] for line in self.back.tolist()]) * force).mid()
+                force = self.gap(c, side) * -arb(contact.kappa) - self.rates[c] * arb(contact.damping)
+                G = (G + self.back[c] * force).mid()
         return G
 
     def gap(self, contact: int, side: int, lagging: bool = False) -> Any:
         """u - g of a contact, or u - g + (c/kappa) u', a form."""
-        entries, of = self.forms[contact].entries(), self.problem.contacts[contact]
-        entries[2 * self.n] -= of.stop(side)
+        entries, of = self.forms[contact].entries(), self.contacts[contact]
+        entries[2 * self.n] -= of.g2 if side > 0 else of.g1
         form = arb_mat([entries]).mid()
-        return form + self.rates[contact] * (of.damping / of.kappa) if lagging else form
+        return form + self.rates[contact] * arb(of.damping / of.kappa) if lagging else form
 
 
 START_BITS = 120  # of the first turn, which begins with the 53 of float64

@@ -222,7 +222,7 @@ class PreciseSolver:
         """The pieces of the solution from event to event."""
         system, t_end, pieces = self.system, self.t_end, list[Piece]()
         none = fresh = np.zeros(len(system.contacts), np.int64)
-        t, z, sides, resting = arb(0), self.flow.start(), list[int](), True
+        t, z, sides, resting = arb(0), self.flow.start, list[int](), True
         while True:
             piece = self._begin(t, z, resting, sides)
             pieces.append(piece)
