@@ -72,18 +72,18 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     beam = system.problem if system.form != "hermite" else None
     start = _numbers(system.q0), _numbers(system.v0)
     if beam is not None:
-        *matrices, loads, of_beam = _beam(system, beam, drive)
+        mass, damping, stiffness, loads, of_beam = _beam(system, beam, drive)
         places = [_place(beam, stops, system.size, drive) for stops in beam.all_stops]
         start = of_beam if system.origin and system.origin.starts(system) else start
     else:
-        matrices = [_numbers(x) for x in (system.mass, system.damping, system.stiffness)]
+        mass, damping, stiffness = (_numbers(x) for x in (system.mass, system.damping, system.stiffness))
         places = [(_numbers(each.row), in_drive(drive, [([1], each.offset, 0)])[:, 0]) for each in system.contacts]
         loads = [(_numbers(vector), function, 0) for vector, function in system.loads]
     contacts = []
     for stops, place in zip((contact.stops for contact in system.contacts), places, strict=True):
         sides = [number(0.0 if g is None else g) for g in (stops.lower, stops.upper)]
         contacts.append(ExactContact(*place, number(stops.stiffness), number(stops.damping), *sides))
-    return Exact(*matrices, in_drive(drive, loads, system.size), contacts, *start)
+    return Exact(mass, damping, stiffness, in_drive(drive, loads, system.size), contacts, *start)
 
 
 def in_drive(drive: Drive, terms: Iterable[Term], n: int = 1) -> Any:
