@@ -28,98 +28,56 @@ from .motion import EPS, REMEDY, Motion, pressed
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
-    """Impacts of contact i: entries into a stop, without peaks and impulses; of a rigid one every impact, with its
-    impulse but for what presses later."""
+    """Impacts of contact i: entries into a stop, without peaks and impulses; of a rigid one every impact, with the
+    impulses that it takes from blows."""
     if solution.system.contacts[i].stops.rigid:
-        times, ends, sides, marks = _struck(solution, i, t_end)
-        mine, blows = solution.blows.contact == i, solution.blows
-        at = np.minimum(np.searchsorted(marks, blows.mark[mine]), max(0, len(marks) - 1))
-        own = marks[at] == blows.mark[mine] if len(marks) else np.zeros(0, bool)
-        impulses = np.bincount(at[own], blows.outward[mine][own], len(times))
+        times, ends, sides, impulses = _rigid_rows(solution, i, t_end)
         return Impacts.at(times, sides, "event", ends=ends, impulses=impulses)
     starts, _, sides = _closed(solution, i, t_end)
-    counted = starts > 0.0
-    return Impacts.at(starts[counted], sides[counted], "event")
+    return Impacts.at(starts[starts > 0.0], sides[starts > 0.0], "event")
+
+
+def _rigid_rows(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, Array]:
+    """Times, ends, sides and impulses of the impacts on a rigid stop; blows while it is held count, too."""
+    times, ends, sides, marks = _struck(solution, i, t_end)
+    blows, mine = solution.blows, solution.blows.contact == i
+    at, t, row = blows.mark[mine], blows.t[mine], np.searchsorted(marks, blows.mark[mine], "right") - 1
+    own = (row >= 0) & ((marks[row] == at) | (t <= ends[row])) if len(marks) else np.zeros(len(at), bool)
+    return times, ends, sides, np.bincount(row[own], blows.outward[mine][own], len(times)).astype(float)
 
 
 def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float) -> ContactRecord:
     """Contact history in [since, t_end] by events; seen: output times, position and velocity there. Impacts are the
-    events from free to a stop."""
-    stops = solution.system.contacts[i].stops
-    if stops.rigid:
-        return _rigid_record(solution, i, seen, t_end, since)
+    events from free to a stop. A rigid stop has no largest force, NaN, and what a held contact presses counts with the
+    impact before it."""
+    stops, (t, position, velocity) = solution.system.contacts[i].stops, seen
     # Spans of contact in [since, t_end].
-    starts, ends, sides = _closed(solution, i, t_end)
-    late = ends > since
-    starts, ends, sides = starts[late], ends[late], sides[late]
-    counted = starts > since  # contact that is there at the start is no impact
-    # A contact that exists at t = 0 has a row too, flagged as open at the start.
-    listed = counted | (starts == 0.0)
-    starts = np.maximum(starts, since)
+    begun, ends, sides = _closed(solution, i, t_end)
+    begun, ends, sides = (x[ends > since] for x in (begun, ends, sides))
+    starts = np.maximum(begun, since)
     peaks, impulses = solution.press(i, starts, ends) if len(starts) else np.zeros((2, 0))
-    # A span that t_end cuts has no peak and impulse yet.
-    ended = ends < t_end
-    _, position, velocity = seen
-    return ContactRecord(
-        stops=stops,
-        position=position,
-        velocity=velocity,
-        force=stops.force(position, velocity),
-        impacts=Impacts(
-            times=starts[listed],
-            ends=np.where(ended, ends, np.nan)[listed],
-            stops=sides[listed],
-            peaks=np.where(ended, peaks, np.nan)[listed],
-            impulses=np.where(ended, impulses, np.nan)[listed],
-            kind="event",
-        ).started(~counted[listed]),
-        fraction=float(np.sum(ends - starts) / (t_end - since)),
-        peak_force=float(np.max(peaks, initial=0.0)),
-        impulse=float(np.sum(impulses)),
-    )
-
-
-def _rigid_record(
-    solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float
-) -> ContactRecord:
-    """``record_of`` a rigid stop.
-
-    It has no largest force, NaN. What a contact that is held after an impact presses, and what it takes from impacts of
-    others, counts with that impact.
-    """
-    times, ends, sides, marks = _struck(solution, i, t_end)
-    spans, blows = _presses(solution, i, since, t_end), solution.blows
-    mine = (blows.contact == i) & (blows.t >= since)
-    struck, at = blows.outward[mine], blows.mark[mine]
-    # The impact that a blow belongs to: its own, or the one after which the contact is held.
-    row = np.searchsorted(marks, at, "right") - 1
-    own = (row >= 0) & ((marks[row] == at) | (blows.t[mine] <= ends[row])) if len(marks) else np.zeros(len(at), bool)
-    impulses = np.bincount(row[own], struck[own], len(times)).astype(float)
-    for begin, _, impulse in spans:
-        k = int(np.searchsorted(times, begin, "right")) - 1
-        if k >= 0 and not begin > ends[k]:
-            impulses[k] += impulse
-    late = times >= since
-    held = sum(b - a for a, b, _ in spans)
-    impacts = Impacts.at(
-        times[late], sides[late], "event", ends=ends[late], impulses=np.where(np.isnan(ends), np.nan, impulses)[late]
-    )
-    total = float(np.sum(struck)) + sum(x for _, _, x in spans)
-    peak = np.nan if np.any(late) or spans else 0.0
-    stops = solution.system.contacts[i].stops
-    t, position, velocity = seen
-    reaction = solution.reactions(t)[:, i]
-    return ContactRecord(stops, position, velocity, reaction, impacts, held / (t_end - since), peak, total)
-
-
-def _presses(solution: Motion, i: int, since: float, t_end: float) -> list[tuple[float, float, float]]:
-    """Segments (from, to, impulse) in which a rigid stop holds contact i after ``since``, and presses it."""
-    ends = np.append(solution.times[1:], t_end)
-    held = np.flatnonzero((solution.sides[:, i] != 0) & (ends > np.maximum(solution.times, since)))
-    starts = np.maximum(solution.times[held], since)
-    impulses = np.abs(solution.press(i, starts, ends[held])[1])
-    spans = zip(starts.tolist(), ends[held].tolist(), impulses.tolist(), strict=True)
-    return [span for span in spans if span[2] > 0.0]
+    total, peak = float(np.sum(impulses)), float(np.max(peaks, initial=0.0))
+    if stops.rigid:
+        held = impulses > 0.0
+        starts, ends, impulses = starts[held], ends[held], impulses[held]
+        blows, (times, until, struck_sides, struck) = solution.blows, _rigid_rows(solution, i, t_end)
+        total += float(np.sum(blows.outward[(blows.contact == i) & (blows.t >= since)]))
+        for k, impulse in zip(np.searchsorted(times, starts, "right") - 1, impulses, strict=True):
+            struck[k] += impulse
+        late, struck, force = times >= since, np.where(np.isnan(until), np.nan, struck), solution.reactions(t)[:, i]
+        impacts = Impacts.at(times[late], struck_sides[late], "event", ends=until[late], impulses=struck[late])
+        peak = np.nan if np.any(late) or np.any(held) else 0.0
+    else:
+        # Contact that is there at the start is no impact; that at t = 0 has a row too, flagged as open at the start.
+        force, counted = stops.force(position, velocity), begun > since
+        listed = counted | (begun == 0.0)
+        # A span that t_end cuts has no peak and impulse yet.
+        until, tops, pushes = (np.where(ends < t_end, x, np.nan)[listed] for x in (ends, peaks, impulses))
+        impacts = Impacts(
+            times=starts[listed], ends=until, stops=sides[listed], peaks=tops, impulses=pushes, kind="event"
+        ).started(~counted[listed])
+    fraction = float(np.sum(ends - starts) / (t_end - since))
+    return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, total)
 
 
 def largest_momentum(solution: Motion, i: int) -> float:
