@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from threading import RLock
 from typing import Any
 
@@ -12,13 +13,12 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
-from ...model.system import System
 from ...model.time_functions import in_closed_form
-from ...trajectory.records import COLUMNS, ContactRecord, Impacts, Ledger, in_contact
+from ...trajectory.records import ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
 from ..registry import REFERENCES, Request, output_times, provenance_of
 from .intervals import smooth_intervals
-from .restarts import Contacts, Outcome, Path, Phase, Scales, follow, scales_of
+from .restarts import Outcome, Path, Phase, Scales, Span, follow, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
@@ -58,16 +58,9 @@ def reference_from(
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
     y = result.states[:, : rhs.states]
-    answers = Answers(solve, rhs, t_end, t, y)
     positions, velocities = rhs.channels(t, y)
-    tip = system.tip_channel
-    states = (y[:, ::2].copy(), y[:, 1::2].copy())
-
-    def ledger() -> Ledger:
-        given, taken = result.states[:, rhs.states : rhs.states + 2].T
-        of_stops = _taken_by_stops(rhs, result.states, positions)
-        return _ledger(system, t, states[0], states[1], given, taken, of_stops)
-
+    tip, end = system.tip_channel, intervals[-1].end
+    evaluate, state_at = _answers(solve, rhs, end, t, y)
     # Record of how the solution was computed.
     bounds = [interval.max_step for interval in intervals if np.isfinite(interval.max_step)]
     notes: dict[str, Any] = {
@@ -82,15 +75,15 @@ def reference_from(
         tip=positions[:, tip],
         tip_velocity=velocities[:, tip],
         contacts=tuple(
-            contact_record(rhs, i, t, positions[:, i], velocities[:, i], result.contacts, result.end, t_end)
+            _contact_record(rhs, i, (positions[:, i], velocities[:, i]), result.spans, end)
             for i in range(len(system.contacts))
         ),
         work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
         provenance=provenance_of(system, method, t_end, notes) | REFERENCES[method].versions(),
         system=system,
-        evaluate=answers.channel,
-        state_at=answers.states,
-        ledger=ledger,
+        evaluate=evaluate,
+        state_at=state_at,
+        ledger=partial(_ledger, rhs, t, result.states, positions),
     )
 
 
@@ -112,55 +105,48 @@ def _tolerances(rhs: RightHandSide, scales: Scales, rtol: float, atol: float | N
     return share, np.concatenate([share * tolerances, integrals])
 
 
-class Answers:
-    """States of the solution at any times: its outputs, or those of a second solve with outputs at these times.
+def _answers(solve: Callable[[Array], Path], rhs: RightHandSide, end: float, t: Array, y: Array) -> tuple[Any, Any]:
+    """Functions of times (k,) in any order: position and velocity of a channel, and (q, q').
 
-    The last answer is kept: a comparison asks the same times of the tip and of every contact.
+    They know the outputs y at t, and solve once more with outputs at other times. The last answer is kept: a comparison
+    asks the same times of the tip and of every contact.
     """
+    kept = [(t, y)]
 
-    def __init__(self, solve: Callable[[Array], Path], rhs: RightHandSide, t_end: float, t: Array, y: Array) -> None:
-        self.solve, self.rhs, self.t_end = solve, rhs, t_end
-        self.kept = t, y
-
-    def at(self, times: Array) -> Array:
-        """The states (k, size) at ``times`` (k,), in any order, in [0, t_end]."""
-        due, (t, y) = np.unique(times), self.kept
-        # Only states at output times are stored: other times need a second solve, with outputs at them. Times and
-        # states are kept together, so that an interrupted solve leaves no others; two solves would share the rhs.
-        if not np.all(np.isin(due, t)):
-            t = due if len(due) > 1 else np.unique([0.0, *due, self.t_end])
+    def at(times: Array) -> Array:
+        due, (known, y) = np.unique(times), kept[0]
+        # Times and states are kept together, so that an interrupted solve leaves no others; two would share the rhs.
+        if not np.all(np.isin(due, known)):
+            known = due if len(due) > 1 else np.unique([0.0, *due, end])
             with SOLVING:
-                y = self.solve(t).states[:, : self.rhs.states]
-            self.kept = t, y
-        return y[np.searchsorted(t, times)]
+                y = solve(known).states[:, : rhs.states]
+            kept[0] = known, y
+        return y[np.searchsorted(known, times)]
 
-    def channel(self, times: Array, channel: int) -> tuple[Array, Array]:
-        """Position and velocity of a channel at ``times``."""
-        u, v = self.rhs.channels(times, self.at(times))
+    def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
+        u, v = rhs.channels(times, at(times))
         return u[:, channel], v[:, channel]
 
-    def states(self, times: Array) -> tuple[Array, Array]:
-        """(q, q') at ``times``."""
-        y = self.at(times)
+    def state_at(times: Array) -> tuple[Array, Array]:
+        y = at(times)
         return y[:, ::2].copy(), y[:, 1::2].copy()
 
-
-def _taken_by_stops(rhs: RightHandSide, z: Array, positions: Array) -> Array:
-    """Energy dissipated by the stops with damping at the outputs: absorbed less stored."""
-    if not rhs.damped:
-        return np.zeros(len(z))
-    start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
-    # The integral is dissipated plus stored energy. What a stop stored at t = 0 it never absorbed.
-    taken = z[:, -1].copy()
-    for i, contact in enumerate(rhs.system.contacts):
-        if contact.stops.dissipative:
-            taken -= contact.stops.energy(positions[:, i]) - contact.stops.energy(start[:, i])
-    return taken
+    return evaluate, state_at
 
 
-def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: Array, of_stops: Array) -> Ledger:
+def _ledger(rhs: RightHandSide, t: Array, z: Array, positions: Array) -> Ledger:
     """The energy balance with input and dissipation as the solver integrated them. The loss is then that of the
     solver."""
+    system, y = rhs.system, z[:, : rhs.states]
+    (given, taken), of_stops = z[:, rhs.states : rhs.states + 2].T, np.zeros(len(z))
+    if rhs.damped:
+        # The integral is dissipated plus stored energy. What a stop stored at t = 0 it never absorbed.
+        start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
+        of_stops = z[:, -1].copy()
+        for i, contact in enumerate(system.contacts):
+            if contact.stops.dissipative:
+                of_stops -= contact.stops.energy(positions[:, i]) - contact.stops.energy(start[:, i])
+    q, v = y[:, ::2].copy(), y[:, 1::2].copy()
     energies = system.energies(t, q, v)
     start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     loss = start - sum(energies) + given - taken - of_stops
@@ -171,8 +157,8 @@ def _ledger(system: System, t: Array, q: Array, v: Array, given: Array, taken: A
     return Ledger(t, *energies, given, taken, loss, contact, loss - contact, of_stops, np.zeros(len(t)))
 
 
-def contact_record(
-    rhs: RightHandSide, i: int, t: Array, position: Array, velocity: Array, contacts: Contacts, end: Array, t_end: float
+def _contact_record(
+    rhs: RightHandSide, i: int, seen: tuple[Array, Array], spans: list[list[Span]], end: float
 ) -> ContactRecord:
     """Record of contact ``i`` by its events.
 
@@ -181,30 +167,20 @@ def contact_record(
     no such place between entry and exit.
     """
     stops = rhs.system.contacts[i].stops
-    force = stops.force(position, velocity)
-    # One row for every entry, up to the exit after it or to the end of the solution.
-    impacts: list[tuple[float, float, int, float, float]] = []  # time, end, side, peak, impulse
-    closed_time, largest, total = 0.0, 0.0, 0.0
-    for k, (contact, side) in enumerate(rhs.sides):
-        if contact != i:
-            continue
-        exits = contacts.exits[k]
-        for n, (entry, z, at_entry) in enumerate(contacts.entries[k]):
-            left, z_left, at_exit = exits[n] if n < len(exits) else (t_end, end, rhs.pressing(t_end, end, k))
-            peak = max((value for when, value in contacts.peaks[k] if entry <= when <= left), default=float("nan"))
-            if stops.jumps:  # the force of a stop with c > 0 may be largest where it begins
-                peak = float(np.nanmax([peak, at_entry, at_exit]))
-            ended = n < len(exits)
-            closed_time += left - entry
-            # A contact that lasts from the start or to the end may be pressed hardest there, without a peak between.
-            largest = np.nanmax([largest, peak, at_entry, at_exit])
+    rows: list[tuple[float, ...]] = []  # time, end, side, peak, impulse, force at an end, open
+    for (contact, side), of_side in zip(rhs.sides, spans, strict=True):
+        for span in of_side if contact == i else ():
+            (entry, z, first), (left, z_left, last) = span.ends
+            # The force of a stop with c > 0 may be largest where it begins.
+            peak = float(np.nanmax([span.peak, first, last])) if stops.jumps else span.peak
             # The integral of -F, after the states, the input and the viscous loss.
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
-            total += impulse
-            nan = np.nan
-            # Peak and impulse of a contact that is closed at the end are still open.
-            impacts.append((entry, left, side, peak, impulse) if ended else (entry, nan, side, nan, nan))
-    impacts.sort(key=lambda impact: impact[0])
-    times, ends, of_sides, peaks, impulses = np.array(impacts).reshape(-1, len(COLUMNS)).T
-    found = Impacts.at(times, of_sides, "event", ends=ends, peaks=peaks, impulses=impulses)
-    return ContactRecord(stops, position, velocity, force, found, closed_time / t_end, float(largest), total)
+            rows.append((entry, left, side, peak, impulse, max(first, last), span.open))
+    rows.sort(key=lambda row: row[0])
+    times, ends, sides, peaks, impulses, at_ends, is_open = np.array(rows).reshape(-1, 7).T
+    # Peak and impulse of a contact that is closed at the end are still open.
+    known = {"ends": ends, "peaks": peaks, "impulses": impulses}
+    impacts = Impacts.at(times, sides, "event", **{x: np.where(is_open, np.nan, y) for x, y in known.items()})
+    # A contact that lasts from the start or to the end may be pressed hardest there, without a peak between.
+    largest, fraction = float(np.nanmax([0.0, *peaks, *at_ends])), float(np.sum(ends - times)) / end
+    return ContactRecord(stops, *seen, stops.force(*seen), impacts, fraction, largest, float(np.sum(impulses)))

@@ -8,6 +8,7 @@ smooth beyond the stop as well, and the event is a root of a smooth function.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,49 +166,57 @@ class Watch:
         return False
 
 
+@dataclass
+class Span:
+    """A closed interval of a side: time, state and |F| at its ends, the second the end of the solution while it is
+    ``open``, and the largest |F| between."""
+
+    ends: list[tuple[float, Array, float]]
+    peak: float = float("nan")
+    open: bool = True
+
+
 class Contacts:
-    """Closed intervals of every side: times, states and |F| at entries and exits; times and |F| at ``peaks``. Forces
-    are computed while the functions of time may be evaluated."""
+    """Spans of every side. Forces are computed while the functions of time may be evaluated."""
 
     def __init__(self, rhs: RightHandSide) -> None:
         self.rhs = rhs
-        self.entries: list[list[tuple[float, Array, float]]] = [[] for _ in rhs.sides]
-        self.exits: list[list[tuple[float, Array, float]]] = [[] for _ in rhs.sides]
-        self.peaks: list[list[tuple[float, float]]] = [[] for _ in rhs.sides]
+        self.spans: list[list[Span]] = [[] for _ in rhs.sides]
 
     @property
     def closed(self) -> list[bool]:
         """True for sides that have been entered and not left."""
-        return [len(entries) > len(exits) for entries, exits in zip(self.entries, self.exits, strict=True)]
+        return [bool(spans) and spans[-1].open for spans in self.spans]
 
     def switch(self, side: int, t: float, z: Array) -> None:
         """Record an event at t with state z: the side is left if it is closed, else entered."""
-        of = self.exits if len(self.entries[side]) > len(self.exits[side]) else self.entries
-        of[side].append((t, z, self.rhs.pressing(t, z, side)))
+        at = t, z, self.rhs.pressing(t, z, side)
+        if self.closed[side]:
+            self.spans[side][-1].ends.append(at)
+            self.spans[side][-1].open = False
+        else:
+            self.spans[side].append(Span([at]))
 
-    def note(self, watch: Watch) -> None:
-        """Add the peaks of a phase."""
-        for peak in watch.peaks:
-            side = peak.which % watch.count
-            self.peaks[side].append((peak.time, self.rhs.pressing(peak.time, peak.z, side)))
+    def note(self, side: int, t: float, z: Array) -> None:
+        """Record a force that may be the largest of a closed side."""
+        span = self.spans[side][-1]
+        span.peak = float(np.fmax(span.peak, self.rhs.pressing(t, z, side)))
 
     def pass_kink(self, t: float, z: Array) -> None:
         """Record the forces where a phase begins or ends within a contact. The force of a moving or damped stop may
         turn there from rising to falling without a zero of its rate."""
-        for k, closed in enumerate(self.closed):
+        for k in np.flatnonzero(self.closed).tolist():
             contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
-            moving = contact.offset is not None or contact.stops.dissipative
-            if closed and moving and self.entries[k][-1][0] < t:
-                self.peaks[k].append((t, self.rhs.pressing(t, z, k)))
+            if (contact.offset is not None or contact.stops.dissipative) and self.spans[k][-1].ends[0][0] < t:
+                self.note(k, t, z)
 
 
 class Path(NamedTuple):
-    """States (k, size) at the outputs, the contacts' spans, the counters, the state at the end and the seconds."""
+    """States (k, size) at the outputs, the spans of every side, the counters and the seconds."""
 
     states: Array
-    contacts: Contacts
+    spans: list[list[Span]]
     counters: dict[str, int]
-    end: Array
     seconds: float = 0.0
 
 
@@ -253,14 +262,17 @@ def follow(
                 raise SolverFailure(method, now, "events without end", remedy)
             now, z = outcome.t, outcome.z
             states += outcome.states
-            contacts.note(watch)
+            for peak in watch.peaks:
+                contacts.note(peak.which % watch.count, peak.time, peak.z)
             for k in switched:
                 contacts.switch(k, now, z)
             contacts.pass_kink(now, z)
     # A root at the end itself leaves the output there to a phase that does not come.
     states += [z] * (len(t) - len(states))
     counters["restarts"] = counters.pop("starts") - 1
-    return Path(np.array(states), contacts, counters, z)
+    for k in np.flatnonzero(contacts.closed).tolist():
+        contacts.spans[k][-1].ends.append((intervals[-1].end, z, rhs.pressing(intervals[-1].end, z, k)))
+    return Path(np.array(states), contacts.spans, counters)
 
 
 def _phase(
