@@ -92,21 +92,21 @@ class Block(NamedTuple):
 
 
 class Split:
-    """The flow of G (N, N) in ``blocks``, at the current precision, from a V (N, N) that is known to ``bits``.
+    """The flow of G (N, N) in ``blocks``, at the current precision, from a V (N, N) by float64.
 
     Of the coordinates those from ``drives`` on depend on themselves alone; their columns may begin as unit vectors.
     """
 
-    def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int, bits: int = 0) -> None:
+    def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int) -> None:
         self.G, self.V, self.N, self.blocks, self.drives = G, V, G.nrows(), blocks, drives
         # Refine. Blocks that cannot be separated are joined, and the refinement starts anew from the V it was given.
         target = ctx.prec
         try:
-            while apart := self._refine(target, max(START_BITS, 2 * bits)):
+            while apart := self._refine(target):
                 self.V, (i, j) = V, sorted(apart)
                 self.blocks[i : i + 1] = [self.blocks[i] + self.blocks.pop(j)]
         finally:
-            ctx.prec = self.bits = target
+            ctx.prec = target
         identity = arb_mat([[arb(int(i == j)) for j in range(self.N)] for i in range(self.N)])
         self.L = self.V.solve(identity, algorithm="approx").mid()
         self._moves = [(block.places, T, _turning(T)) for block, T in zip(self.blocks, self._own, strict=True)]
@@ -127,13 +127,9 @@ class Split:
                 y[k] = x
         return arb_mat(self.N, 1, y)
 
-    def again(self, G: Any) -> Split:
-        """The split of another G, with other drives or more known digits."""
-        return Split(G, self.V, list(self.blocks), self.drives, self.bits)
-
-    def _refine(self, target: int, precision: int) -> tuple[int, int] | None:
+    def _refine(self, target: int) -> tuple[int, int] | None:
         """Refine V; two blocks that cannot be separated, None where all are."""
-        size = arb(1)
+        size, precision = arb(1), START_BITS
         for turn in range(MAX_TURNS):
             ctx.prec = min(target, precision)
             # T in the present coordinates, and the correction E that makes it block by block.
@@ -161,7 +157,7 @@ class Split:
             self.V = (self.V + self.V * arb_mat(E)).mid()
             # The next error is the square of this one, and the one after that has to be carried.
             bits = target if largest == 0 else math.floor(-float(largest.log()) / math.log(2.0))
-            if ctx.prec == target and 2 * bits > target - 40 and (turn > 0 or precision > START_BITS):
+            if ctx.prec == target and 2 * bits > target - 40 and turn > 0:
                 return None
             precision = max(START_BITS, 4 * bits + 120)
         return None

@@ -49,8 +49,6 @@ GUARD_BITS = 100  # below the digits that are lost: two doubles' worth for the o
 KNOWN_BITS = 28  # precision of a time between two events in float64
 AGREEMENT = 1e-12  # of max |u| and of the time: how closely two precisions have to agree
 
-Known = dict[tuple[int, ...], Split]  # by the contacts that are closed
-
 
 def solve(request: Request) -> Reference:
     """The exact solution with ``digits`` decimal digits, and again with a quarter more.
@@ -81,7 +79,6 @@ def solve(request: Request) -> Reference:
     # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
-    known: Known = {}
     while True:
         if wanted > MAX_DIGITS:
             raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
@@ -90,7 +87,7 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, _ = carry(system, t_end, wanted, guard, known, output_times(t_eval, t_end))
+        solution, _ = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
             horizon = _agreement(previous, run)
@@ -109,8 +106,7 @@ def solve(request: Request) -> Reference:
 
 
 def carry(
-    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, known: Known | None = None,
-    outputs: Array = NO_TIMES,
+    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, outputs: Array = NO_TIMES
 ) -> tuple[Motion, list[Piece]]:  # fmt: skip
     """The solution with ``digits`` at the start beside the ``guard`` bits that the ``outputs`` (k,) need, and its
     pieces.
@@ -122,7 +118,7 @@ def carry(
     full = math.ceil(digits * BITS) + guard
     try:
         ctx.prec = full + guard
-        solver = PreciseSolver(system, t_end, full, guard, {} if known is None else known)
+        solver = PreciseSolver(system, t_end, full, guard)
         pieces = solver.follow()
         return solver.motion(pieces, outputs), pieces
     finally:
@@ -162,21 +158,11 @@ def _agreement(a: Reference, b: Reference) -> float:
 
 
 class PreciseRegime:
-    """The flow with contacts ``closed``.
+    """The flow with contacts ``closed``."""
 
-    known: splits by the contacts that are closed, on either side; this one is added.
-    """
-
-    def __init__(self, flow: LinearFlow, closed: tuple[int, ...], known: Known) -> None:
+    def __init__(self, flow: LinearFlow, closed: tuple[int, ...]) -> None:
         self.flow, self.G = flow, flow.closed(closed)
-        # A stop adds the same stiffness and damping on either side; only the constant term of G differs. The split of
-        # one side is therefore where the refinement of the other begins.
-        contacts = tuple(map(abs, closed))
-        if contacts in known:
-            self.split = known[contacts].again(self.G)
-        else:
-            self.split = Split(self.G, *by_float64(flow, self.G), drives=2 * flow.n)
-        known[contacts] = self.split
+        self.split = Split(self.G, *by_float64(flow, self.G), drives=2 * flow.n)
         self.rates = np.array([x for block in self.split.blocks for x in block.values])
         self._gaps: dict[tuple[int, int, bool], Any] = {}
 
@@ -209,12 +195,11 @@ class Piece(NamedTuple):
 class PreciseSolver:
     """Regimes in many digits, and events that float64 finds, on [0, t_end].
 
-    ``full`` bits are carried at the start and ``guard`` at the end; ctx.prec has room to spare. known: see
-    ``PreciseRegime``.
+    ``full`` bits are carried at the start and ``guard`` at the end; ctx.prec has room to spare.
     """
 
-    def __init__(self, system: System, t_end: float, full: int, guard: int, known: Known) -> None:
-        self.system, self.t_end, self.full, self.guard, self.known = system, t_end, full, guard, known
+    def __init__(self, system: System, t_end: float, full: int, guard: int) -> None:
+        self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
         self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], PreciseRegime] = {}
 
@@ -255,7 +240,7 @@ class PreciseSolver:
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
             with carried(self.room):
-                self.regimes[key] = PreciseRegime(self.flow, key, self.known)
+                self.regimes[key] = PreciseRegime(self.flow, key)
         regime, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
