@@ -187,6 +187,12 @@ def _turning(T: Any) -> tuple[Any, Any, Any] | None:
     return decay.mid(), frequency, [(x / frequency).mid() for x in (half, T[0, 1], T[1, 0])]
 
 
+def split_of(flow: LinearFlow, sides: Sequence[int]) -> Split:
+    """The flow with compliant contacts on the given sides (m,)."""
+    G = flow.closed(sides)
+    return Split(G, *by_float64(flow, G), drives=2 * flow.n)
+
+
 def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
     """Columns V (N, N) and blocks of a regime by float64, and of the drives behind it: the constant, sine and cosine of
     every frequency. A drive in resonance shares the block of its modes."""

@@ -40,7 +40,7 @@ from ..exact.motion import (
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
-from .linear_flow import LinearFlow, Split, by_float64
+from .linear_flow import LinearFlow, Split, split_of
 from .rational import carried
 
 BITS = math.log2(10.0)
@@ -87,7 +87,7 @@ def solve(request: Request) -> Reference:
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
             "python-flint": flint.__version__,
         }
-        solution, _ = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
+        solution = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
             horizon = _agreement(previous, run)
@@ -105,24 +105,16 @@ def solve(request: Request) -> Reference:
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
 
 
-def carry(
-    system: System, t_end: float, digits: int, guard: int = GUARD_BITS, outputs: Array = NO_TIMES
-) -> tuple[Motion, list[Piece]]:  # fmt: skip
-    """The solution with ``digits`` at the start beside the ``guard`` bits that the ``outputs`` (k,) need, and its
-    pieces.
+def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, outputs: Array = NO_TIMES) -> Motion:
+    """The solution with ``digits`` at the start beside the ``guard`` bits that the ``outputs`` (k,) need.
 
     Those also pay for cancellation: between modes, between the motion and its response to the drive, and
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
     """
-    before = ctx.prec
     full = math.ceil(digits * BITS) + guard
-    try:
-        ctx.prec = full + guard
+    with carried(full + guard):
         solver = PreciseSolver(system, t_end, full, guard)
-        pieces = solver.follow()
-        return solver.motion(pieces, outputs), pieces
-    finally:
-        ctx.prec = before
+        return solver.motion(solver.follow(), outputs)
 
 
 def _estimate(system: System, t_end: float) -> int:
@@ -157,28 +149,10 @@ def _agreement(a: Reference, b: Reference) -> float:
 # ---------------------------------------------------------------- from event to event
 
 
-class PreciseRegime:
-    """The flow with contacts ``closed``."""
-
-    def __init__(self, flow: LinearFlow, closed: tuple[int, ...]) -> None:
-        self.flow, self.G = flow, flow.closed(closed)
-        self.split = Split(self.G, *by_float64(flow, self.G), drives=2 * flow.n)
-        self.rates = np.array([x for block in self.split.blocks for x in block.values])
-        self._gaps: dict[tuple[int, int, bool], Any] = {}
-
-    def gap(self, contact: int, side: int, lagging: bool) -> Any:
-        """Rows of u - g of a contact, or of u - g + (c/kappa) u', and of its rate on y (2, N)."""
-        key = contact, side, lagging
-        if key not in self._gaps:
-            form = self.flow.gap(contact, side, lagging)
-            self._gaps[key] = (arb_mat([x.entries() for x in (form, form * self.G)]) * self.split.V).mid()
-        return self._gaps[key]
-
-
 class Piece(NamedTuple):
-    """A regime from time t on: the coordinates y there, the bits carried, q and q' (2n,) rounded, sides of contacts."""
+    """A flow from time t on: the coordinates y there, the bits carried, q and q' (2n,) rounded, sides of contacts."""
 
-    regime: PreciseRegime
+    split: Split
     t: Any
     y: Any
     bits: int
@@ -188,12 +162,11 @@ class Piece(NamedTuple):
     def whole(self, t: float) -> Any:
         """z (N, 1) at time t."""
         with carried(self.bits):
-            split = self.regime.split
-            return (split.V * split.ahead(self.y, arb(t) - self.t)).mid()
+            return (self.split.V * self.split.ahead(self.y, arb(t) - self.t)).mid()
 
 
 class PreciseSolver:
-    """Regimes in many digits, and events that float64 finds, on [0, t_end].
+    """Flows of regimes in many digits, and events that float64 finds, on [0, t_end].
 
     ``full`` bits are carried at the start and ``guard`` at the end; ctx.prec has room to spare.
     """
@@ -201,7 +174,7 @@ class PreciseSolver:
     def __init__(self, system: System, t_end: float, full: int, guard: int) -> None:
         self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
         self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
-        self.regimes: dict[tuple[int, ...], PreciseRegime] = {}
+        self.regimes: dict[tuple[int, ...], Split] = {}
 
     def follow(self) -> list[Piece]:
         """The pieces of the solution from event to event."""
@@ -211,7 +184,7 @@ class PreciseSolver:
         while True:
             piece = self._begin(t, z, resting, sides)
             pieces.append(piece)
-            begun, sides, split = float(t), piece.sides, piece.regime.split
+            begun, sides, split = float(t), piece.sides, piece.split
             in_time(begun)
             afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (self.full / 32.0 + 20.0) * system.size)
             # The next event by float64.
@@ -240,11 +213,11 @@ class PreciseSolver:
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
             with carried(self.room):
-                self.regimes[key] = PreciseRegime(self.flow, key)
-        regime, share = self.regimes[key], min(1.0, begun / self.t_end)
+                self.regimes[key] = split_of(self.flow, key)
+        split, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
-        return Piece(regime, t, (regime.split.L * z).mid(), ctx.prec, state, sides)
+        return Piece(split, t, (split.L * z).mid(), ctx.prec, state, sides)
 
     def _rounded(self, z: Any) -> Array:
         """q and q' (2n,) of z, each rounded once."""
@@ -253,12 +226,14 @@ class PreciseSolver:
     def _place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
         """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
         last step of it with the coordinates there."""
-        rates: Any = np.concatenate([x.rates for x in self.regimes.values()])
+        rates: Any = np.array([x for split in self.regimes.values() for block in split.blocks for x in block.values])
         begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
         turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
         before = piece.sides[contact]
-        gap = piece.regime.gap(contact, int(np.sign(side or before)), switched_by_force(before, side))
+        form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
+        with carried(self.room):
+            gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
         tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
         return (piece.t + tau + shift).mid(), shift, y
 
@@ -283,7 +258,7 @@ class PreciseSolver:
 
 def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
     """A gap and its rate at tau after the start of a piece, and y there."""
-    y = piece.regime.split.ahead(piece.y, tau)
+    y = piece.split.ahead(piece.y, tau)
     return *(gap * y).mid().entries(), y  # type: ignore[return-value]
 
 
