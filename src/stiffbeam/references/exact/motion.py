@@ -332,9 +332,10 @@ class Motion:
     def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
         which include every event: Gauss's rule in parts in which the motion turns by pi or decays by e at most."""
-        span, n = float(edges[-1] - edges[0]), self.system.size
-        require_short(self.made.free, span)
-        turning, decay = self._rates
+        span, n, free = float(edges[-1] - edges[0]), self.system.size, self.made.free
+        require_short(free, span)
+        turning, dashpots = self.fastest, float(free.laws[:, 1] @ np.diag(free.meet))
+        decay = float(np.linalg.norm(free.damping, 2)) + dashpots
         if span * turning > MOST_RADIANS:
             reason = f"its energy is a sum over {span * turning:.2g} radians of the motion, more than {MOST_RADIANS:g}"
             raise SolverFailure("exact", 0.0, reason, "shorten t_end")
@@ -352,17 +353,6 @@ class Motion:
             t = middle[:, None] + half[:, None] * NODES
             found[:, part] = half * (self._powers(t.ravel()).reshape(3, *t.shape) @ WEIGHTS)
         return tuple(np.add.reduceat(found, np.searchsorted(at, edges[:-1]), axis=1))  # type: ignore[return-value]
-
-    @cached_property
-    def _rates(self) -> tuple[float, float]:
-        """The largest angular frequency and decay rate of all motions and drives."""
-        free, pressed = self.made.free, self.made.pressed
-        poles = np.hstack([x.poles for x in (free, pressed.up, pressed.low) if x is not None])
-        turning, decay = max(float(np.max(poles[1], initial=1e-300)), 1e-300), float(np.max(-poles[0], initial=0.0))
-        if free.kind == 0 or (pressed.up is pressed.low is None and np.any(self.sides)):  # contacts make series
-            dashpots = float(free.laws[:, 1] @ np.diag(free.meet))
-            turning, decay = max(turning, self.fastest), float(np.linalg.norm(free.damping, 2)) + dashpots
-        return turning, decay
 
     def _powers(self, t: Array) -> Array:
         """Powers at times t (k,) of loads and moving stops, of the damping, and of the stops' dashpots, (3, k)."""
