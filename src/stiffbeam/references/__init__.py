@@ -56,35 +56,29 @@ def reference(
     Parameters
     ----------
     system : System
-        Times and tolerances are in its units.
     t_end : float
-        End of the solution.
     method : str
-        "exact" (piecewise linear, closed form between events; rigid stops from impact to impact); "multiprecision" (the
-        exact solution of compliant stops without records in as many ``digits`` as error growth requires, confirmed with
-        more digits);
-        "cvode" (BDF), "cvode-adams" and "ida" (BDF on the residual, no mass inverted) of SUNDIALS;
-        "kvaerno3" and "kvaerno5" (ESDIRK) of diffrax; "dop853", "radau" and "lsoda" of SciPy.
+        "exact": piecewise linear, closed form between events. "multiprecision": the same for compliant stops without
+        records, in as many ``digits`` as error growth requires. Adaptive: "cvode" (BDF), "cvode-adams" and "ida" (BDF
+        on the residual) of SUNDIALS; "kvaerno3" and "kvaerno5" of diffrax; "dop853", "radau" and "lsoda" of SciPy.
     t_eval : (k,) array, optional
-        Output times, increasing in [0, t_end]; 2001 equidistant ones by default. Every reference answers ``at`` any
-        time: an exact one from its closed form, an adaptive one by solving once more where other times are asked.
+        Output times, increasing in [0, t_end]; 2001 equidistant ones by default. ``at`` answers any other time, of an
+        adaptive reference by solving once more.
     rtol, atol : float
         Tolerances of adaptive solvers; atol by default rtol/100 of the scale of every unknown.
     digits : int or "auto"
         Number of digits of "multiprecision".
     breakpoints : (k,) array
-        Times where a load or an offset is not smooth; an adaptive solver starts anew there, as at those that a function
-        of time states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the
-        steps, of which there are at least 200. Give breakpoints where a shorter feature begins and ends.
+        Times where a load or an offset is not smooth, for adaptive solvers, besides those that a function of time
+        states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the steps, of
+        which there are at least 200. Give breakpoints where a shorter feature begins and ends.
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
-        By solutions done: the reference itself and those its horizon is measured with. None shows a bar after 3 s, or
-        one line where there is neither a terminal nor a notebook. True shows the bar at once, False nothing. A function
-        is called as show(what, done, total), total 0 where it is not known.
+        None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
+        the solutions that are done: the reference itself and those its horizon is measured with.
     seconds : float, optional
-        CPU seconds, horizon included, after which the reference ends at the time that it has reached, as its
-        provenance["budget"] then states.
+        CPU seconds, horizon included, after which the reference ends where it has come to; see provenance["budget"].
 
     Returns
     -------
@@ -112,8 +106,7 @@ def reference(
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step)
     require_system(system)
-    method_of(method)
-    t_end = positive("t_end", t_end)
+    t_end, kind = positive("t_end", t_end), method_of(method).kind
     seconds = math.inf if seconds is None else positive("seconds", seconds)
     with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
@@ -125,7 +118,7 @@ def reference(
             t_end, times = _until(late.t, times, method, seconds)
             solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
             solution.provenance["budget"] = f"to t = {t_end:.3g} of {whole:.3g}: {seconds:g} s of CPU end there"
-        if REFERENCES[method].kind == MULTIPRECISION or not math.isnan(solution.horizon):
+        if kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
         return with_horizon(solution, system, t_end, steps, solve, show)
 
