@@ -192,6 +192,22 @@ def test_at_a_graze_no_impact_time_has_a_derivative():
     assert np.isinf(sb.reference(hit, 3.0).derivative(["v0[0]"]).exists_until)
 
 
+@pytest.mark.parametrize("where", ["loads[0].time.values[3]", "contacts[0].offset.values[3]"])
+def test_a_cubic_record_of_a_load_and_of_a_pressed_stop(where):
+    """The motion is linear in the samples of either while the contact presses: one difference is exact."""
+    record = sb.Sampled(np.linspace(0.0, 3.0, 7), np.array([0.0, 0.1, -0.1, 0.15, 0.0, 0.1, 0.0]), "cubic")
+    stops = sb.Stops(upper=-9.0, stiffness=30.0)
+    system = one_mass(4.0, stops, load=record, offset=record, q=-270.0 / 34.0, v=1.0)
+
+    def tip(by: float) -> Any:
+        moved = with_values(system, {where: 0.15 + by})
+        return sb.reference(moved, 3.0, t_eval=np.linspace(0.1, 3.0, 30))
+
+    found = tip(0.0).derivative([where]).tip[:, 0]
+    np.testing.assert_allclose(found, 10.0 * (tip(0.05).tip - tip(-0.05).tip), rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(found)) > 0.01
+
+
 def test_what_a_derivative_refuses(table10):
     system = sb.semidiscretise(table10, 4)
     reference = sb.reference(system, 0.02)
