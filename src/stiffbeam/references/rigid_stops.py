@@ -16,8 +16,9 @@ LEFT = 1e-12  # of the distance between a stop and a start, relative: the start 
 
 
 def require_rigid(system: System, t_end: float) -> None:
-    """Raise InputError unless all stops are rigid with restitution, the contact rows are independent, and samples go on
-    to t_end."""
+    """Raise InputError unless all stops are rigid with restitution, the contact rows are independent, and functions of
+    time are Harmonic, Constant and Sampled to t_end; for stops that move along a polygon, too: at its corners the
+    contact point has no velocity."""
     for contact in system.contacts:
         if not contact.stops.rigid:
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
@@ -25,6 +26,11 @@ def require_rigid(system: System, t_end: float) -> None:
             remedy = "give one, or condense the contact node into a stop of its own stiffness K_bb"
             raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
     covered(system.time_functions, t_end)
+    require_closed_form(system.time_functions, "the exact solution with rigid stops", REMEDY)
+    for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
+        if isinstance(part, Sampled) and part.degree < 2:
+            rule = "have a velocity at its samples, where it moves a rigid stop"
+            raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
     rows = np.array([contact.row for contact in system.contacts])
     # Dependent rows make row M^-1 row^T singular: impulses and reactions would not be unique.
     least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
@@ -32,16 +38,6 @@ def require_rigid(system: System, t_end: float) -> None:
         rule = "be independent of each other for rigid stops"
         remedy = "leave one out; stops on both sides of one row are one, Stops(lower=, upper=)"
         raise InputError("contacts", f"{len(rows)} that follow from each other", rule, remedy)
-
-
-def require_smooth(system: System) -> None:
-    """Raise InputError for functions of time other than Harmonic, Constant and Sampled, and for stops that move along a
-    polygon: at its corners the contact point has no velocity."""
-    require_closed_form(system.time_functions, "the exact solution with rigid stops", REMEDY)
-    for part in (x for contact in system.contacts for x in parts_of(contact.offset)):
-        if isinstance(part, Sampled) and part.degree < 2:
-            rule = "have a velocity at its samples, where it moves a rigid stop"
-            raise InputError("contact.offset", part, rule, 'take samples of kind "cubic"')
 
 
 def shift_at_start(contact: Contact) -> float:

@@ -36,7 +36,7 @@ from ...kernels.exact import (
 from ...model.system import System
 from ...model.time_functions import Drive, evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..rigid_stops import on_stops, require_smooth, resting, shift_at_start
+from ..rigid_stops import on_stops, resting, shift_at_start
 from .free import FreeSystem, closed_form, free_system, pressed_system
 
 EPS = float(np.finfo(float).eps)
@@ -87,7 +87,6 @@ class Solver:
         self.made = made or free_system(system, self.drive)
         self.eta, self.rate = self.made.start(system.q0, system.v0)
         if system.rigid:
-            require_smooth(system)
             # What is on its stop but for rounding is on it.
             stops, shifts = self.made.free.stops.copy(), [shift_at_start(x) for x in system.contacts]
             for i, side in on_stops(system).items():

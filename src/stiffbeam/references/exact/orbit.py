@@ -20,7 +20,6 @@ from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
 from ...model.time_functions import Harmonic, Sampled, parts_of
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..rigid_stops import require_rigid
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
@@ -192,10 +191,7 @@ def require_periodic(system: System, period: float) -> None:
     require_system(system)
     period = positive("period", period)
     _repeats(system, period)
-    if system.rigid:
-        require_rigid(system, period)
-    else:
-        refuse(system, period)
+    refuse(system, period)
 
 
 def _orbit(mapping: PeriodMap, z: Array, closure: float) -> Orbit:
