@@ -1,6 +1,6 @@
 """Derivatives along a motion, through its segments and events.
 
-    within a segment     the equations of variation, by Taylor steps                              (variation.py)
+    within a segment     dy' = A dy + dA y, by Taylor steps                                         (variation.py)
     at an event h = 0    dt = -dh/h',  dz+ = J (dz- + z'- dt) - z'+ dt
 
 J is the derivative of what happens there. On a compliant stop nothing does, and z' is continuous: dz+ = dz-. At the
