@@ -87,9 +87,10 @@ static inline void press_springs(const double *restrict push, Int wide, double g
     for (int i = 0; i < 8; i++) f[i] = force[i];
 }
 
-/* The forces f of the stops, panel by panel: nodes of a panel look up what those before them push, all that comes after
- * is pushed in one pass. 0 where none is touched, 1 where one is, -1 - i where those of node i were not found. */
-static Int resolve(Motion *s, double *f)
+/* The forces f of the first `nodes` nodes, panel by panel: nodes of a panel look up what those before them push, all
+ * that comes after is pushed in one pass. `good` becomes the first node whose force is not finite: those from it on have
+ * none. 0 where no stop is touched, 1 where one is, -1 - i where the forces of node i were not found. */
+static Int resolve(Motion *s, double *f, Int nodes, Int *good)
 {
     const Block *b = s->b;
     const Law *law = s->run->law;
@@ -97,10 +98,10 @@ static Int resolve(Motion *s, double *f)
     double *out = s->out;
     Int m = s->run->m, wide = s->wide, panel = m < 8 ? 8 / m * m : m, touched = 0,
         springs = m == 1 && b->rule == LINEAR;
-    for (Int first = 0; first < b->nodes; first += panel) {
-        Int end = first + panel < b->nodes ? first + panel : b->nodes,
+    memset(f, 0, (size_t)b->N * sizeof *f);
+    for (Int first = 0; first < nodes; first += panel) {
+        Int end = first + panel < nodes ? first + panel : nodes,
             any = beyond(out + first, s->low, s->high, end - first) > 0;
-        for (Int i = first; i < end; i++) f[i] = 0.0;
         for (Int c = 0; b->rule == MEAN && c < m; c++) any |= side_of(x->before[c], law + c) != 0.0;
         if (any) {
             const double *push = b->push + first * wide + first;
@@ -114,6 +115,10 @@ static Int resolve(Motion *s, double *f)
                 for (Int c = 0; acts && c < m; c++) f[i + c] = x->F[c], touched = 1;
                 for (Int c = 0; b->rule == MEAN && c < m; c++) x->before[c] = pushed(s, f, first, i + m, i + c);
             }
+            Int i = first;
+            while (i < end && isfinite(f[i])) i++;
+            if (i < end) *good = nodes = end = i;
+            for (; i < first + panel; i++) f[i] = 0.0; /* of a spring also of steps that are not asked for */
             add_rows(out + first, wide - first, f + first, push, wide, end - first);
         } else if (b->rule == MEAN)
             for (Int c = 0; c < m; c++) x->before[c] = out[end - m + c];
@@ -300,7 +305,7 @@ static int pass_block(Motion *s, Int block)
     add_rows(out, wide, g + still, drive->rows + still * wide, wide, d - still);
     /* Then the forces of the stops, each of which moves what comes after it. */
     for (Int c = 0; b->rule == MEAN && c < m; c++) s->node.before[c] = run->position[c];
-    Int touched = m ? resolve(s, f) : 0;
+    Int per_step = b->nodes / K, good = count * per_step, touched = m ? resolve(s, f, good, &good) : 0;
     if (touched < 0) {
         *run->diverged = -(at + (-1 - touched) * K / b->nodes + 1);
         return 1;
@@ -311,20 +316,23 @@ static int pass_block(Motion *s, Int block)
         memcpy(run->starts + block * state, z, (size_t)state * sizeof *z);
         if (b->N) memcpy(run->forces + block * b->N, f, (size_t)b->N * sizeof *z);
     }
+    Int last = m && good < count * per_step ? good / per_step : count; /* steps before the position that overflows */
     for (Int c = 0; c < b->C; c++) {
         const double *u = out + b->end_first[c];
         Int apart = b->end_stride[c];
-        if (!(fabs(u[(count - 1) * apart]) < OVERFLOWN)) {
-            for (Int k = count - 1; k >= 0; k--)
-                if (!(fabs(u[k * apart]) < OVERFLOWN)) *run->diverged = at + k + 1;
-            return 1;
-        }
-        if (run->outputs) keep(s, block, c, at, count);
+        if (!(fabs(u[(count - 1) * apart]) < OVERFLOWN) || last < count)
+            for (Int k = last - 1; k >= 0; k--)
+                if (!(fabs(u[k * apart]) < OVERFLOWN)) last = k;
+    }
+    if (last < count) *run->diverged = at + last + 1;
+    for (Int c = 0; c < b->C && last > 0; c++) {
+        if (run->outputs) keep(s, block, c, at, last);
         /* A position that is not at a node may be beyond a stop although no node is. */
         if (c < m && (touched || run->tally[c * TALLY + SIDE] != 0.0 || b->end_first[c] >= b->N))
-            watch(s, block, c, at, count);
-        run->position[c] = u[(count - 1) * apart];
+            watch(s, block, c, at, last);
+        run->position[c] = out[b->end_first[c] + (last - 1) * b->end_stride[c]];
     }
+    if (last < count) return 1;
     memcpy(z, out + R, (size_t)D * sizeof *z);
     memcpy(z + D, z, (size_t)((b->a - 1) * b->n) * sizeof *z);
     return 0;
@@ -357,11 +365,9 @@ API Int march(const Block *b, const Drive *drive, const Run *run)
     for (Int j = 0; m == 1 && j < b->nodes; j++) s.stiff[j] = spring_stiffness(b->push[j * s.wide + j], run->law);
     for (block = run->cursor[0]; block < blocks && !*run->diverged; block++) {
         if ((full = s.rows + m * b->K > run->room)) break;
-        if (pass_block(&s, block) && run->outputs) { /* the outputs that follow are not computed */
-            Int o = (run->first + block * b->K) / run->every + 1;
-            size_t length = (size_t)((run->outputs - o) * b->C) * sizeof(double);
-            memset(run->positions + o * b->C, 0, length), memset(run->velocities + o * b->C, 0, length);
-        }
+        if (pass_block(&s, block) && run->outputs) /* the outputs that follow are not known */
+            for (Int j = ((labs(*run->diverged) - 1) / run->every + 1) * b->C; j < run->outputs * b->C; j++)
+                run->positions[j] = run->velocities[j] = NAN;
     }
     Int count = block < blocks ? b->K : run->steps - (blocks - 1) * b->K; /* of the last block */
     for (Int c = 0; c < b->C && block > s.resumed && !*run->diverged; c++)

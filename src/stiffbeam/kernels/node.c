@@ -99,8 +99,8 @@ static double each_alone(const Node *x, Int rule, const Law *law, Int m, const d
     return total;
 }
 
-/* Any law: a semismooth Newton method on H = F - f(F) with a line search on |H|; where that does not lower |H|, every
- * contact takes its own f_c in turn. NaN where the search fails. */
+/* Any law: a semismooth Newton method on H = F - f(F) with a line search on |H|; where that does not lower |H|, and
+ * after 50 steps, every contact takes its own f_c in turn. NaN where the search fails. */
 void solve_laws(Node *x, Int rule, const Law *law, Int m)
 {
     double *F = x->F, *f = x->f, *trial = x->trial, *trial_f = x->trial_f, *J = x->J, *J_trial = x->J_trial, *t;
@@ -108,7 +108,7 @@ void solve_laws(Node *x, Int rule, const Law *law, Int m)
     for (Int c = 0; c < m; c++) F[c] = 0.0, coupled |= damps(law + c);
     for (Int c = 0; c < m * m; c++) coupled |= x->S[c] != 0.0;
     double merit = each_alone(x, rule, law, m, F, f, J);
-    for (int k = 0; k < 200; k++) {
+    for (int k = 0; k < 2000; k++) {
         int done = 1, lowered = 0;
         if (coupled && !isfinite(merit)) break;
         for (Int c = 0; c < m; c++) done &= fabs(F[c] - f[c]) <= x->tolerance[c];
@@ -118,7 +118,7 @@ void solve_laws(Node *x, Int rule, const Law *law, Int m)
         }
         double new = merit, share = 1.0;
         for (Int c = 0; c < m; c++) x->step[c] = F[c] - f[c];
-        if (eliminate(J, x->step, m))
+        if (k < 50 && eliminate(J, x->step, m))
             for (int i = 0; i < 6 && !lowered; i++, share *= 0.5) { /* Armijo's rule */
                 for (Int c = 0; c < m; c++) trial[c] = F[c] - share * x->step[c];
                 new = each_alone(x, rule, law, m, trial, trial_f, J_trial);

@@ -17,6 +17,8 @@ from . import contact_law
 from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
 from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
 
+STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
+
 
 @dataclass(frozen=True, repr=False)
 class Stops:
@@ -80,6 +82,8 @@ class Stops:
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
             object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness, exact=True))
+            if self.stiffness > STIFFEST:
+                raise InputError("stops.stiffness", self.stiffness, f"be at most {STIFFEST:g}", "inf is a rigid stop")
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side), exact=True))
