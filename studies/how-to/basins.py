@@ -1,6 +1,6 @@
 """Which starts does a scheme send to the wrong motion?
 
-    python studies/how-to/basins.py                # prints the table, ten seconds
+    python studies/how-to/basins.py                # prints the table, six seconds
     python studies/how-to/basins.py basins.png     # draws a picture too, of more starts
 
 A driven mass with a stop has two attractors: a motion that misses the stop, and one that hits it in every second
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import stiffbeam as sb
 
 PERIOD, PERIODS, LAST = 2.0 * np.pi / 2.6, 150, 4  # of the drive; in all, and those in which impacts decide
-PLACES, SPEEDS, SIDE = (-3.0, 0.5), (-3.0, 3.0), 30 if len(sys.argv) > 1 else 20
+PLACES, SPEEDS, SIDE = (-3.0, 0.5), (-3.0, 3.0), 30 if len(sys.argv) > 1 else 14
 METHODS = (
     (sb.HHT(alpha=-0.1), "implicit"),
     (sb.BDF2(), "implicit"),

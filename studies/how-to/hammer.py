@@ -11,7 +11,7 @@ import numpy as np
 
 import stiffbeam as sb
 
-RATE, T_END = 25_600.0, 0.15  # 1/s, s
+RATE, T_END = 25_600.0, 0.08  # 1/s, s
 
 
 def record() -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ CASE = """[[case]]
 name = "tube"
 cells = 8
 dt = 2e-5
-t_end = 0.15
+t_end = 0.1
 runs = ["HHT(alpha=-0.1)"]
 [case.problem]
 units = { length = "m", time = "s", force = "N" }
@@ -39,7 +39,7 @@ stiffness = [661, 675]      # 1 % to either side
 """
 
 if __name__ == "__main__":
-    t = np.arange(0.0, 0.1501, 5e-4)
+    t = np.arange(0.0, 0.1001, 5e-4)
     force = 12.0 * np.sin(2 * np.pi * 22.0 * t) + 6.0 * np.sin(2 * np.pi * 61.0 * t + 1.0)
     np.savetxt("force.csv", np.column_stack([t, force]), delimiter=",", header="time (s),force (N)", comments="")
     Path("tube.toml").write_text(CASE, encoding="utf-8")

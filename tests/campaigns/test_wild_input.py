@@ -29,29 +29,22 @@ REFUSED = {
     "a scheme's parameter beyond float": lambda: sb.HHT(HUGE),
     "a label of a thousand signs": lambda: parse_run("HHT(alpha=" + "-" * 1000 + "1)"),
     "a label of 180 signs in a list": lambda: parse_run("HHT(alpha=" + "[" * 180 + ")"),
-    "contacts that are a number": lambda: sb.System.from_matrices([[1.0]], [[1.0]], contacts=1.0),
     "loads that are a number": lambda: sb.System.from_matrices([[1.0]], [[1.0]], loads=3.0, observe=[1.0]),
     "a beam's loads that are a function": lambda: sb.BeamProblem(stiffness=1.0, loads=np.sin),
     "members that are a system": lambda: sb.integrate_ensemble(mass(), sb.HHT(), 1e-3, 0.1, mass()),
     "a profile without argument": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda: 0.0),
-    "a profile of text": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: "fast"),
     "a profile that fails": lambda: sb.BeamProblem(stiffness=1.0, initial_velocity=lambda x: 1 / 0),
-    "stops that are a number": lambda: sb.BeamProblem(**CLAMPED, stops=0.0),
-    "a length of zero": lambda: sb.BeamProblem(**CLAMPED | {"length": 0.0}),
     "a frequency whose square overflows": lambda: sb.varied_members(beam(), {"frequency": [1e300]}),
     "a step longer than all there is": lambda: sb.integrate(beam(), sb.HHT(), 1e300, 1e300),
     "more steps than there are floats": lambda: sb.integrate(beam(), sb.HHT(), 1e-300, 1.0),
     "outputs at 1e15 steps": lambda: sb.integrate(beam(), sb.HHT(), 1e-15, 1.0),
-    "a million cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 1_000_000),
     "ten thousand cells": lambda: sb.semidiscretise(sb.BeamProblem(stiffness=1.0), 10_000),
     "a sparse matrix of 1e6 unknowns": lambda: sb.System.from_matrices(scipy.sparse.eye_array(10**6), np.eye(3)),
     "a span of 1e30": lambda: sb.reference(mass(), 1e30),
     "atol of 1e-300": lambda: sb.reference(mass(), 0.5, "cvode", atol=1e-300),
-    "atol of 1e-300, kvaerno": lambda: sb.reference(mass(), 0.5, "kvaerno5", atol=1e-300),
     "a complex matrix": lambda: sb.System.from_matrices(np.eye(2) + 0j, np.eye(2), observe=[1.0, 0.0]),
     "a complex row": lambda: sb.Contact([1j], STOPS),
     "complex initial data": lambda: sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_velocity=[1j]),
-    "complex output times": lambda: sb.reference(mass(), 0.5, "cvode", t_eval=[0.0, 0.5 + 0j]),
     "a complex load": lambda: mass(load=lambda t: 1j * t) and sb.reference(mass(load=lambda t: 1j * t), 0.5, "cvode"),
     "a seed below zero": lambda: sb.perturbed_members(beam(), 3, rng=-1),
     "1e18 members": lambda: sb.perturbed_members(beam(), 10**18),
@@ -128,11 +121,11 @@ def test_what_work_may_cost_is_set_from_outside(monkeypatch):
 @pytest.mark.parametrize(("method", "t_end"), [("exact", 1e7), ("cvode-adams", 1e4), ("multiprecision", 1e4)])
 def test_a_reference_ends_where_its_seconds_do(method, t_end):
     begun = time.process_time()
-    found = sb.reference(mass(), t_end, method, seconds=2.0, **({"digits": 40} if method == "multiprecision" else {}))
+    found = sb.reference(mass(), t_end, method, seconds=0.5, **({"digits": 40} if method == "multiprecision" else {}))
     assert 0.0 < found.t[-1] < t_end
-    assert f"of {t_end:.3g}: 2 s of CPU end there" in found.provenance["budget"]
+    assert f"of {t_end:.3g}: 0.5 s of CPU end there" in found.provenance["budget"]
     assert found.horizon <= found.t[-1] == found.provenance["t_end"]
-    assert time.process_time() - begun < 4.0
+    assert time.process_time() - begun < 2.0
 
 
 @pytest.mark.parametrize(
@@ -165,7 +158,7 @@ def test_a_case_file_is_bounded():
 
 
 @pytest.mark.parametrize(
-    "every", [pytest.param(100, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.campaign)]
+    "every", [pytest.param(50, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.campaign)]
 )
 def test_wild_inputs_end_in_a_result_or_a_refusal(every):
     """Of the ten thousand of ``python tests/campaigns/campaign.py inputs --seed 1 --count 10000``."""

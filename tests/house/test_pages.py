@@ -37,8 +37,9 @@ BLOCKS = [
     for i, (block, shown) in enumerate(re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.DOTALL))
     if "def test_" not in block
 ]
-AXE = """axe.run(document.querySelector("main") || document, {resultTypes: ["violations"]}).then(
-  found => found.violations.map(x => x.id + ": " + x.nodes.map(node => node.html).slice(0, 3).join(" ")))"""
+AXE = """innerWidth < 1000 || !window.axe ? [] :
+  axe.run(document.querySelector("main") || document, {resultTypes: ["violations"]}).then(
+    found => found.violations.map(x => x.id + ": " + x.nodes.map(node => node.html).slice(0, 3).join(" ")))"""
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -195,7 +196,7 @@ def test_examples_in_docstrings_print_what_they_show():
         ("`cases`", "cases"),
         ("`reference`", "reference table10 --t-end 0.01"),
         ("`compare`", "compare table10 --t-end 0.02 --references exact"),
-        ("a study", "study energy table10 --t-end 0.1 --schemes HHT(alpha=-0.1),BDF2"),
+        ("a study", "study energy table10 --t-end 0.1 --schemes HHT(alpha=-0.1),BDF2 --jobs 1"),
     ],
 )
 def test_records_are_as_documented(command, name, arguments):
@@ -210,14 +211,6 @@ def test_records_are_as_documented(command, name, arguments):
         assert set(found["comparisons"][0]) == held
     if name == "a study":
         assert [line["scheme"] for line in found["table"]] == ["HHT(alpha=-0.1)", "BDF2"]
-
-
-@pytest.mark.slow
-def test_verbose_prints_a_line_per_phase(command):
-    code, out, err = command("study", "energy", "table10", "--t-end", "0.1", "--schemes", "BDF2", "--verbose")
-    assert code == 0
-    assert "energy lost" in out
-    assert " s  energy: planning" in err
 
 
 def test_commands_of_pages_and_of_help_are_understood():
@@ -244,26 +237,23 @@ def test_commands_of_pages_and_of_help_are_understood():
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_site_builds_and_a_browser_shows_every_page(tmp_path):
-    """A warning, a broken link or an error in a cell ends the build. No page is wider than a screen or a telephone or
-    writes to the console; axe finds no violation."""
+    """A warning, a broken link or an error in a cell ends the build; the notebook's cells run in a test above. No page
+    is wider than a screen or a telephone or writes to the console; axe finds no violation."""
     pytest.importorskip("myst_nb")
     site = tmp_path / "site"
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "-c", str(STUDIES), str(ROOT), str(site)]
+    command += ["-D", "nb_execution_excludepatterns=*.ipynb"]
     done = subprocess.run([*command, "-d", str(tmp_path / "doctrees")], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     page = (site / "studies" / "reference" / "api.html").read_text(encoding="utf-8")
     assert [name for name in sb.__all__ if f'id="stiffbeam.{name}"' not in page] == []
     pages = sorted(str(page.relative_to(site)) for page in site.rglob("*.html") if "_static" not in page.parts)
     assert len(pages) > 25
-    wrong = [
-        (x["page"], x["overflow"], x["complaints"]) for x in browse(site, pages, [1400, 390], "null", tmp_path / "p")
-    ]
-    assert [x for x in wrong if x[1] > 0 or x[2]] == []
-    package = importlib.util.find_spec("axe_core_python")
+    package, axe = importlib.util.find_spec("axe_core_python"), ""
     if package is not None and package.origin is not None:
         axe = (Path(package.origin).parent / "axe.min.js").read_text(encoding="utf-8")
-        seen = browse(site, pages, [1400], AXE, tmp_path / "axe", f"<script>{axe}</script>")
-        assert [(x["page"], x["look"]) for x in seen if x["look"]] == []
+    seen = browse(site, pages, [1400, 390], AXE, tmp_path / "profile", f"<script>{axe}</script>")
+    assert [x for x in seen if x["overflow"] > 0 or x["complaints"] or x["look"]] == []
 
 
 @pytest.mark.slow

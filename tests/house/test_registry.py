@@ -8,9 +8,8 @@ from importlib import import_module
 
 import pytest
 
-import stiffbeam as sb
 from stiffbeam.references import METHODS, REFERENCES, registry, solve
-from stiffbeam.references.registry import ADAPTIVE, COMPARED, EXACT, MULTIPRECISION
+from stiffbeam.references.registry import ADAPTIVE, EXACT, MULTIPRECISION
 
 KINDS = {"exact": EXACT, "multiprecision": MULTIPRECISION, "adaptive": ADAPTIVE}  # a room of references each
 
@@ -31,14 +30,6 @@ def test_every_adaptive_solver_has_a_look_of_its_own_and_the_exact_ones_that_of_
     assert exact == {str(look("reference"))}
     assert len({*looks.values(), *exact}) == len(looks) + 1
     assert len({short(name) for name in METHODS}) == len(METHODS)
-
-
-def test_what_a_method_cannot_take_is_refused(table10_system):
-    assert set(COMPARED) <= set(METHODS)
-    with pytest.raises(sb.InputError, match="max_step must be left out for exact"):
-        sb.reference(table10_system, 0.01, "exact", max_step=1e-3)
-    with pytest.raises(sb.InputError, match=r"method must be a reference method.*cvode"):
-        sb.cached_reference(table10_system, 0.01, "cvodes")
 
 
 def test_a_library_that_fails_inside_is_no_missing_method(table10_system, monkeypatch):

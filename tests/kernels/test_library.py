@@ -16,7 +16,7 @@ from stiffbeam.kernels.march import solve_node, states
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # nine lines in ten of the kernels in half a minute
     "march/test_ensemble.py", "model/test_nodes.py", "references/test_sundials.py", "kernels/test_exact_motion.py",
-    "references/test_frozen_motions.py",
+    "references/test_frozen_motions.py::test_the_exact_motion_between_rigid_stops_is_the_frozen_one",
 ]  # fmt: skip
 
 

@@ -86,12 +86,3 @@ def test_a_blow_of_a_rigid_stop_at_the_start_has_a_row(method):
         row = run.impacts.at_start
         assert [row.ends[0], row.impulses[0]] == pytest.approx([np.pi / 4.0, 0.5], rel=1e-9)
         assert run.impacts.count == 0
-
-
-@pytest.mark.parametrize("law", [{"stiffness": 100.0}, {"stiffness": np.inf, "restitution": 0.5}], ids=str)
-@pytest.mark.parametrize("method", ["exact", "scheme"])
-def test_rest_on_a_stop_without_a_gap_has_no_row(method, law):
-    """Nothing presses it, and nothing moves."""
-    run = solved(hammer(0.0, **law), method)
-    assert run.impacts.count == 0
-    assert not run.impacts.listed()[0].impulses.any() or np.isnan(run.impacts.listed()[0].ends).all()

@@ -18,8 +18,6 @@ from stiffbeam.model import contact_law
 from stiffbeam.model.right_hand_side_jax import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
-TIGHT = {"rtol": 1e-13, "method": "dop853"}
-
 
 def ball(stops: sb.Stops, speed: float = 1.0, mass: float = 1.0) -> sb.System:
     """A free mass that moves towards a stop at 0 from 0.1 before it."""
@@ -29,24 +27,8 @@ def ball(stops: sb.Stops, speed: float = 1.0, mass: float = 1.0) -> sb.System:
     return sb.System.from_matrices([[mass]], [[0.0]], contacts=contacts, **start)
 
 
-@pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize(
-    ("zeta", "duration", "e"),
-    [(0.01, 3.1217484115644179, 0.96926475046449247), (0.1, 2.9560753247495496, 0.74407939772177969)],
-)
-def test_kelvin_voigt_lets_go_where_the_force_ends(zeta, duration, e, side):
-    """m x'' + 2 zeta x' + x = 0 from x' = 1 to where 2 zeta x' + x = 0."""
-    stops = sb.Stops(**{"upper" if side > 0 else "lower": 0.0}, stiffness=1.0, damping=2.0 * zeta)
-    run = sb.reference(ball(stops), 5.0, t_eval=[0.0, 1.0, 5.0], **TIGHT)
-    assert abs(run.tip_velocity[-1] + side * e) < 1e-12
-    assert abs(run.contacts[0].fraction * 5.0 - duration) < 1e-12
-    assert abs(run.contacts[0].impacts.impulses[0] - (1.0 + e)) < 1e-12
-    assert abs(run.energy.stop_dissipation[-1] - 0.5 * (1.0 - e**2)) < 1e-12
-    assert abs(run.energy.loss[-1]) < 1e-12
-
-
 @pytest.mark.parametrize("seed", range(412))
-@pytest.mark.fast(0, slow=12)
+@pytest.mark.fast(0, slow=8)
 def test_random_systems_against_another_solver(seed):
     system = random_system(seed)
     times = np.linspace(0.0, 3.0, 61)

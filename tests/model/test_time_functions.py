@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,19 +121,6 @@ def test_multiprecision_takes_no_record():
         sb.InputError, match=r"be made of Harmonic and Constant for multiprecision.*use the method exact"
     ):
         sb.reference(hammered(sb.Sampled(TIMES, VALUES)), 1.0, "multiprecision")
-
-
-@pytest.mark.parametrize("scheme", [sb.BDF2(), sb.HHT(-0.1), sb.SDIRK(), sb.Trapezoidal()], ids=str)
-def test_every_scheme_takes_a_record_and_keeps_its_order(scheme):
-    """No contact, a cubic record whose samples lie on steps: halving the step divides the error by 2^order."""
-    t = np.linspace(0.0, 2.0, 17)
-    load = sb.Superposition(sb.Sampled(t, np.sin(3.0 * t) * t, "cubic"), sb.Harmonic(1.0, 2.0))
-    system = replace(hammered(load), contacts=(), observe=np.array([0.0, 0.0, 1.0]))
-    exact, errors = sb.reference(system, 2.0), []
-    for dt in (1 / 256, 1 / 1024):
-        run = sb.integrate(system, scheme, dt, 2.0)
-        errors.append(np.max(np.abs(run.tip - exact.at(run.t)[0])))
-    assert abs(np.log2(errors[0] / errors[1]) / 2.0 - scheme.order) < 0.1
 
 
 def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mpmath as mp
 import numpy as np
 import scipy.linalg
 from scipy.optimize import brentq
@@ -62,64 +61,3 @@ def exact_linear(
     y0 = np.concatenate([q0, v0, [1.0, 0.0, 1.0]])
     y = np.array([scipy.linalg.expm(A * s) @ y0 for s in t])
     return y[:, :n], y[:, n : 2 * n]
-
-
-def harmonic_piece(w2, a, w, phase, t_end):
-    """What ``between_rigid_walls`` takes of the load a sin(w t + phase) on an undamped oscillator."""
-    w2, a, w, phase = map(mp.mpf, (w2, a, w, phase))
-    a /= w2 - w**2
-    return [(t_end, lambda t: a * mp.sin(w * t + phase), lambda t: a * w * mp.cos(w * t + phase))]
-
-
-def record_pieces(w2, c, t, values, t_end):
-    """What ``between_rigid_walls`` takes of straight lines through samples."""
-    w2, c, t, values = mp.mpf(w2), mp.mpf(c), [mp.mpf(float(x)) for x in t], [mp.mpf(float(x)) for x in values]
-    pieces = []
-    for k in range(len(t) - 1):
-        if t[k] < t_end:
-            slope = (values[k + 1] - values[k]) / (t[k + 1] - t[k])
-            at = lambda s, k=k, m=slope: (values[k] + m * (s - t[k]) - c * m / w2) / w2  # noqa: E731
-            pieces.append((min(t[k + 1], mp.mpf(t_end)), at, lambda s, m=slope: m / w2))
-    return pieces
-
-
-def between_rigid_walls(w2, c, walls, e, pieces, x, v, times, digits=60, grid=0.01):
-    """x(times) and the times of impacts of x'' + c x' + w2 x = f between walls (None for none), u'+ = -e u'-.
-
-    In mpmath, in closed form from event to event; pieces: (end, p, p'), one after another, with p'' + c p' + w2 p = f.
-    Pieces are to be made in as many digits. A motion that comes to rest on a wall is refused.
-    """
-    w2, c, e, x, v = map(mp.mpf, (w2, c, e, x, v))
-    walls = [(side, mp.mpf(wall)) for side, wall in zip((-1, 1), walls, strict=True) if wall is not None]
-    beta, damped = c / 2, mp.sqrt(w2 - c**2 / 4)
-    t, out, impacts = mp.mpf(0), [], []
-    for end, p, dp in pieces:
-        while t < end:
-            A = x - p(t)
-            B = (v - dp(t) + beta * A) / damped
-
-            def path(s, t=t, p=p, A=A, B=B):
-                return p(t + s) + mp.exp(-beta * s) * (A * mp.cos(damped * s) + B * mp.sin(damped * s))
-
-            def rate(s, t=t, dp=dp, A=A, B=B):
-                turned = (damped * B - beta * A) * mp.cos(damped * s) - (damped * A + beta * B) * mp.sin(damped * s)
-                return dp(t + s) + mp.exp(-beta * s) * turned
-
-            h, before, hit = mp.mpf(0), mp.mpf(1e-12), False
-            while h < end - t and not hit:
-                h = min(h + grid, end - t)
-                u = path(h)
-                for side, wall in walls:
-                    if side * (u - wall) > 0:
-                        h = mp.findroot(lambda s, wall=wall: path(s) - wall, (before, h), solver="anderson")
-                        hit = True
-                        break
-                before = h
-            while len(out) < len(times) and times[len(out)] <= t + h:
-                out.append(float(path(mp.mpf(float(times[len(out)])) - t)))
-            x, v, t = path(h), rate(h), t + h
-            if hit:
-                assert abs(v) > 1e-6, "at rest on a wall"
-                x, v = wall, -e * v
-                impacts.append(float(t))
-    return np.array(out), np.array(impacts)

@@ -116,25 +116,3 @@ class RigidWitness(Witness):
             self.held[c] = side
             self.settle(t, y)
         return y
-
-
-def recorded_system(family: str, seed: int) -> tuple[sb.System, float]:
-    """A body between walls, driven by a dense record, and a time to end at.
-
-    silence: the start decays before the record begins. growing: the record grows by 1e6.
-    """
-    rng = np.random.default_rng([len(family), seed, 33])
-    omega, begin, dt = (float(rng.uniform(*span)) for span in ((4.0, 8.0), (8.0, 14.0), (0.03, 0.06)))
-    t_end = begin + float(rng.uniform(20.0, 25.0))
-    t = np.arange(0.0, t_end + 2.0 * dt, dt)
-    size, fast = rng.uniform(20.0, 40.0, 2), rng.uniform(2.0, 9.0, 2)
-    force = size @ np.sin(np.outer(fast, np.maximum(t - begin, 0.0) if family == "silence" else t))
-    if family == "growing":
-        force = force * 10.0 ** (6.0 * (np.minimum(t / t_end, 1.0) - 1.0))
-    gap, zeta = float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.03, 0.1))
-    stops = sb.Stops(-gap, gap, stiffness=np.inf, restitution=float(rng.uniform(0.85, 0.95)))
-    system = sb.System.from_matrices(
-        [[1.0]], [[1.3 * omega**2]], [[2.0 * zeta * omega]], [([1.0], sb.Sampled(t, force))],
-        [sb.Contact([1.0], stops)], initial_velocity=0.3 * rng.normal(size=1),
-    )  # fmt: skip
-    return system, t_end

@@ -18,7 +18,7 @@ from law_systems import kelvin_voigt_system, random_system
 import stiffbeam as sb
 from stiffbeam.references import solve
 
-T, SAMPLES = 3.0, 12_001
+T, SAMPLES = 3.0, 6_001
 ADAPTIVE = ("ida", "cvode", "dop853", "cvode-adams", "radau", "lsoda")
 
 
@@ -99,7 +99,7 @@ def pressed_at_the_start(system: sb.System) -> sb.System:
     return replace(system, q0=inside * np.eye(n)[0])
 
 
-@pytest.mark.parametrize("seed", [0, 4, 1, 10, 2, 6, 3, 7, 5, 8, 11, 9])  # of the fast ones none is Radau's
+@pytest.mark.parametrize("seed", [0, 4, 1, 2, 6, 3, 7, 5, 8, 11, 9])  # Radau's is slow
 @pytest.mark.fast(2)
 def test_adaptive_solvers_on_every_law(seed):
     system = random_system(seed)

@@ -16,7 +16,7 @@ TIMES = np.linspace(0.0, 3.0, 61)
 
 @pytest.mark.parametrize("family", [kelvin_voigt_system, free_system])
 @pytest.mark.parametrize("seed", range(408))
-@pytest.mark.fast(2, slow=54)
+@pytest.mark.fast(2, slow=26)
 def test_random_systems_against_other_solvers(family, seed):
     """DOP853 from switch to switch, the package's own adaptive solver in what that measures, and many digits."""
     system = family(seed)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -46,12 +45,6 @@ def random_system(index: int) -> tuple[sb.System, dict[str, float]]:
     return system, {name: value_at(system, name) for name in names}
 
 
-SEEN = {
-    "tip": (lambda r: r.tip, lambda d: d.tip),
-    "velocity": (lambda r: r.tip_velocity, lambda d: d.tip_velocity),
-}
-
-
 def distances(index: int, count: int) -> tuple[float, float, int]:
     """Distance of derivatives to differences of order 4, the same over what is known of these, and how many compared.
 
@@ -61,31 +54,28 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
     """
     system, parameters = random_system(index)
     t = np.linspace(0.0, T_END, 12)[1:]
+    seen = lambda run: np.array([run.tip, run.tip_velocity])  # noqa: E731
     reference = solve_exact(system, T_END, t)
     paths = np.random.default_rng(index).permutation(list(parameters))[:count].tolist()
     change = reference.derivative(paths)
     worst, beyond, compared = 0.0, 0.0, 0
     for p, path in enumerate(paths):
-        value = parameters[path]
+        value, differences = parameters[path], []
         scale = max(abs(value), 0.1)
-        differences: dict[str, list[Any]] = {name: [] for name in SEEN}
-        for width in WIDTHS:
-            h = width * scale
-            runs = {k: solve_exact(with_values(system, {path: value + k * h}), T_END, t) for k, _ in ORDER_4}
-            for name, (read, _) in SEEN.items():
-                arrays = {k: np.asarray(read(run), float) for k, run in runs.items()}
-                if all(run.impacts.count == reference.impacts.count for run in runs.values()):
-                    differences[name].append(sum(weight * arrays[k] for k, weight in ORDER_4) / h)
-        for name, (read, ours) in SEEN.items():
-            if len(differences[name]) < 2:
-                continue
-            found, wanted, here = np.array(differences[name]), ours(change)[:, p], np.asarray(read(reference), float)
+        for h in np.multiply(WIDTHS, scale):
+            runs = [solve_exact(with_values(system, {path: value + k * h}), T_END, t) for k, _ in ORDER_4]
+            if all(run.impacts.count == reference.impacts.count for run in runs):
+                differences.append(sum(weight * seen(run) for run, (_, weight) in zip(runs, ORDER_4, strict=True)) / h)
+        if len(differences) < 2:
+            continue
+        for found, wanted, here in zip(
+            np.swapaxes(differences, 0, 1), seen(change)[..., p], seen(reference), strict=True
+        ):
             known = np.isfinite(wanted) & np.all(np.isfinite(found), axis=0)
             if np.any(known):
-                found, wanted, here = found[:, known], wanted[known], np.abs(here[known])
-                size = max(np.max(np.abs(wanted)), 1e-3 * np.max(here) / scale, 1e-300)
-                error = np.min(np.abs(found - wanted), axis=0) / size
-                spread = np.min(np.abs(np.diff(found, axis=0)), axis=0) / size
+                size = max(np.max(np.abs(wanted[known])), 1e-3 * np.max(np.abs(here[known])) / scale, 1e-300)
+                error = np.min(np.abs(found - wanted)[:, known], axis=0) / size
+                spread = np.min(np.abs(np.diff(found[:, known], axis=0)), axis=0) / size
                 worst, compared = max(worst, float(np.max(error))), compared + len(error)
                 beyond = max(beyond, float(np.max(error / (1e-9 + spread))))
     return worst, beyond, compared
@@ -93,7 +83,7 @@ def distances(index: int, count: int) -> tuple[float, float, int]:
 
 @pytest.mark.parametrize(
     ("first", "count", "parameters"),
-    [(24, 6, 1), pytest.param(0, 40, 1, marks=pytest.mark.slow), pytest.param(0, 2000, 2, marks=pytest.mark.campaign)],
+    [(24, 4, 1), pytest.param(0, 40, 1, marks=pytest.mark.slow), pytest.param(0, 2000, 2, marks=pytest.mark.campaign)],
 )
 def test_derivatives_are_those_of_differences_of_exact_flows(first, count, parameters):
     """Differences of order 4 lose rounding times the growth of neighbours over the width: most agree to 1e-9."""

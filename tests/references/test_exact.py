@@ -6,49 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from oracles import exact_linear
-from systems import linear_part
 
 import stiffbeam as sb
 from stiffbeam.model.modes import modes
 from stiffbeam.references import solve
-
-
-@pytest.mark.parametrize("method", ["exact", "multiprecision"])
-@pytest.mark.parametrize("damped", [False, True])
-def test_without_contact_the_exact_solution_is_the_matrix_exponential(damped, method, three_masses):
-    damping = 0.3 * three_masses.mass + 0.02 * three_masses.stiffness  # couples no modes
-    three_masses = dataclasses.replace(three_masses, damping=damping) if damped else three_masses
-    times = np.linspace(0.0, 20.0, 11)
-    load = np.array([1.0, 0.0, -1.0])
-    q, v = exact_linear(
-        *linear_part(three_masses), times, 1.3, load * np.cos(0.4), load * np.sin(0.4), np.array([0.0, 0.35, 0.35])
-    )
-    ref = sb.reference(three_masses, 20.0, method, times)
-    assert np.max(np.abs(ref.states[0] - q)) < 1e-12
-    assert np.max(np.abs(ref.states[1] - v)) < 1e-12
-    assert ref.horizon == 20.0
-
-
-@pytest.mark.parametrize("cells", [25])
-@pytest.mark.slow
-def test_the_exact_energy_ledger_closes_over_a_thousand_events(cells, table10):
-    # past the horizon the number of switches is that of one realisation: 300 to 370 a unit of time
-    ref = solve(sb.semidiscretise(table10, cells), 5.0, "exact", np.linspace(0.0, 5.0, 101), 0.0, None)
-    assert ref.work.counters["switches"] > 1000
-    assert np.max(np.abs(ref.energy.loss)) < 1e-10 * np.max(np.abs(ref.energy.input))
-    assert np.max(ref.energy.energy) > 1.0
-
-
-@pytest.mark.parametrize("viscosity", [0.0, 0.02, 20.0], ids=["none", "weak", "above critical"])
-@pytest.mark.parametrize("form", ["displacement", "hermite"])
-def test_the_energy_of_damped_modes_is_accounted_for(form, viscosity, table10):
-    """In flight and pressed on a stop, whose modes are others and may be coupled by the damping."""
-    system = sb.semidiscretise(dataclasses.replace(table10, viscosity=viscosity), 12, form)
-    ref = solve(system, 0.1, "exact", np.linspace(0.0, 0.1, 201), 0.0, None)
-    assert ref.impacts.count > 1
-    assert (ref.energy.viscous[-1] > 1.0) == (viscosity > 0.0)
-    assert np.max(np.abs(ref.energy.loss)) < 1e-10 * np.max(ref.energy.energy)
 
 
 def test_the_exact_solution_satisfies_the_equation_of_motion_everywhere(table10_system):

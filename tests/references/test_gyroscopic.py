@@ -7,29 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from adaptive_systems import rotor
-from scipy.integrate import solve_ivp
+from law_systems import Witness
 
 import stiffbeam as sb
 
 TIMES = np.linspace(0.0, 3.0, 301)
-GAP, KAPPA = 0.05, 2e3
-
-
-def witness(system: sb.System) -> np.ndarray:
-    """x at TIMES, from the equation written down once more."""
-    rows, inverse, n = np.array([c.row for c in system.contacts]), np.linalg.inv(system.mass), system.size
-
-    def rate(t, y):
-        force = sum(p * f.value(t) for p, f in system.loads) - system.damping @ y[n:] - system.stiffness @ y[:n]
-        return np.concatenate([y[n:], inverse @ (force - rows.T @ (KAPPA * np.maximum(rows @ y[:n] - GAP, 0.0)))])
-
-    start = np.concatenate([system.q0, system.v0])
-    return solve_ivp(rate, (0.0, 3.0), start, "DOP853", TIMES, rtol=1e-10, atol=1e-13, max_step=5e-3).y[0]
 
 
 @pytest.fixture(scope="module")
 def truth() -> np.ndarray:
-    return witness(rotor())
+    return Witness(rotor()).solve(TIMES)[0]
 
 
 @pytest.mark.parametrize("method", ["exact", "dop853"])

@@ -21,7 +21,7 @@ def viscous(viscosity: float, cells: int = 12) -> sb.System:
 
 
 MOTIONS = {  # system, end, horizon of float64, its largest difference to there over the motion, digits of another run
-    "table 10": (lambda: sb.paper_case(10).system(), 1.0, (0.3, 0.45), 1e-3, 150),  # loses 33 digits per time unit
+    "table 10": (lambda: sb.paper_case(10).system(), 0.7, (0.3, 0.45), 1e-3, 120),  # loses 33 digits per time unit
     "viscous": (lambda: viscous(0.05), 0.3, (0.3, 0.3), 1e-9, 80),
     "overdamped": (lambda: viscous(20.0, 8), 0.3, (0.3, 0.3), 1e-9, 80),  # most modes, within 1e-7 of each other
     "two contacts, one moving": (two_contacts, 50.0, (20.0, 40.0), 1e-3, 120),
@@ -71,41 +71,13 @@ def test_what_exact_motions_cannot_take_is_refused(call, words, table10):
 @pytest.mark.slow
 def test_a_damped_mass_between_stops_bounces_as_in_mpmath_past_the_float64_horizon():
     pytest.importorskip("mpmath")
-    system = one_mass(1.0, sb.Stops(-0.5, 0.8, stiffness=400.0), damping=0.02, load=sb.Harmonic(5.0, 2.8), v=1.0)
-    many, double = sb.reference(system, 110.0, "multiprecision"), sb.reference(system, 110.0)
-    times, sides = (np.array(x) for x in zip(*solve(case_of(system, 110.0), 40).switches(0), strict=True))
-    assert many.horizon == 110.0 > double.horizon + 20.0
+    system = one_mass(1.0, sb.Stops(-0.64, 0.31, stiffness=200.0), damping=0.02, load=sb.Harmonic(3.8, 1.5), v=1.0)
+    many, double = sb.reference(system, 56.0, "multiprecision"), sb.reference(system, 56.0)
+    times, sides = (np.array(x) for x in zip(*solve(case_of(system, 56.0), 40).switches(0), strict=True))
+    assert many.horizon == 56.0 > double.horizon + 15.0
     assert np.array_equal(many.solution.sides[1:, 0], sides)
     assert np.max(np.abs(many.solution.times[1:] - times)) < 1e-13  # rounding of the times to float64
     # float64 has it to its horizon.
     n = min(double.impacts.count, many.impacts.count)
     apart = np.abs(double.impacts.times[:n] - many.impacts.times[:n])
     assert np.max(apart[many.impacts.times[:n] < double.horizon]) < time_tolerance(system)
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "damping"),
-    [
-        (np.diag([4.0, 4.0, 4.0]), None),
-        (np.diag([4.0, 4.0, 4.0]), 0.1 * np.eye(3)),
-        (np.diag([4.0, 4.0 * (1 + 1e-15), 4.0]) + 1e-15, None),
-        (np.diag([4.0, 4.0 * (1 + 1e-15), 4.0]) + 1e-15, 0.1 * np.eye(3)),
-        (np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]), None),
-        (np.zeros((1, 1)), None),
-    ],
-    ids=["equal", "equal damped", "nearly equal", "nearly equal damped", "rigid-body mode", "free mass"],
-)
-@pytest.mark.fast(1)
-def test_frequencies_that_coincide_or_vanish(stiffness, damping):
-    n = len(stiffness)
-    system = sb.System.from_matrices(
-        np.eye(n), stiffness, damping,
-        loads=[(np.ones(n), sb.Harmonic(1.0, 1.7))],
-        contacts=[sb.Contact(np.eye(n)[0], sb.Stops(-0.5, 0.3, stiffness=50.0))],
-        initial_velocity=np.arange(1.0, n + 1.0),
-    )  # fmt: skip
-    many = sb.reference(system, 20.0, "multiprecision")
-    double = sb.reference(system, 20.0)
-    assert many.horizon == double.horizon == 20.0
-    assert many.impacts.count == double.impacts.count > 5
-    assert np.max(np.abs(many.tip - double.tip)) < 1e-11

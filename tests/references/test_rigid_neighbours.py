@@ -61,29 +61,6 @@ def test_a_mass_that_is_held_has_no_neighbours(row, stop):
         sb.lyapunov(system, 8.0)
 
 
-@pytest.mark.slow
-def test_members_have_the_bits_of_their_solo_runs():
-    system = rigid_witness.random_system(34)
-    times = np.linspace(0.0, 1.5, 31)
-    members = sb.perturbed_members(system, 3, 1e-3)
-    many = sb.reference_ensemble(system, 1.5, members, t_eval=times)
-    late = sb.reference_ensemble(system, 1.5, members, since=0.7)
-    for i, member in enumerate(members):
-        run = sb.reference(member, 1.5, t_eval=times)
-        assert np.array_equal(many.tip[i], run.tip)
-        assert many.contacts[0].impact_count[i] == run.impacts.count
-        assert many.contacts[0].impulse[i] == run.contacts[0].impulse
-        assert many.contacts[0].fraction[i] == run.contacts[0].fraction
-        assert many.ledger(i).stop_dissipation[-1] == run.energy.stop_dissipation[-1]
-        assert late.contacts[0].impact_count[i] == np.sum(run.impacts.times >= 0.7)
-    assert many.provenance["horizon"] == sb.reference(system, 1.5).horizon
-    early = sb.reference_ensemble(system, 0.7, members)
-    assert np.allclose(early.contacts[0].impulse + late.contacts[0].impulse, many.contacts[0].impulse, rtol=1e-12)
-    assert np.allclose(
-        0.7 * early.contacts[0].fraction + 0.8 * late.contacts[0].fraction, 1.5 * many.contacts[0].fraction
-    )
-
-
 def test_what_moves_a_stop_has_a_velocity():
     t = np.linspace(0.0, 3.0, 25)
     stops = sb.Stops(upper=0.2, stiffness=np.inf, restitution=0.5)

@@ -27,7 +27,7 @@ WITHOUT_EXACT = ("Hertz", "Hunt-Crossley", "damped stop that moves by a record")
 SLOW = ("radau", "kvaerno5")
 
 
-@pytest.mark.fast(14, slow=40)
+@pytest.mark.fast(14, slow=26)
 @pytest.mark.parametrize("name", SYSTEMS)
 @pytest.mark.parametrize(
     "method", [x.name if x.name not in SLOW else pytest.param(x.name, marks=pytest.mark.slow) for x in FOLLOWING]

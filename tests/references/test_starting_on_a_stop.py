@@ -32,8 +32,8 @@ STARTS = [
 
 @pytest.mark.parametrize(("start", "end", "count"), STARTS)
 @pytest.mark.parametrize("damping", [0.0, 5.0])
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.fast(30, slow=30)
+@pytest.mark.parametrize("method", [x for x in METHODS if x != "kvaerno3"])  # kvaerno5 by another table
+@pytest.mark.fast(20, slow=20)
 def test_references(start, end, count, damping, method):
     run = sb.reference(mass(*start, damping=damping), end, method)
     assert run.impacts.count == count
@@ -107,7 +107,7 @@ def chain(n: int, load: sb.Harmonic | sb.Constant) -> sb.System:
 @pytest.mark.parametrize("load", [sb.Constant, lambda size: sb.Harmonic(size, 2.0)], ids=["constant", "sine"])
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("method", [method for method in METHODS if method not in ("exact", "rigid")])
-@pytest.mark.fast(9, slow=27)
+@pytest.mark.fast(9, slow=12)
 def test_a_body_that_a_later_push_moves_has_its_contact_from_the_start(method, n, load, sign):
     """Acceleration and jerk of the body may vanish: the gap goes like t^2 to t^7."""
     system = chain(n, load(sign))
@@ -136,13 +136,15 @@ def test_what_rests_on_a_stop_touches_it_where_a_force_presses(law, pull):
     scheme = sb.MoreauJean() if system.rigid else sb.BDF2()
     for run in (sb.reference(system, 1.0), sb.integrate(system, scheme, 1e-3, 1.0)):
         assert run.contacts[0].fraction == pytest.approx(-pull)
+        assert run.impacts.count == 0
+        assert pull or not np.any(run.impacts.listed()[0].impulses)
 
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_outputs_begin_with_the_start_as_given(rigid, tmp_path):
     """A position of 3e-16 at t = 0, not 0, was an impact to ``compare`` where a file holds the reference."""
     rng, law = np.random.default_rng(0), {"stiffness": np.inf, "restitution": 0.5} if rigid else {"stiffness": 0.5}
-    for _ in range(3):
+    for _ in range(2):
         x, pull = rng.normal(size=(3, 3)), rng.normal(size=3)
         contact = sb.Contact(np.eye(3)[0], sb.Stops(lower=0.0, **law))
         loads = [(pull, sb.Harmonic(1.0, 0.7, 0.4)), (rng.normal(size=3), sb.Constant(-1.0))]
@@ -185,7 +187,7 @@ def resting_chain(seed: int) -> sb.System:
 
 
 @pytest.mark.parametrize("seed", range(120))
-@pytest.mark.fast(12)
+@pytest.mark.fast(12, slow=36)
 def test_chains_at_rest_on_their_stops_have_an_exact_motion(seed):
     """Bodies without a force stay, those whose force begins later leave at once or never, whatever rounding says. In
     many digits it is the same motion or a refusal at once: events of rounding came back for ever."""

@@ -38,7 +38,7 @@ def _samples(function) -> np.ndarray:
     return function.t if isinstance(function, sb.Sampled) else np.zeros(0)
 
 
-@pytest.mark.fast(6, slow=20)
+@pytest.mark.fast(6, slow=12)
 @pytest.mark.parametrize("method", [*METHODS, "dop853", "lsoda"])
 @pytest.mark.parametrize("name", [x for x in SYSTEMS if x not in ("banded", "rotor", "viscous")])
 def test_functions_of_time_in_python_give_the_same_motion(name, method):
