@@ -16,7 +16,6 @@ from systems import system_of
 from witness import Case, Episode, Undecided, solve, wave_value
 
 import stiffbeam as sb
-from stiffbeam.references import best_reference
 from stiffbeam.references.registry import REFERENCES
 from stiffbeam.trajectory.records import Impacts
 
@@ -79,11 +78,9 @@ def truth_of(case: Case) -> Truth:
 
 
 def judge(case: Case, method: str) -> Verdict:
-    """What ``method`` of the package makes of the case: a reference method or "ensemble"."""
+    """What a reference method of the package makes of the case."""
     try:
         system, truth = system_of(case), truth_of(case)
-        if method == "ensemble":
-            return judge_ensemble(system, truth)
         return judge_reference(sb.reference(system, case.t_end, method, t_eval=truth.t), truth, method)
     except Undecided as error:
         return Verdict("open", method, str(error))
@@ -230,34 +227,12 @@ def judge_energy(ref: sb.Reference, truth: Truth, method: str, until: float) -> 
     return ""
 
 
-def judge_ensemble(system: sb.System, truth: Truth) -> Verdict:
-    """A member has the bits of its solo run, and follows the motion to the horizon that the ensemble states."""
-    try:
-        solo = best_reference(system, truth.case.t_end, truth.t)
-    except (sb.InputError, sb.SolverFailure):
-        sb.reference_ensemble(system, truth.case.t_end, [system, system], t_eval=truth.t)
-        return Verdict("wrong", "ensemble", "an ensemble where the solo run is refused")
-    many = sb.reference_ensemble(system, truth.case.t_end, [system, system], t_eval=truth.t)
-    for k in range(2):
-        if not np.array_equal(many.tip[k], solo.tip) or not np.array_equal(many.tip_velocity[k], solo.tip_velocity):
-            return Verdict("wrong", "ensemble", "not the bits of the solo run")
-        for one, all_ in zip(solo.contacts, many.contacts, strict=True):
-            if not np.array_equal(one.impacts.times, all_.impacts_of(k).times) or one.impulse != all_.impulse[k]:
-                return Verdict("wrong", "ensemble", "not the impacts of the solo run")
-    certified = truth.t <= min(0.5 * truth.known, many.provenance["horizon"])
-    off = np.max(np.abs(many.tip[0] - truth.tip)[certified])
-    if off > DISPLACEMENT * truth.scale:
-        return Verdict("wrong", "ensemble", f"|du| = {off / max(truth.scale, 1e-300):.3g} max|u| to its horizon")
-    return Verdict("right", "ensemble")
-
-
 def methods_for(case: Case, index: int) -> list[str]:
     """What is asked of a case: the exact solution always, the others in turn, the adaptive ones where they do not have
     too many periods of the fastest motion to follow."""
     able, turn = [method for method in ADAPTIVE if _affordable(case, method)], index // 12
     cheap = case.size <= 2 and case.notes not in ("long time", "several contacts")
-    third = "multiprecision" if turn % 2 and cheap else "ensemble"
-    return ["exact", *able[turn % max(1, len(able)) :][:1], third]
+    return ["exact", *able[turn % max(1, len(able)) :][:1], *(["multiprecision"] if turn % 2 and cheap else [])]
 
 
 def _affordable(case: Case, method: str) -> bool:

@@ -26,23 +26,6 @@ def random_system(seed: int) -> sb.System:
     return driven(np.random.default_rng([seed, 1404]), [stops_of] * (1 + seed % 2), 3, 0.2, seed % 4 < 2)
 
 
-def signed_impulses(system: sb.System, motion: sb.Reference, t_end: float) -> np.ndarray:
-    """What each contact gave the system in [0, t_end], by the balance of momentum: of independent rows,
-
-    M (q'(t_end) - q'(0)) + C (q(t_end) - q(0)) + integral (K q - f) = sum of row J.
-    """
-    points, weights = np.polynomial.legendre.leggauss(12)
-    switches = [t for c in motion.contacts for t in (*c.impacts.times, *c.impacts.ends) if t < t_end]
-    edges = np.unique(np.concatenate([switches, np.linspace(0.0, t_end, 121)]))
-    half = np.diff(edges) / 2.0
-    times = (edges[:-1] + half)[:, None] + half[:, None] * points
-    q, v = motion.state_at(np.append(times.ravel(), t_end))
-    f = sum(np.outer(load.value(times.ravel()), p) for p, load in system.loads)
-    area = (half[:, None] * weights).ravel() @ (q[:-1] @ system.stiffness - f)
-    gained = system.mass @ (v[-1] - system.v0) + system.damping @ (q[-1] - system.q0) + area
-    return np.linalg.lstsq(np.array([c.row for c in system.contacts]).T, gained, rcond=None)[0]
-
-
 class RigidWitness(Witness):
     """The motion of such a system: held is the side by contact."""
 

@@ -108,7 +108,3 @@ def test_contacts_that_throw_each_other_off_come_to_rest(seed):
         assert record.impulse == pytest.approx(near.impulse, rel=1e-3)
         if not np.any(np.isnan(record.impacts.ends)):
             assert np.sum(record.impacts.impulses) == pytest.approx(record.impulse, rel=1e-12)
-    gave = rigid_witness.signed_impulses(system, run, 3.0)
-    for J, record in zip(gave, run.contacts, strict=True):
-        if len(set(record.impacts.stops)) < 2:
-            assert record.impulse == pytest.approx(abs(J), rel=1e-9)

@@ -11,7 +11,7 @@ from adaptive_systems import SYSTEMS
 
 import stiffbeam as sb
 from stiffbeam.references import solve
-from stiffbeam.references.horizon import agreement, impacts_match_until, time_tolerance
+from stiffbeam.references.horizon import agreement, impacts_match_until
 from stiffbeam.references.registry import REFERENCES
 from stiffbeam.trajectory.records import Impacts
 
@@ -56,19 +56,6 @@ def test_every_solver_follows_every_system(method, name):
     for field in ("energy", "input", "viscous", "stop_dissipation"):
         assert np.max(np.abs(getattr(run.energy, field) - getattr(truth.energy, field))) < 1e-5 * most
     assert np.max(np.abs(run.energy.loss)) < 1e-5 * most
-
-
-def test_the_horizon_of_table_10_is_what_perturbed_runs_show(table10):
-    """Rounding grows by about 33 digits per time unit: the horizon lies between 0.3 and 0.45."""
-    system = sb.semidiscretise(table10, 25)
-    ref = sb.reference(system, 1.0)
-    assert 0.3 < ref.horizon < 0.45
-    moved = dataclasses.replace(system, v0=system.v0 * (1 + 1e-14))
-    other = solve(moved, 1.0, "exact", ref.t, 0.0, None)
-    parted = agreement(ref, other, time_tolerance(system))
-    assert 0.3 < parted < 0.55
-    assert parted > ref.horizon - 0.1
-    assert abs(time_tolerance(system) - 1.03e-4) < 1e-6
 
 
 def test_the_time_to_which_impact_sequences_match():

@@ -182,23 +182,6 @@ def test_bdf2_by_hand_after_the_trapezoidal_rule():
             assert np.allclose(new, np.linalg.solve(eye - 2.0 * h / 3.0 * A, right), rtol=0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("scheme", CONSERVING)
-def test_without_contact_nothing_is_left_to_conserve(scheme):
-    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
-    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("scheme", CONSERVING, ids=str)
-def test_the_impulse_is_the_momentum_that_is_turned_round(scheme):
-    ball = one_mass(0.0, sb.Stops(upper=0.0, stiffness=2000.0), mass=2.0, q=-0.1, v=1.0)
-    for dt in (0.4, 0.05, 0.01):
-        run = sb.integrate(ball, scheme, dt, 2.0, contact="conserving")
-        assert abs(run.tip_velocity[-1] + 1.0) < 1e-14
-        assert abs(run.contacts[0].impulse - 4.0) < 1e-13
-        if run.impacts.count:  # at the largest step it may turn round in one
-            assert np.allclose(run.impacts.impulses, 4.0, atol=1e-13)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     """Under a linear force: free, slow, critical and overdamped modes."""
