@@ -152,7 +152,7 @@ def random_chain(seed: int, laws: list[dict[str, float]] = LAWS, stiff: float = 
         contacts.append(sb.Contact(rng.normal(size=n), stops, offset))
     loads = [(size * rng.normal(size=n), function()) for _ in range(rng.integers(0, 4))]
     if seed % 8 == 5:
-        loads = [(row, f.value) for row, f in loads]  # functions of Python
+        loads = [(row, lambda t, f=f: f.value(np.abs(t))) for row, f in loads]  # functions of Python
     system = sb.System.from_matrices(
         mass, stiffness, damping, loads, contacts, observe=None if m else np.eye(n)[0],
         initial_displacement=0.5 * rng.normal(size=n), initial_velocity=rng.normal(size=n),
