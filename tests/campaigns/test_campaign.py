@@ -40,18 +40,13 @@ def test_nothing_certified_is_wrong_by_any_method(systems):
     assert {family for family, _ in families} == set(FAMILIES)
 
 
-def solved():
-    """A case with impacts, what is known of it and an exact reference of it."""
-    made = case(SEED, 12)
-    truth = Truth(made)
-    return made, truth, sb.reference(system_of(made), made.t_end, t_eval=truth.t)
-
-
 @pytest.mark.slow
 def test_the_judge_sees_what_is_wrong(monkeypatch):
     """Each certificate, spoilt by little, is found out."""
     monkeypatch.setattr("judge.MOST_SECONDS", 0.5)
-    made, truth, good = solved()
+    made = case(SEED, 12)
+    truth = Truth(made)
+    good = sb.reference(system_of(made), made.t_end, t_eval=truth.t)
     assert judge_reference(good, truth, "exact").outcome == "right"
     assert good.impacts.count > 2
 

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from systems import linear_part
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks
+from stiffbeam.kernels.exact import NONE_PRESSED
 from stiffbeam.references.exact.motion import Motion, Solver
 from stiffbeam.references.exact.variation import Variation
 

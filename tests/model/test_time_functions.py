@@ -121,13 +121,3 @@ def test_multiprecision_takes_no_record():
         sb.InputError, match=r"be made of Harmonic and Constant for multiprecision.*use the method exact"
     ):
         sb.reference(hammered(sb.Sampled(TIMES, VALUES)), 1.0, "multiprecision")
-
-
-def test_the_force_of_a_stop_that_a_polygon_moves_may_be_largest_at_a_sample():
-    """A heavy mass at rest: the depth follows the polygon, whose corner is the peak."""
-    polygon = sb.Sampled([0.0, 0.9, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0])
-    heavy = one_mass(1.0, sb.Stops(upper=0.5, stiffness=20.0), mass=100.0, offset=polygon)
-    seen = sb.reference(heavy, 3.0, t_eval=np.unique(np.append(np.linspace(0.0, 3.0, 3001), 0.9))).contacts[0]
-    assert seen.peak_force == pytest.approx(20.0 * (1.0 - 0.5), rel=0.01)
-    assert seen.peak_force == pytest.approx(np.max(np.abs(seen.force)), rel=1e-12)
-    assert seen.impacts.peaks[0] == seen.peak_force

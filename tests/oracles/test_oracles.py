@@ -12,15 +12,6 @@ from witness import Case, Contact, solve
 HERE = Path(__file__).parent
 WITNESSES = ("oracles", "witness", "random_systems")
 ALLOWED = {"numpy", "scipy", "mpmath", *WITNESSES}
-ONE = np.ones((1, 1))
-
-
-def oscillator(m, k, kappa, stop, v0, t_end, **changes) -> Case:
-    """One mass on a spring below an upper stop."""
-    return Case(
-        m * ONE, 0.0 * ONE, k * ONE, np.zeros(1), np.array([v0]), changes.get("loads", ()),
-        (Contact(np.ones(1), changes.get("lower", -np.inf), stop, kappa, changes.get("offset")),), np.ones(1), t_end,
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WITNESSES)
@@ -42,7 +33,8 @@ def test_a_witness_imports_nothing_of_the_package(name):
 def test_a_dip_between_two_grid_points_is_seen():
     """A graze that is a hundredth of a grid interval long."""
     w, depth = 2.0, 1e-9
-    case = oscillator(1.0, w**2, 100.0, (1.0 - depth) / w, 1.0, 1.5)
+    one, none, stop = np.ones((1, 1)), np.zeros(1), (1.0 - depth) / w
+    case = Case(one, 0 * one, w**2 * one, none, np.ones(1), (), (Contact(one[0], -np.inf, stop, 100.0),), one[0], 1.5)
     [episode] = solve(case).episodes(0)
     assert episode.end - episode.begin < 2.1 * np.sqrt(2.0 * depth) * 1.01
     assert abs(episode.begin + episode.end - np.pi / w) < 1e-7
