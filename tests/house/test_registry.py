@@ -8,7 +8,7 @@ from importlib import import_module
 
 import pytest
 
-from stiffbeam.references import METHODS, REFERENCES, registry, solve
+from stiffbeam.references import REFERENCES, registry, solve
 from stiffbeam.references.registry import ADAPTIVE, EXACT, MULTIPRECISION
 
 KINDS = {"exact": EXACT, "multiprecision": MULTIPRECISION, "adaptive": ADAPTIVE}  # a room of references each
@@ -19,17 +19,6 @@ def test_every_method_stands_in_the_room_of_its_kind_and_says_how_it_solves(meth
     assert KINDS[method.module.partition(".")[0]] == method.kind
     assert callable(import_module(f"stiffbeam.references.{method.module}").solve)
     assert "missing" not in method.versions().values()
-
-
-def test_every_adaptive_solver_has_a_look_of_its_own_and_the_exact_ones_that_of_the_exact_motion():
-    from stiffbeam.figures.chart import look, short
-
-    assert len({method.look for method in REFERENCES.values()}) == len(METHODS)
-    looks = {name: str(look(name)) for name in METHODS}
-    exact = {looks.pop(name) for name in METHODS if REFERENCES[name].kind != ADAPTIVE}
-    assert exact == {str(look("reference"))}
-    assert len({*looks.values(), *exact}) == len(looks) + 1
-    assert len({short(name) for name in METHODS}) == len(METHODS)
 
 
 def test_a_library_that_fails_inside_is_no_missing_method(table10_system, monkeypatch):
