@@ -137,7 +137,8 @@ def test_what_rests_on_a_stop_touches_it_where_a_force_presses(law, pull):
     for run in (sb.reference(system, 1.0), sb.integrate(system, scheme, 1e-3, 1.0)):
         assert run.contacts[0].fraction == pytest.approx(-pull)
         assert run.impacts.count == 0
-        assert pull or not np.any(run.impacts.listed()[0].impulses)
+        listed = run.impacts.listed()[0]
+        assert pull or not listed.impulses.any() or np.isnan(listed.ends).all()
 
 
 @pytest.mark.parametrize("rigid", [False, True])
