@@ -15,6 +15,7 @@ include_patterns = [
 exclude_patterns = ["reference/problems/*/**"]
 myst_heading_anchors = 4
 nb_execution_mode = "force"
+nb_execution_excludepatterns = ["*.ipynb"]  # the notebook holds its outputs, which a test compares
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_output_stderr = "remove"  # progress, on a slow machine
