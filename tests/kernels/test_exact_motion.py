@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from systems import linear_part
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED
+from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
 from stiffbeam.references.exact.variation import Variation
 
@@ -111,6 +111,18 @@ def test_the_flow_of_derivatives_over_a_step_is_the_sum_of_their_series(damping,
     step = np.array([2.0 / regime.fastest])
     found = regime.later(variation.whole(t, t, z), step)[0, 1:, : 2 * n]
     np.testing.assert_allclose(found, regime.flow(step[0], z[0, 1:]), rtol=0.0, atol=1e-13 * np.max(np.abs(found)))
+
+
+def test_states_exactly_on_their_stops():
+    """Contacts that move by rounding alone at first, along a chain."""
+    n = 8
+    contacts = [sb.Contact(row, sb.Stops(lower=0.0, stiffness=1e3)) for row in eye(n)]
+    system = sb.System.from_matrices(
+        eye(n), chain(n, 100.0), loads=[(eye(n)[0], sb.Harmonic(5.0, 3.0))], contacts=contacts
+    )
+    other = sb.reference(system, 3.0, "cvode-adams", rtol=1e-11)
+    q, _ = Solver(system).solve(3.0).states(other.t)
+    assert np.max(np.abs(q[:, 0] - other.tip)) < 1e-7 * np.max(np.abs(other.tip))
 
 
 def test_wrong_arrays_are_errors_of_python():

@@ -109,6 +109,25 @@ def test_rigid_contacts_that_almost_follow_from_each_other_meet_their_conditions
     assert max(conditions) > 1e11
 
 
+@pytest.mark.parametrize("skew", [0.0, 1.0, 10.0])
+def test_springs_and_rigid_stops_of_a_node_meet_their_conditions(skew):
+    """A force where the position less what the spring gives is at its stop, none between the stops."""
+    rng = np.random.default_rng(8)
+    for _ in range(500):
+        m = int(rng.integers(1, 13))
+        A, G = rng.normal(size=(m, m + 2)), skew * rng.normal(size=(m, m))
+        S, r = A @ A.T + G - G.T, 3.0 * rng.normal(size=m)
+        kappa = np.where(rng.random(m) < 0.5, np.inf, 10.0 ** rng.uniform(-2.0, 6.0, m))
+        g1, g2 = (
+            np.where(rng.random(m) < 0.2, np.inf * s, s * rng.random(m) * rng.choice([0.0, 1.0])) for s in (-1, 1)
+        )
+        F = solve_node(r, S.T, np.transpose([kappa, g1, g2]))
+        v, size = r + S @ F, np.abs(r) + np.abs(S) @ np.abs(F)
+        at, error = v + F / kappa, 1e-12 * np.max(size)
+        wanted = np.where(F < 0.0, g2, np.where(F > 0.0, g1, np.clip(v, g1, g2)))
+        assert np.all(np.abs(np.where(F != 0.0, at, v) - wanted) <= error)
+
+
 def test_two_contacts_at_one_point_share_the_force():
     """A singular compliance: the same point touches two equal springs, twice as stiff as one."""
     stops = [sb.Stops(-0.1, 0.1, stiffness=1e4)] * 2
