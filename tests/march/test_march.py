@@ -429,3 +429,41 @@ def test_a_loss_that_unresolved_damped_stops_leave_open_is_not_told(law):
     assert not coarse.is_resolved()
     assert abs(fine.lost_fraction()) < 1e-4 < coarse.loss[-1] / coarse.supplied[-1]
     assert abs(coarse.stop_dissipation[-1] - fine.stop_dissipation[-1]) < coarse.spread[-1]
+
+
+# ------------------------------------------------------------------ the last block, and overflow
+
+
+def wild(rows, damping, stiffness, v0) -> sb.System:
+    """Two free masses of 1 on springs of 1 that reach more stops than they have unknowns."""
+    laws = zip(rows, damping, stiffness, strict=True)
+    contacts = [sb.Contact(row, sb.Stops(-0.2, 0.15, stiffness=k, damping=c)) for row, c, k in laws]
+    return sb.System.from_matrices(np.eye(2), np.eye(2), contacts=contacts, initial_velocity=v0)
+
+
+@pytest.mark.parametrize(
+    ("system", "dt", "steps", "contact"),
+    [
+        # A later step, which the block holds too, has no forces; Newton's method finds none of these; overflow later.
+        (wild([[1, -1], [2, 0.5], [-1, -1]], [50, 10, 50], [10, 10, 1e3], [-1.0, 3.0]), 0.5, 1, "implicit"),
+        (wild([[2, 2], [1, 1], [1, 2]], [50, 50, 10], [100, 1e4, 1e3], [-1.0, 1.0]), 0.5, 1, "implicit"),
+        (one_mass(1.0, sb.Stops(-0.1, 0.1, stiffness=1e4, exponent=1.5), v=1.0), 0.1, 2, "extrapolated"),
+    ],
+)
+def test_steps_beyond_the_end_of_a_run_take_no_part_in_it(system, dt, steps, contact):
+    run = sb.integrate(system, sb.Trapezoidal(), dt, steps * dt, contact)
+    q = plain_march.states(system, sb.Trapezoidal(), dt, steps, contact)[0]
+    np.testing.assert_allclose(run.states[0], np.asarray(q, float), rtol=0.0, atol=1e-12 * float(np.max(np.abs(q))))
+
+
+def test_outputs_stand_up_to_the_overflow():
+    """That of a member; a single run ends there."""
+    system, dt = one_mass(1.0, sb.Stops(-0.1, 0.1, stiffness=1e4, exponent=1.5), v=1.0), 0.1
+    with pytest.raises(sb.Diverged) as ended:
+        sb.integrate(system, sb.Trapezoidal(), dt, 3.0, "extrapolated")
+    many = sb.integrate_ensemble(system, sb.Trapezoidal(), dt, 3.0, [system], contact="extrapolated", every=1)
+    whole = np.asarray(plain_march.states(system, sb.Trapezoidal(), dt, 12, "extrapolated")[0], float)[:, 0]
+    last = int(np.argmax(np.abs(whole) > 1e100))
+    assert many.diverged[0] == ended.value.t == last * dt
+    np.testing.assert_allclose(many.tip[0, :last], whole[:last], rtol=1e-9)
+    assert np.all(np.isnan(many.tip[0, last:]))
