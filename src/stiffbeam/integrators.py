@@ -56,19 +56,16 @@ class Integrator:
         """True where its resolution is a tolerance, not a step."""
         return self.kind == SOLVER and REFERENCES[self.source].kind == ADAPTIVE
 
-    def run(
-        self, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1,
-        show: Callable[[int], None] | None = None,
-    ) -> Trajectory:  # fmt: skip
+    def run(self, system: System, dt: float, t_end: float, contact: str = "implicit", every: int = 1) -> Trajectory:
         """Return its run of a system with steps dt to t_end.
 
         A solver chooses its own steps, to its default tolerance, and has outputs at multiples of dt. Of recorded runs
-        the one with the nearest step counts. contact, every, show: for a scheme, see ``integrate``.
+        the one with the nearest step counts. contact, every: for a scheme, see ``integrate``.
 
         Raises Diverged and SolverFailure if there is no run, InputError if it does not support the system.
         """
         if self.kind == SCHEME:
-            return integrate(system, self.source, dt, t_end, contact, every=every, progress=show)
+            return integrate(system, self.source, dt, t_end, contact, every)
         if self.kind == SOLVER:
             return self.solve(system, RTOL, np.arange(round(t_end / dt) + 1) * dt, t_end)
         if self.kind == FUNCTION:

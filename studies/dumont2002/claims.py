@@ -21,7 +21,7 @@ from stiffbeam.measures.errors import observed_order
 from stiffbeam.measures.report import percent
 from stiffbeam.model.right_hand_side import first_order, over_mass
 from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.schemes import BDF2, HHT, SDIRK
+from stiffbeam.schemes import BDF2, HHT, SDIRK, PrintedSigma
 from stiffbeam.schemes.newmark import WeightedNewmark
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
 from stiffbeam.studies.space import Space
@@ -320,7 +320,7 @@ def exactly_similar(e: Evidence) -> Finding:
 @claim("5.4", "With γ = 0.4359 “the SDIRK scheme becomes third order accurate”")
 def third_order(e: Evidence) -> Finding:
     """The observed order is 3 to 0.1."""
-    right, printed = (forced_order(s) for s in (SDIRK(), SDIRK().printed("sigma")))
+    right, printed = (forced_order(s) for s in (SDIRK(), PrintedSigma()))
     measured = f"Order: {right} with the corrected sign of σ, {printed} as printed."
     return measured, plainly(abs(right.slope - 3.0) < 0.1)
 

@@ -18,7 +18,7 @@ from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
-from stiffbeam.schemes import HHT, SDIRK, Scheme
+from stiffbeam.schemes import HHT, SDIRK, PrintedSigma, PrintedStageMatrix, Scheme, UnweightedHHT
 
 from .no_contact import mode
 
@@ -53,20 +53,20 @@ def forced_order(scheme: Scheme) -> Order:
 
 
 def _unweighted() -> str:
-    return f"order {forced_order(HHT(-0.1).printed())} instead of {forced_order(HHT(-0.1))}"
+    return f"order {forced_order(UnweightedHHT(-0.1))} instead of {forced_order(HHT(-0.1))}"
 
 
 def _sigma() -> str:
     scheme = SDIRK()
     g = scheme.gamma
     return (
-        f"order {forced_order(scheme.printed('sigma'))} instead of {forced_order(scheme)}; the second node is "
+        f"order {forced_order(PrintedSigma())} instead of {forced_order(scheme)}; the second node is "
         f"{g - scheme.sigma:.4f}, not (1 + γ)/2 = {(1 + g) / 2:.4f}"
     )
 
 
 def _stage_matrix() -> str:
-    scheme = SDIRK(nystrom=True).printed("stage-matrix")
+    scheme = PrintedStageMatrix()
     grid = np.linspace(0.005, 0.5, 200)
     radius = amplification(scheme, grid).spectral_radius
     worst = int(np.argmax(radius))

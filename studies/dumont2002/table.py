@@ -14,12 +14,15 @@ from stiffbeam.model.semidiscretisation import semidiscretise
 from stiffbeam.model.system import System
 from stiffbeam.model.time_functions import Harmonic
 from stiffbeam.references import reference
-from stiffbeam.schemes import SDIRK, Scheme
+from stiffbeam.schemes import HHT, SDIRK, PrintedSigma, Scheme, UnweightedHHT
 from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
 
 from .references import MANIFEST, STORE, frozen
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
+
+
+PRINTED: dict[type[Scheme], type[Scheme]] = {HHT: UnweightedHHT, SDIRK: PrintedSigma}
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ class Reading:
 
     def scheme(self, scheme: Scheme) -> Scheme:
         """``scheme`` as this reading has it."""
-        return scheme.printed() if self.printed and scheme.printed_forms() else scheme
+        kind = PRINTED.get(type(scheme)) if self.printed else None
+        return scheme if kind is None else kind(**scheme.parameters)
 
     @property
     def name(self) -> str:
@@ -112,9 +116,9 @@ def equation_of(scheme: Scheme, form: str) -> str:
     """The paper's number for ``scheme`` on ``form``: (4.5), (4.10), (4.11), (4.12), (4.13) or (4.14)."""
     if isinstance(scheme, SDIRK):
         return "(4.14)" if scheme.nystrom else "(4.10)" if form == "velocity-curvature" else "(4.12)"
-    if scheme.name == "BDF2":
-        return "(4.5)" if form == "velocity-curvature" else "(4.11)"
-    return "(4.13)"
+    if isinstance(scheme, HHT):
+        return "(4.13)"
+    return "(4.5)" if form == "velocity-curvature" else "(4.11)"
 
 
 def make_table(case: Case, reading: Reading) -> Made:

@@ -132,7 +132,6 @@ CONSTRUCTORS = [
     Surface("GeneralisedAlpha", functools.partial(of_scheme, sb.GeneralisedAlpha), {"rho": 0.5}, 2),
     Surface("Theta", functools.partial(of_scheme, sb.Theta), {"theta": 0.6}, 2),
     Surface("Bathe", functools.partial(of_scheme, sb.Bathe), {"split": 0.5}, 2),
-    Surface("printed", lambda erratum: of_scheme(lambda: sb.SDIRK().printed(erratum)), {"erratum": "sigma"}, 1),
     Surface("Trajectory.from_arrays", sb.Trajectory.from_arrays,
             {"t": np.linspace(0.0, 1.0, 11), "tip": np.zeros(11), "tip_velocity": np.zeros(11), "system": mass(),
              "name": "mine"}),

@@ -11,9 +11,9 @@ import rigid_witness
 from systems import one_mass, random_chain, two_contacts, with_stops
 
 import stiffbeam as sb
+from stiffbeam.basics import resources
 from stiffbeam.basics.resources import cores
 from stiffbeam.march import block_march
-from stiffbeam.march import integrate as module
 from stiffbeam.model.modes import modes
 from stiffbeam.references.exact.solution import solve_exact
 
@@ -119,8 +119,8 @@ def test_the_company_of_a_member_does_not_change_it(system, monkeypatch):
     members = sb.varied_members(system, {"frequency": np.linspace(9.0, 11.0, 28)})
     monkeypatch.setenv("STIFFBEAM_THREADS", "1")
     runs = {i: sb.integrate(members[i], sb.HHT(-0.1), 1e-4, 0.3, every=5) for i in (0, 6, 27)}
-    for per_slice, steps, replayed in ((3, 1, 96), (7, 7 * 70, 64)):
-        monkeypatch.setattr(module, "MEMBERS_PER_SLICE", per_slice)
+    for batch, steps, replayed in ((3, 1, 96), (7, 7 * 70, 64)):
+        monkeypatch.setattr(resources, "BATCH", batch)
         monkeypatch.setattr(block_march, "STEPS_PER_CALL", steps)
         monkeypatch.setattr(block_march, "STEPS_REPLAYED", replayed)
         many = sb.integrate_ensemble(system, sb.HHT(-0.1), 1e-4, 0.3, members, every=5)

@@ -21,11 +21,11 @@ from stiffbeam.march.probe import Coordinates
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
 from stiffbeam.model.time_functions import offset_rate, offset_values
-from stiffbeam.schemes import registered
+from stiffbeam.schemes import PrintedSigma, UnweightedHHT, registered
 from stiffbeam.trajectory.recorder import sampled_impacts
 from stiffbeam.trajectory.records import Ledger, step_ledger
 
-SCHEMES = [*registered(), sb.HHT(-0.1).printed(), sb.SDIRK().printed("sigma")]
+SCHEMES = [*registered(), UnweightedHHT(-0.1), PrintedSigma()]
 PAIRS = [(scheme, name) for scheme in SCHEMES for name in TREATMENTS if TREATMENTS[name].takes(scheme)]
 SMOOTH = [{}, {}, {"exponent": 1.5}]
 EPS = np.finfo(float).eps

@@ -486,7 +486,6 @@ CALLS = {
     "mass": lambda x: sb.modal_damping(x, EYE, 0.02),
     "t_end": lambda x: sb.perturbed_members(chain(), 2, t_end=x),
     "parameters": lambda x: sb.varied_members(chain(), x),
-    "progress": lambda x: sb.integrate(chain(), sb.HHT(), 1e-2, 0.1, progress=x),
     "run": sb.contact_rates,
     "tangents": lambda x: sb.contact_rates(motion(), tangents=x),
     "problems": lambda x: sb.score("hht", x),

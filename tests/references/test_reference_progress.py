@@ -38,15 +38,6 @@ def test_blas_has_one_thread_inside_and_its_own_outside():
         assert set(threads()) == {2}
 
 
-def test_a_verbose_command_prints_a_line_for_each_phase(monkeypatch, capsys):
-    monkeypatch.setattr(progress.TALK, "verbose", True)
-    calls = [("a", 0, 10), ("a", 5, 10), ("b", 6, 10), ("c", 0, 10), ("cvode", 0, 0), ("cvode", 0, 0), ("exact", 0, 0)]
-    with progress.progress() as show:
-        for call in calls:
-            show(*call)
-    assert [line.split()[2] for line in capsys.readouterr().err.splitlines()] == ["a", "c", "cvode", "exact"]
-
-
 def test_a_reference_tells_the_solutions_it_makes_and_is_silent_unless_asked(table10, capsys):
     system = sb.semidiscretise(table10, 8)
     told: list[tuple[str, int, int]] = []

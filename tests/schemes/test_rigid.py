@@ -172,7 +172,7 @@ def test_an_equilibrium_on_a_stop_is_no_motion():
 @pytest.mark.parametrize(
     "scheme",
     [sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha(1.0)],
-    ids=lambda scheme: scheme.name,
+    ids=lambda scheme: type(scheme).__name__,
 )
 @pytest.mark.fast(2)
 def test_through_an_impact_every_scheme_is_of_first_order(scheme):

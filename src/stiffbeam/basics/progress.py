@@ -18,18 +18,17 @@ from .validation import InputError
 
 Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
-LOOK = 0.05  # s between two looks at the displays that wait
+LOOK = 0.05  # s between two looks at the call in progress
 
 
 @dataclass
 class Talk:
-    """Amount of progress output: nothing with ``--quiet``, one line for each phase with ``--verbose``.
+    """Amount of progress output: nothing with ``--quiet``.
 
     kept: True once a part is finished and stored that the same command, run again, does not compute again.
     """
 
     quiet: bool = False
-    verbose: bool = False
     kept: bool = False
 
 
@@ -41,94 +40,79 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 class Display:
-    """Progress of one call: a bar on a terminal, a line at the start of each phase with ``--verbose``.
+    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for, else one line after WAIT
+    seconds."""
 
-    A phase begins where the total is another, where less is done than before, and with every new name without a total.
-    Elsewhere than on a terminal there is one line, after WAIT seconds.
-    """
-
-    def __init__(self, what: str, wait: float) -> None:
-        self.now, self.bar, self.begun = (what, 0, -1), None, time.perf_counter()
-        self.opens = self.begun + wait
-        if TALK.verbose or not wait:
-            self.open()
-        else:
-            _WATCH.add(self)
+    def __init__(self, what: str, asked: bool) -> None:
+        self.now, self.opens = (what, 0, 0), time.perf_counter() + WAIT
+        self.bar = self.drawn() if asked else None
+        _WATCH.wait_for(self if self.bar is None else None)
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
-        name, before, of = self.now
-        begins = total != of or done < before or (total == 0 and what != name)
+        _, before, of = self.now
         self.now = (what, done, total)
-        if begins and TALK.verbose:
-            seconds = time.perf_counter() - self.begun
-            print(f"{seconds:8.2f} s  {what}{f' ({total})' if total else ''}", file=sys.stderr, flush=True)
-        elif self.bar is not None:
-            task = self.bar.task_ids[0]
-            if begins:
-                self.bar.reset(task, description=what, completed=done, total=total or None)
-            else:
-                self.bar.update(task, description=what, completed=done)
-
-    def close(self) -> None:
-        """End the display."""
-        _WATCH.remove(self)
         if self.bar is not None:
-            self.bar.stop()
+            # Where another total begins the time that is left is estimated anew.
+            change = self.bar.reset if total != of or done < before else self.bar.update
+            change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
     def open(self) -> None:
         """Show the bar, or the line."""
-        if TALK.verbose or TALK.quiet:
-            return
+        self.bar = self.drawn()
+        if self.bar is None:
+            print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
+
+    def drawn(self) -> Any:
+        """The bar, None where it cannot be drawn."""
         from rich.console import Console
         from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        console = Console(stderr=True)
-        if console.is_terminal or (console.is_jupyter and find_spec("ipywidgets")):
-            columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), "left:",
-                       TimeRemainingColumn())  # fmt: skip
-            bar = Progress(*columns, speed_estimate_period=600.0, console=console, transient=True)
-            bar.add_task(self.now[0], completed=self.now[1], total=max(self.now[2], 0) or None)
-            bar.start()
-            self.bar = bar
-        elif time.perf_counter() < self.begun + WAIT:
-            self.opens = self.begun + WAIT
-            _WATCH.add(self)
-        else:
-            print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
+        console, (what, done, total) = Console(stderr=True), self.now
+        if not (console.is_terminal or (console.is_jupyter and find_spec("ipywidgets"))):
+            return None
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), "left:",
+                   TimeRemainingColumn())  # fmt: skip
+        bar = Progress(*columns, speed_estimate_period=600.0, console=console, transient=True)
+        bar.add_task(what, completed=done, total=total or None)
+        bar.start()
+        return bar
+
+    def close(self) -> None:
+        """End the display."""
+        _WATCH.wait_for(None)
+        if self.bar is not None:
+            self.bar.stop()
 
 
 class Watch:
-    """Displays that wait for their time. Short calls one after the other share one thread, which ends with them."""
+    """The display that waits for its time. Short calls one after the other share one thread, which ends with them."""
 
     def __init__(self) -> None:
-        self._waiting: list[Display] = []
+        self._display: Display | None = None
         self._lock, self._runs = threading.Lock(), False
 
-    def add(self, display: Display) -> None:
-        """Open the display at its time, unless it is removed before."""
+    def wait_for(self, display: Display | None) -> None:
+        """Open this display at its time, in place of the one before; None: open none."""
         with self._lock:
-            self._waiting.append(display)
-            starts, self._runs = not self._runs, True
+            self._display = display
+            starts = display is not None and not self._runs
+            self._runs = self._runs or starts
         if starts:
             threading.Thread(target=self._look, daemon=True).start()
-
-    def remove(self, display: Display) -> None:
-        """Forget a display whose call has ended."""
-        with self._lock:
-            if display in self._waiting:
-                self._waiting.remove(display)
 
     def _look(self) -> None:
         while True:
             time.sleep(LOOK)
             with self._lock:
-                self._runs = bool(self._waiting)
-                if not self._runs:
+                display = self._display
+                if display is None:
+                    self._runs = False
                     return
-                due = [display for display in self._waiting if time.perf_counter() >= display.opens]
-                self._waiting = [display for display in self._waiting if display not in due]
-            for display in due:
+                due = time.perf_counter() >= display.opens
+                if due:
+                    self._display = None
+            if due:
                 display.open()
 
 
@@ -154,8 +138,9 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
     display = None
     with _LOCK:
         limit = None if _calls else _blas().limit(limits=1, user_api="blas")
-        if asked is True or (asked is None and limit is not None and current_process().name == "MainProcess"):
-            display = Display(what, 0.0 if asked else WAIT)
+        shows = asked is True or (asked is None and current_process().name == "MainProcess")
+        if limit is not None and shows and not TALK.quiet:
+            display = Display(what, asked is True)
         show = display.show if display is not None else asked if callable(asked) else silent
         _calls.append((limit, show))
     try:

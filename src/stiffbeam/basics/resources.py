@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence, Sized
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, TypeVar
@@ -76,7 +76,8 @@ def in_time(t: float) -> None:
         raise OutOfTime(t)
 
 
-Part = TypeVar("Part", bound=Sized)
+Result = TypeVar("Result")
+BATCH = 64  # items that one thread takes in one go
 
 
 def cores() -> int:
@@ -89,30 +90,25 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def over_slices(
-    work: Callable[[Any], Part],
+def over(
+    work: Callable[[Any], Result],
     items: Sequence[Any],
-    most: int,
     progress: Callable[[int], None] | None = None,
-    least: int = 1,
     threads: int | None = None,
-) -> Iterator[Part]:
-    """Results of ``work`` on slices of ``least`` to ``most`` items, in order; each result is as long as its slice.
+) -> Iterator[Result]:
+    """Results of ``work`` on every item, in order.
 
-    joblib runs the slices: on threads, ``cores`` by default, or on the backend of ``joblib.parallel_config``, which may
-    be processes on this machine or on others. progress: called with the number of items done.
+    joblib runs them: on threads, ``cores`` by default, or on the backend of ``joblib.parallel_config``, which may be
+    processes on this machine or on others. progress: called with the number of items done.
     """
     from joblib import Parallel, delayed
     from joblib.parallel import get_active_backend
 
     jobs: Any = get_active_backend()[1] or threads or cores()
-    # Four slices for a worker, so that they end together.
-    size = most if jobs == 1 else min(most, max(least, 1, len(items) // (4 * abs(jobs))))
-    slices = [items[i : i + size] for i in range(0, len(items), size)]
-    done = 0
-    run: Any = Parallel(min(jobs, len(slices) or 1), prefer="threads", return_as="generator")
-    for part in run(delayed(work)(each) for each in slices):
-        done += len(part)
+    # Four batches for a worker, so that they end together.
+    batch: Any = min(BATCH, max(1, len(items) // (4 * abs(jobs))))
+    run: Any = Parallel(min(jobs, len(items) or 1), prefer="threads", return_as="generator", batch_size=batch)
+    for done, result in enumerate(run(delayed(work)(item) for item in items), 1):
         if progress is not None:
             progress(done)
-        yield part
+        yield result

@@ -17,27 +17,24 @@ LONGEST = 300  # of a message
 
 
 class _Short(reprlib.Repr):
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlist = self.maxtuple = self.maxdict = self.maxset = 12
-        self.maxlevel = 4
-        self.maxstring = self.maxother = LONGEST
-
-    def repr_int(self, x: int, level: int) -> str:
-        # Python refuses to write integers of thousands of digits. 0.30103 is log10 of 2.
-        return repr(x) if x.bit_length() < 1000 else f"an integer of {round(x.bit_length() * 0.30103)} digits"
-
     def repr_instance(self, x: Any, level: int) -> str:
         try:
             # NumPy's numbers as plain ones: 1.0, not np.float64(1.0).
             return repr(x.item() if isinstance(x, np.generic) else x)
-        except Exception:  # whatever the objects of others raise when they are asked for a text
+        except Exception:  # of an integer of thousands of digits, or whatever the objects of others raise
             return f"a {type(x).__name__}"
+
+    repr_int = repr_instance
+
+
+_SHORT = _Short()
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 12
+_SHORT.maxstring = LONGEST
 
 
 def shown(value: Any) -> str:
     """The shortened repr of ``value``; also works for a value whose repr fails."""
-    return printable(_Short().repr(value))
+    return printable(_SHORT.repr(value))
 
 
 def printable(text: str) -> str:

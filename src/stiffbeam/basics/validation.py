@@ -184,12 +184,6 @@ def instance(field: str, value: Any, known: type[Known], remedy: str) -> Known:
     return value
 
 
-def function(field: str, value: Any, remedy: str = "leave it out") -> None:
-    """Raise InputError for an object that cannot be called."""
-    if not callable(value):
-        raise InputError(field, value, "be a function", remedy)
-
-
 def itself(field: str, value: Any, known: type, remedy: str = "", rule: str = "") -> None:
     """Raise InputError for what is no object of the type ``known``, by ``rule`` and ``remedy``, and for a subclass:
     the computation uses its fields only and would ignore overrides."""

@@ -14,7 +14,7 @@ from typing import NoReturn
 from ..basics.progress import TALK
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
-FLAGS = {"-q": "quiet", "--quiet": "quiet", "-v": "verbose", "--verbose": "verbose"}
+QUIET = ("-q", "--quiet")
 
 
 def main() -> None:
@@ -43,8 +43,8 @@ def main() -> None:
         signal.signal(signal.SIGINT, end)
     atexit.register(gc.freeze)  # at the end a search through all modules for garbage would only take time
     given = sys.argv[1:]
-    words = [word for word in given if word not in FLAGS]
-    TALK.quiet, TALK.verbose = (any(FLAGS.get(word) == name for word in given) for name in ("quiet", "verbose"))
+    words = [word for word in given if word not in QUIET]
+    TALK.quiet = words != given
     try:
         app = application(next((word for word in words if not word.startswith("-")), ""))
         status = app(words or ["--help"], exit_on_error=False, print_error=False)

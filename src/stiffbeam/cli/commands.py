@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
 
-Every command takes --quiet (-q: print nothing but errors and --json) and --verbose (-v: one line on stderr per phase).
+Every command takes --quiet (-q: print nothing but errors and --json).
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
@@ -192,7 +192,7 @@ class Options:
 
     schemes: Annotated[
         str | None,
-        Parameter(help="Comma-separated schemes, solvers, functions module:function: 'BDF2,SDIRK.printed,mymodule:f'."),
+        Parameter(help="Comma-separated schemes, solvers, functions module:function: 'BDF2,PrintedSigma,mymodule:f'."),
     ] = None
     references: Annotated[
         str | None,

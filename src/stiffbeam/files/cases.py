@@ -260,8 +260,8 @@ def compared(case: Case, form: str) -> list[Scheme]:
     table = paper_cases().get(case.name)
     # A file of the user may have the name of a table: other runs are left as they are.
     if table is not None and case.runs == table.runs:
-        names = {scheme.name for scheme in schemes}
-        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if x.name not in names]
+        kinds = {type(scheme) for scheme in schemes}
+        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if type(x) not in kinds]
     return schemes
 
 

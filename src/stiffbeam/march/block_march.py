@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from .propagator import Propagator
 from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
-STEPS_PER_CALL = 1 << 16  # between two reports of progress
+STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
 LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
@@ -94,6 +94,7 @@ class Stepper:
         for each in (self.starter, self.block):
             if each is not None and len(each.block.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
+        self.own_launch = self.launch(self.system, 0)
 
     @property
     def system(self) -> System:
@@ -109,11 +110,6 @@ class Stepper:
     def single(self) -> StepMap:
         """The single step with whole states, for all that a march passes over."""
         return StepMap(self.scheme, self.coordinates, self.dt, reduced=False)
-
-    @cached_property
-    def own_launch(self) -> Launch:
-        """The launch of ``system`` itself, with contacts recorded from the start."""
-        return self.launch(self.system, 0)
 
     def launch(self, member: System, since: int) -> Launch:
         """A member at t = 0, with contacts recorded after step ``since``."""
@@ -155,8 +151,8 @@ class March:
         # Equal loads and offsets: the response to the drive is computed once for all members.
         self._alike = own or functions(system) == functions(stepper.system)
         self._launch = launch = stepper.own_launch if own and not since else stepper.launch(system, since)
-        changed = (copied(x) for x in (launch.z, launch.position, launch.velocity, launch.tally))
-        self.state = Progress(launch.law, *changed, np.zeros(1, np.int64))
+        z, u, v, tally = (copied(x) for x in (launch.z, launch.position, launch.velocity, launch.tally))
+        self.state = Progress(launch.law, z, u, v, tally, np.zeros(1, np.int64))
         kept = 0 if every is None else steps // every + 1
         self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(launch.position)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
@@ -171,8 +167,8 @@ class March:
         self.events = np.empty((self._rows + 64 + min(1024, steps // 16), EVENT))
         self.events[: self._rows] = launch.events
 
-    def advance(self, replayed: Callable[[Segment], None] | None = None) -> Iterator[int]:
-        """March to the end; yields the number of steps done after every segment."""
+    def advance(self, replayed: bool = False) -> Iterator[Segment]:
+        """March to the end by the segments that are yielded; ``replayed``: with what computes them again."""
         stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._launch.start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
@@ -180,9 +176,8 @@ class March:
             one = stepper.starter
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
-                self._segment(one, forcing, 1, replayed)
+                yield self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[:2])
-                yield self.done
         if self.done < self.steps:
             block = stepper.block
             # The scheme's state follows from that history.
@@ -191,27 +186,24 @@ class March:
                 force = stepper.force(self.system, self.done * stepper.dt, motion, self._launch.law)
                 self.state = self.state._replace(z=stepper.packed(block, history, force))
             forcing = self.forcing(block)
-            # Progress is reported between calls. States, or sampled loads, of a whole segment are held in memory.
+            # States, or sampled loads, of a whole segment are held in memory.
             most = STEPS_PER_CALL
-            if replayed is not None or not block.harmonic:
+            if replayed or not block.harmonic:
                 most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // len(self.state.z))
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
-                self._segment(block, forcing, min(most, self.steps - self.done), replayed)
-                yield self.done
+                yield self._segment(block, forcing, min(most, self.steps - self.done), replayed)
         self._finish()
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the system."""
         return block.own_forcing if self._alike else block.forcing(self.system)
 
-    def _segment(
-        self, block: Propagator, forcing: Forcing, steps: int, replayed: Callable[[Segment], None] | None
-    ) -> None:
+    def _segment(self, block: Propagator, forcing: Forcing, steps: int, replayed: bool) -> Segment:
         first, dt, K = self.done, self.stepper.dt, block.steps
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         inflow = block.inflow(starts_at, self.steps * dt)
-        rows, zeros = (len(starts_at), aligned) if replayed is not None else (0, np.empty)
+        rows, zeros = (len(starts_at), aligned) if replayed else (0, np.empty)
         starts, forces = zeros((rows, len(self.state.z))), zeros((rows, len(block.block.push)))
         outputs, cursor = (self.t, self.positions, self.velocities), np.array([0, self._rows])
         kept = Kept(*outputs, self.node_forces, self.forces, starts, forces, self.events, cursor)
@@ -224,8 +216,7 @@ class March:
             kept = kept._replace(events=self.events)
         self._rows = int(cursor[1])
         self.done += steps
-        if replayed is not None:
-            replayed(Segment(self, block, first, steps, starts, forces))
+        return Segment(block, first, steps, starts, forces)
 
     def fields(self) -> dict[str, Any]:
         """Fields of the Trajectory, at the end: outputs, contacts, and when it overflowed."""
@@ -261,11 +252,10 @@ class March:
 class Segment:
     """Consecutive steps of a march, with the data to compute them again."""
 
-    march: March
     block: Propagator
     first: int
     steps: int
-    starts: Array  # (B, D): the state at the start of each block
+    starts: Array  # (B, D): the state at the start of each block, where these are kept
     forces: Array  # (B, N)
 
 

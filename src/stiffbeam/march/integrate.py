@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property, partial
+from collections.abc import Iterator, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from ..basics.arrays import Array, Recent
-from ..basics.progress import current, silent, working
-from ..basics.resources import afford, clock, over_slices
-from ..basics.validation import InputError, function, integer, one_of, positive, step_count
+from ..basics.progress import current, working
+from ..basics.resources import afford, clock, over
+from ..basics.validation import InputError, integer, one_of, positive, step_count
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.modes import modes, undamped_modes
 from ..model.system import System, require_system
@@ -21,7 +21,7 @@ from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, record_from, slim
+from ..trajectory.ensemble import Ensemble, record_from, slim
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import March, Stepper, block_length
@@ -30,7 +30,6 @@ from .replay import replay
 from .rigid_march import rigid_run, rigid_states
 from .treatment import RIGID, TREATMENTS
 
-SLICE_STEPS = 30_000  # below which a thread takes longer to start
 LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
 
 
@@ -87,9 +86,8 @@ class Plan:
     def __reduce__(self) -> tuple[Any, ...]:
         return Plan, (self.system, self.given, self.dt, self.t_end, self.treatment.name)
 
-    @cached_property
-    def _provenance(self) -> dict[str, Any]:
-        march = "rigid steps" if self.rule == RIGID else self.stepper.kind
+    def provenance(self, every: int | None) -> dict[str, Any]:
+        """Provenance of the run."""
         return {
             "method": label_of_run(self.scheme),
             "form": self.system.form,
@@ -97,29 +95,21 @@ class Plan:
             "contact": self.treatment.name,
             "dt": float(self.dt),
             "t_end": float(self.t_end),
-            "every": 0,
-            "march": march,
+            "every": 0 if every is None else int(every),
+            "march": "rigid steps" if self.rule == RIGID else self.stepper.kind,
             **versions(),
         }
 
-    def provenance(self, every: int | None) -> dict[str, Any]:
-        """Provenance of the run."""
-        return self._provenance | {"every": 0 if every is None else int(every)}
-
-    def run(
-        self, system: System, every: int | None, progress: Callable[[int], None] | None, since: int = 0,
-        begun: float | None = None,
-    ) -> Trajectory:  # fmt: skip
+    def run(self, system: System, every: int | None, since: int = 0, begun: float | None = None) -> Trajectory:
         """The run of the system, or of a member, with contacts recorded after step ``since``; begun: when its seconds
         begin, by default now."""
         started = clock()
         if self.rule == RIGID:
-            fields = rigid_run(system, self.scheme, self.dt, self.steps, every, progress, since)
+            fields = rigid_run(system, self.scheme, self.dt, self.steps, every, since)
         else:
             march = March(self.stepper, system, self.steps, every, since)
-            for done in march.advance():
-                if progress is not None and not march.state.diverged[0]:
-                    progress(done)
+            for _ in march.advance():
+                pass
             fields = march.fields()
         ended = clock()
         # States and energy are computed on demand, in a second march.
@@ -132,9 +122,9 @@ class Plan:
             ledger=partial(self.ledger, system, every or self.steps),
         )
 
-    def runs(self, members: EnsembleMembers, apart: bool, every: int | None, since: int) -> list[Trajectory]:
-        """Runs of the members, with contacts after step ``since``, and with outputs if ``every`` is given."""
-        return [slim(self.of(member, apart).run(member, every, None, since)) for member in members]
+    def run_of(self, member: System, apart: bool, every: int | None, since: int) -> Trajectory:
+        """The run of a member, without the motion of its contacts."""
+        return slim(self.of(member, apart).run(member, every, since))
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
         """See ``Pieces``."""
@@ -165,7 +155,6 @@ def integrate(
     t_end: float,
     contact: str = "implicit",
     every: int = 1,
-    progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
     """Return the run of a fixed-step scheme over [0, t_end].
 
@@ -187,8 +176,6 @@ def integrate(
         those of the mean forces.
     every : int
         Keep every so many steps as output. Impacts, peaks and the energy ledger see every step.
-    progress : callable, optional
-        Called with the number of steps done.
 
     Returns
     -------
@@ -214,10 +201,9 @@ def integrate(
     ((10001,), True)
     """
     begun = clock()
-    function("progress", silent if progress is None else progress)
     plan = Plan.recent(system, scheme, dt, t_end, contact)
     plan.afford(1, integer("every", every, 1))
-    run = plan.run(system, every, progress, begun=begun)
+    run = plan.run(system, every, begun=begun)
     if not np.isnan(run.diverged):
         remedy = "use the implicit contact or a smaller dt" if contact == "extrapolated" else "use a smaller dt"
         hint = f"{remedy} (omega_max dt is {undamped_modes(system).omega[-1] * dt:.3g})"
@@ -284,11 +270,9 @@ def integrate_ensemble(
     if abs(passed * plan.dt - since) > 1e-9 * plan.t_end:
         remedy = f"for example {plan.dt * int(since / plan.dt):.12g}"
         raise InputError("since", since, f"be a whole number of steps dt = {plan.dt:g}", remedy)
-    march = partial(plan.runs, apart=apart, every=every, since=passed)
-    # A slice holds at least as much work as a thread takes to start.
-    least = min(SLICE_STEPS // plan.steps, MEMBERS_PER_SLICE)
+    march = partial(plan.run_of, apart=apart, every=every, since=passed)
     report = lambda done: show(f"{scheme}: members", done, len(members))  # noqa: E731
-    runs = [run for part in over_slices(march, members, MEMBERS_PER_SLICE, report, least) for run in part]
+    runs = list(over(march, members, report))
     seconds = perf_counter() - begun
     return Ensemble.of(
         runs,

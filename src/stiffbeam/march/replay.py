@@ -26,9 +26,7 @@ def replay(
     coordinates, m = stepper.coordinates, len(system.contacts)
     last = coordinates.start(system.q0, system.v0) if modal else (system.q0, system.v0)
     node = np.full((1, m), np.nan)  # the forces of the last node
-    segments: list[Segment] = []
-    for _ in March(stepper, system, steps, None).advance(segments.append):
-        segment = segments.pop()
+    for segment in March(stepper, system, steps, None).advance(replayed=True):
         of_starter = segment.block is stepper.starter
         y, forces = _motion(segment, segment.block.one if of_starter else stepper.single, system)
         if modal:

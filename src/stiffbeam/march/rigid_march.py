@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,19 +31,11 @@ GROWTH = 1e-3  # a step, beyond the rounding of a multiple eigenvalue
 Piece = tuple[int, Array, Array, Array]  # steps, those of the piece among them; q and q' at their ends, mean reactions
 
 
-def rigid_run(
-    system: System, scheme: Scheme, dt: float, steps: int, every: int | None, progress: Callable[[int], None] | None,
-    since: int,
-) -> dict[str, Any]:  # fmt: skip
+def rigid_run(system: System, scheme: Scheme, dt: float, steps: int, every: int | None, since: int) -> dict[str, Any]:
     """Fields of the Trajectory; impacts are counted after step ``since``."""
-    m, tip = len(system.contacts), system.tip_channel
-    # Without outputs the interval is longer than the run, so that only the start has a row.
-    thin, diverged = every or steps + 1, np.nan
-    start = tuple(x[None] for x in initial_channels(system))
-    outputs, at_steps, means = [start], [start[0][:, :m]], [np.zeros((0, m))]
-    for done, q, v, reactions in _pieces(system, scheme, dt, steps):
-        first = done - len(q)
-        t = (first + 1 + np.arange(len(q))) * dt
+    diverged, none = np.nan, np.zeros(len(system.contacts))
+    pieces = [[x[None] for x in (*initial_channels(system), none)]]  # positions, velocities, reactions
+    for t, q, v, reactions in rigid_states(system, scheme, dt, steps):
         motion = [channel_motion(row, offset, t, q, v) for row, offset in system.channels]
         positions, velocities = (np.stack(x, axis=1) for x in zip(*motion, strict=True))
         # The first step beyond the bound ends the run.
@@ -51,23 +43,14 @@ def rigid_run(
         if np.any(bad):
             diverged = float(t[np.argmax(bad)])
             break
-        # Outputs of this piece: the multiples of ``thin`` among its steps, the first of which is ``first`` + 1.
-        here = slice(thin - 1 - first % thin, None, thin)
-        outputs.append((positions[here], velocities[here]))
-        at_steps.append(positions[:, :m])
-        means.append(reactions)
-        if progress is not None:
-            progress(done)
-    positions, velocities = (np.concatenate(x)[: None if every else 0] for x in zip(*outputs, strict=True))
-    u, R = np.concatenate(at_steps), np.concatenate(means)
-    forces, contacts = np.concatenate([np.zeros((1, m)), R])[::thin][: len(positions)], []
+        pieces.append([x[1:] for x in (positions, velocities, reactions)])
+    u, v, R = map(np.concatenate, zip(*pieces, strict=True))
+    outputs, tip, contacts = slice(None if every else 0, None, every), system.tip_channel, []
     for c, contact in enumerate(system.contacts):
-        counts = reaction_counts(contact.stops, dt, u[:, c], R[:, c], since)
-        outputs_of = contact.stops, positions[:, c], velocities[:, c], forces[:, c]
-        contacts.append(ContactRecord(*outputs_of, **counts))
-    t = np.arange(0.0, len(positions) * thin, thin) * dt
-    motion = {"t": t, "tip": positions[:, tip], "tip_velocity": velocities[:, tip]}
-    return motion | {"contacts": tuple(contacts), "diverged": diverged}
+        counts = reaction_counts(contact.stops, dt, u[:, c], R[1:, c], since)
+        contacts.append(ContactRecord(contact.stops, u[outputs, c], v[outputs, c], R[outputs, c], **counts))
+    fields = {"t": (np.arange(len(u)) * dt)[outputs], "tip": u[outputs, tip], "tip_velocity": v[outputs, tip]}
+    return fields | {"contacts": tuple(contacts), "diverged": diverged}
 
 
 def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Iterator[tuple[Array, Array, Array, Array]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from time import perf_counter
 
@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.progress import current, working
-from ..basics.resources import cores, over_slices
+from ..basics.resources import cores, over
 from ..basics.validation import InputError, numbers, positive
 from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble, record_from, slim
+from ..trajectory.ensemble import Ensemble, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
 from . import BEST_RTOL, best_reference
@@ -82,35 +82,33 @@ def reference_ensemble(
     show = current()
     report = lambda done: show(f"{method}: members", 1 + done, len(members))  # noqa: E731
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
-    parts = list(over_slices(solving, members[1:], MEMBERS_PER_SLICE, report, 1, cores() if method == "exact" else 1))
-    parts = [[slim(first, len(times))], *parts]
+    others = over(solving, members[1:], report, cores() if method == "exact" else 1)
+    runs = [slim(first, len(times)), *others]
     seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, one, members, t_end, at)
     return Ensemble.of(
-        [run for part in parts for run in part], members=members, t=times,
+        runs, members=members, t=times,
         work=Work(0, seconds, seconds), provenance=first.provenance | notes, ledger=ledger,
     )  # fmt: skip
 
 
 def _solved(
-    one: Callable[..., Reference], t_end: float, at: Array, since: float, outputs: int, part: EnsembleMembers
-) -> list[Trajectory]:
-    """Runs of some of the members."""
-    return [slim(one(system, t_end, at, since), outputs) for system in part]
+    one: Callable[..., Reference], t_end: float, at: Array, since: float, outputs: int, system: System
+) -> Trajectory:
+    """The run of a member."""
+    return slim(one(system, t_end, at, since), outputs)
 
 
-def energies(many: Ensemble, members: Sequence[int]) -> Iterator[Array]:
-    """Energy (k,) of some members at the output times. Of exact members without the work of loads and dashpots, which
-    takes longer than the motion."""
-    for i in members:
-        if many.provenance["method"] != "exact":
-            yield many.ledger(i).energy
-        else:
-            system = many.members[i]
-            run = solve_exact(system, float(many.provenance["t_end"]), many.t, 0.0)
-            yield sum(system.energies(many.t, *run.states), np.zeros(len(many.t)))
+def energy_of(many: Ensemble, i: int) -> Array:
+    """Energy (k,) of a member at the output times. Of an exact one without the work of loads and dashpots, which takes
+    longer than the motion."""
+    if many.provenance["method"] != "exact":
+        return many.ledger(i).energy
+    system = many.members[i]
+    run = solve_exact(system, float(many.provenance["t_end"]), many.t, 0.0)
+    return sum(system.energies(many.t, *run.states), np.zeros(len(many.t)))
 
 
 def _adaptive(method: str, system: System, t_end: float, at: Array, since: float) -> Reference:

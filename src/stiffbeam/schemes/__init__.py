@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from . import misprints as misprints  # registers the printed forms
 from .bathe import Bathe as Bathe
 from .bdf2 import BDF2 as BDF2
 from .conserving import ExponentialFlow as ExponentialFlow
 from .conserving import Theta as Theta
 from .conserving import Trapezoidal as Trapezoidal
 from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .misprints import PrintedSigma as PrintedSigma
+from .misprints import PrintedStageMatrix as PrintedStageMatrix
+from .misprints import UnweightedHHT as UnweightedHHT
 from .moreau_jean import MoreauJean as MoreauJean
 from .newmark import HHT as HHT
 from .newmark import GeneralisedAlpha as GeneralisedAlpha
@@ -35,6 +37,11 @@ RIGID: dict[str, type[RigidScheme]] = {
     scheme.__name__: scheme
     for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)
 }
+
+# With the misprints of the paper, which have labels as any other.
+ALL: dict[str, type[Scheme]] = (
+    SCHEMES | RIGID | {scheme.__name__: scheme for scheme in (UnweightedHHT, PrintedSigma, PrintedStageMatrix)}
+)
 
 
 def registered() -> Iterator[Scheme]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..basics.validation import InputError, near, one_of
 from ..model.semidiscretisation import ALL_FORMS
-from . import RIGID, SCHEMES
+from . import ALL
 from .scheme import Scheme
 
 LONGEST_RUN = 200  # letters
@@ -25,7 +25,7 @@ def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
     kind = _registered(name)
     if kind is None and ":" not in name:
-        remedy = near(name, [*SCHEMES, *RIGID])
+        remedy = near(name, ALL)
         raise InputError("scheme", name, "be a registered scheme", remedy)
     kind = kind or user_class(name)
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
@@ -40,22 +40,21 @@ def make(name: str, **parameters: Any) -> Scheme:
 def _registered(name: str) -> type[Scheme] | None:
     """The registered class of this name, without regard to capitals and hyphens: ``moreau-jean``; None for another."""
     plain = name.lower().replace("-", "").replace("_", "")
-    return next((kind for each, kind in (SCHEMES | RIGID).items() if each.lower() == plain), None)
+    return next((kind for each, kind in ALL.items() if each.lower() == plain), None)
 
 
 def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, str]:
-    """``name(parameter=value, ...)[.printed[(erratum)]][@form]`` as (scheme, form).
+    """``name(parameter=value, ...)[@form]`` as (scheme, form).
 
     For example ``bdf2``, ``HHT(alpha=-0.1)@displacement``, ``SDIRK(gamma=0.4359, nystrom=True)``,
-    ``SDIRK.printed(sigma)@velocity-curvature``, ``mymodule:Central(theta=0.5)`` for a class of one's own.
+    ``mymodule:Central(theta=0.5)`` for a class of one's own.
     """
     if not isinstance(text, str) or len(text) > LONGEST_RUN:
         remedy = "e.g. HHT(alpha=-0.1)@displacement"
         raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
-    # name or module:Class, arguments, printed form, semi-discrete form.
+    # name or module:Class, arguments, semi-discrete form.
     pattern = (
         r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
-        r"\s*(?P<printed>\.printed(\((?P<erratum>[^()]*)\))?)?"
         r"\s*(@\s*(?P<form>[\w-]+))?\s*"
     )
     match = re.fullmatch(pattern, text)
@@ -79,11 +78,8 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
             remedy = "for example HHT(alpha=-0.1)"
             raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
-    scheme = make(match["name"], **parameters)
-    if match["printed"]:
-        scheme = scheme.printed((match["erratum"] or "").strip() or None)
     form = match["form"] or default_form
-    return scheme, one_of("form", form, KNOWN_FORMS)
+    return make(match["name"], **parameters), one_of("form", form, KNOWN_FORMS)
 
 
 def split_runs(text: str) -> list[str]:
@@ -102,7 +98,7 @@ def scheme_of(label: str) -> Scheme | None:
 def label_of_run(scheme: Scheme) -> str:
     """The label of a run: that of its scheme, with the module of a class that has the name of a registered one."""
     kind, label = type(scheme), str(scheme)
-    if kind in (SCHEMES | RIGID).values() or scheme.erratum or _registered(kind.__name__) is None:
+    if kind in ALL.values() or _registered(kind.__name__) is None:
         return label
     # Of a class within another or within a function, the place too: the module may have another of its name.
     return f"{kind.__module__}:{kind.__qualname__}{label.removeprefix(kind.__name__)}"
@@ -122,34 +118,27 @@ def short_label(label: str) -> str:
 
 
 def user_class(name: str) -> type[Scheme]:
-    """The Scheme class that ``module:Class`` names; the module is looked for in the current folder too.
-
-    Raises InputError for a module that cannot be imported and for what is no Scheme class in it.
-    """
+    """The Scheme class that ``module:Class`` names. Raises InputError as ``user_object`` does, and for what is none."""
+    named = user_object(name)
+    if isinstance(named, type) and issubclass(named, Scheme):
+        return named
     place, _, wanted = name.partition(":")
-    module = _module(place, name)
-    named = getattr(module, wanted, None)
-    if not isinstance(named, type) or not issubclass(named, Scheme):
-        of_module = (x for x, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__)
-        candidates = [x for x in of_module if callable(getattr(module, x))]
-        function = callable(named) and not isinstance(named, type)
-        takers = "score, compare, converge and ensemble take these"
-        remedy = f"it is a function: {takers}" if function else near(wanted, candidates)
-        raise InputError("scheme", name, f"name a Scheme class or a function of {place}", remedy)
-    return named
+    if callable(named) and not isinstance(named, type):
+        remedy = "it is a function: score, compare, converge and ensemble take these"
+    else:
+        of_module = vars(sys.modules[place]).items()
+        remedy = near(wanted, [x for x, value in of_module if getattr(value, "__module__", "") == place])
+    raise InputError("scheme", name, f"name a Scheme class or a function of {place}", remedy)
 
 
 def user_object(name: str) -> Any:
-    """Return what ``module:name`` names, None where the module has no such name. Raises InputError as above."""
+    """What ``module:name`` names, None where the module has no such name; the module is looked for in the current
+    folder too. Raises InputError for a module that cannot be imported."""
     place, _, wanted = name.partition(":")
-    return getattr(_module(place, name), wanted, None)
-
-
-def _module(place: str, name: str) -> Any:
     # At the end of the path: a file of the folder must not hide an installed module.
     sys.path.append(os.getcwd())
     try:
-        return importlib.import_module(place)
+        return getattr(importlib.import_module(place), wanted, None)
     except Exception as error:  # whatever a module of others raises
         remedy = f"write {name.replace('.py:', ':')}" if place.endswith(".py") else repr(error)
         raise InputError("scheme", name, "name a module that can be imported", remedy) from None

@@ -10,7 +10,7 @@ import numpy as np
 
 from .newmark import HHT
 from .scheme import Array, Equation, Step
-from .sdirk import SDIRK
+from .sdirk import GAMMA_THIRD_ORDER, SDIRK
 
 
 class UnweightedHHT(HHT):
@@ -21,7 +21,6 @@ class UnweightedHHT(HHT):
     """
 
     order = 1
-    erratum = "unweighted"
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a) with a from the equation of motion."""
@@ -45,9 +44,7 @@ class UnweightedHHT(HHT):
 class PrintedSigma(SDIRK):
     """(4.9) with the printed sign of sigma: order 2 instead of 3 at gamma = 0.4359."""
 
-    erratum = "sigma"
-
-    def __init__(self, gamma: float, nystrom: bool = False) -> None:
+    def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
         super().__init__(gamma, nystrom)
         self.order = 2
 
@@ -64,9 +61,7 @@ class PrintedStageMatrix(SDIRK):
     mode grows, and most systems overflow.
     """
 
-    erratum = "stage-matrix"
-
-    def __init__(self, gamma: float, nystrom: bool = True) -> None:
+    def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = True) -> None:
         super().__init__(gamma, nystrom=True)  # always in second-order form
         self.order = 2
 

@@ -66,7 +66,7 @@ class HHT(WeightedNewmark):
 
     The weighted Newmark step with alpha_m = 0 and alpha_f = -alpha. Order 2, A-stable. The contact enters as
     (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). The order drops to 1 where the acceleration is computed again from
-    M a = N in each step, and where a force is left out of the weighting as the paper prints (``Scheme.printed``).
+    M a = N in each step, and where a force is left out of the weighting as the paper prints (``UnweightedHHT``).
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, one_of
+from ..basics.validation import InputError
 from ..model.equations import FULLY_IMPLICIT, Equation, Modal
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ class Scheme(ABC):
 
     look: ClassVar[tuple[int, int, int]]  # colour, dashes and marker of a registered class, see figures/chart.py
     variants: ClassVar[tuple[dict[str, Any], ...]] = ()  # parameters that tests and studies try beside the defaults
-    erratum: ClassVar[str] = ""  # the name of the misprint, for a printed form
     nodes: tuple[float, ...] = (1.0,)
     order: int = 2  # on smooth problems
     history: ClassVar[int] = 1  # number of past y that ``initial`` takes
@@ -89,30 +88,10 @@ class Scheme(ABC):
         """
         return None
 
-    def printed(self, erratum: str | None = None) -> Scheme:
-        """The scheme as the paper prints it: with the named erratum, or with the first."""
-        forms = {form.erratum: form for form in self.printed_forms()}
-        if not forms:
-            remedy = "HHT and SDIRK have one"
-            raise InputError("scheme", str(self), "have a printed form that runs and differs", remedy)
-        if erratum is None:
-            erratum = next(iter(forms))
-        return forms[one_of("erratum", erratum, forms, "be one the paper prints for this scheme")](**self.parameters)
-
-    @classmethod
-    def printed_forms(cls) -> list[type[Scheme]]:
-        """Subclasses of the scheme that state an ``erratum``; none if the scheme is itself a printed form."""
-        return [] if cls.erratum else [form for form in cls.__subclasses__() if form.erratum]
-
     @property
     def parameters(self) -> dict[str, Any]:
         """The arguments that make this scheme again, for labels and provenance."""
         return {name: getattr(self, name) for name in self.arguments}
-
-    @property
-    def name(self) -> str:
-        """Name of the class; of a printed form that of the scheme that it misprints."""
-        return (type(self).__bases__[0] if self.erratum else type(self)).__name__
 
     def label(self, digits: int | None = None) -> str:
         """Return the one name of the scheme in tables, pictures, files and JSON, its class with its parameters.
@@ -128,17 +107,16 @@ class Scheme(ABC):
             for name, value in self.parameters.items()
             if digits is None or not isinstance(value, bool)
         )
-        label = f"{self.name}({inside})" if inside else self.name
-        return f"{label}.printed({self.erratum})" if self.erratum else label
+        name = type(self).__name__
+        return f"{name}({inside})" if inside else name
 
     def __str__(self) -> str:
         return self.label()
 
     def __repr__(self) -> str:
         """The constructor call of the scheme."""
-        call, printed, erratum = self.label().partition(".printed(")
-        call = call if call.endswith(")") else f"{call}()"
-        return f"{call}.printed({erratum.removesuffix(')')!r})" if printed else call
+        label = self.label()
+        return label if label.endswith(")") else f"{label}()"
 
 
 # The reaction of a node keeps x between the stops and presses only where x is at one; x is

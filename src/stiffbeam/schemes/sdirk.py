@@ -26,7 +26,7 @@ class SDIRK(Scheme):
         sigma = -(gamma^3 - 3 gamma^2 + 2 gamma - 1/3)/(gamma^2 - 2 gamma + 1/2)
 
     Stiffly accurate and L-stable; order 3 for the default gamma, the paper's 0.4359, else 2. The paper prints sigma
-    without its minus sign, which costs an order: ``printed("sigma")``. State: y.
+    without its minus sign, which costs an order: ``PrintedSigma``. State: y.
 
     Parameters
     ----------

@@ -452,7 +452,7 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
     if given is None:
         stated: dict[str, Scheme] = {}
         for scheme, _ in case.runs:
-            stated.setdefault(scheme.name, scheme)
+            stated.setdefault(type(scheme).__name__, scheme)
         rigid = RIGID if case.system().rigid else {}
         others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "Theta" and name not in stated}
         every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}

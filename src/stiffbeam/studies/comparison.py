@@ -92,12 +92,10 @@ class CaseComparison:
 
     def _scheme(self, one: Integrator, system: System) -> Trajectory:
         """The run of an integrator that chooses no steps itself."""
-        case, label, show = self.case, f"{one.label}@{system.form}", current()
-        steps = round(case.t_end / case.dt)
-        show(label, 0, steps)
+        case = self.case
+        current()(f"{one.label}@{system.form}", 0, 0)
         repeat = fastest if one.kind == SCHEME else lambda march: march()
-        done = lambda step: show(label, step, steps)  # noqa: E731
-        return repeat(lambda: one.run(system, case.dt, case.t_end, self.contact, show=done))
+        return repeat(lambda: one.run(system, case.dt, case.t_end, self.contact))
 
     def _references(self, system: System, methods: Sequence[str]) -> Iterator[Reference]:
         """Yield the main reference, the first of ``methods`` that can take the system, then the others to its

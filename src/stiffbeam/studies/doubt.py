@@ -22,7 +22,7 @@ if they exceed it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -33,7 +33,7 @@ from cyclopts import Parameter
 
 from ..basics.arrays import Array
 from ..basics.progress import current
-from ..basics.resources import over_slices
+from ..basics.resources import over
 from ..basics.units import with_unit
 from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import style_of
@@ -43,8 +43,8 @@ from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
 from ..model.system import System
 from ..references import best_reference
-from ..references.ensemble import energies, reference_ensemble
-from ..trajectory.ensemble import MEMBERS_PER_SLICE, Ensemble
+from ..references.ensemble import energy_of, reference_ensemble
+from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -224,11 +224,8 @@ def measured(many: Ensemble) -> dict[str, Array]:
         place = f" at contact {i}" if len(many.contacts) > 1 else ""
         found |= {name + place: np.asarray(getattr(contact, field), float) for name, field in QUANTITIES.items()}
 
-    def means(part: Sequence[int]) -> list[float]:
-        return [float(np.mean(each)) for each in energies(many, part)]
-
-    slices = over_slices(means, range(len(many)), MEMBERS_PER_SLICE)
-    return found | {"energy": np.concatenate(list(slices))}
+    means = over(lambda i: float(np.mean(energy_of(many, i))), range(len(many)))
+    return found | {"energy": np.array(list(means))}
 
 
 def columns_of(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,20 +11,16 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.text import several
-from ..basics.units import Units
 from ..basics.validation import InputError, non_negative
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from .records import ContactRecord, Impacts, Ledger
-from .schema import dataset_of, frame_of, save, values_of
+from .schema import Saved, dataset_of, frame_of, values_of
 from .trajectory import Trajectory, Work
 
 if TYPE_CHECKING:
     import pandas
     import xarray
-
-
-MEMBERS_PER_SLICE = 64  # made by one thread in one go
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +76,7 @@ def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Ensemble:
+class Ensemble(Saved):
     """Runs of M members of an ensemble.
 
     Parameters
@@ -138,11 +133,6 @@ class Ensemble:
         return f"<Ensemble {self.label}: {several(len(self), 'member')}, {self.members.parameter}>"
 
     @property
-    def label(self) -> str:
-        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
-        return f"{self.provenance['method']}@{self.provenance['form']}"
-
-    @property
     def values(self) -> Array | None:
         """(M,), the value of ``members.parameter`` in every member; None where it is no number."""
         values = np.asarray(self.members.values, object)
@@ -150,11 +140,6 @@ class Ensemble:
         return values.astype(float) if numeric else None
 
     kind = "ensemble"  # in files
-
-    @property
-    def units(self) -> Units:
-        """Names of the units of length, time and force."""
-        return self.members.system.units
 
     @property
     def fingerprint(self) -> str:
@@ -175,11 +160,6 @@ class Ensemble:
     def to_xarray(self) -> xarray.Dataset:
         """Dimensions member, contact, impact, time; every variable with its unit; provenance as attributes."""
         return dataset_of(self)
-
-    def save(self, file: str | Path) -> Path:
-        """Write it in the format that the suffix names: .nc or .json (all of ``to_xarray``) or .csv
-        (``to_dataframe``), whole or not at all. Raises InputError for any other."""
-        return save(self, file)
 
 
 def record_from(since: float, t_end: float) -> float:

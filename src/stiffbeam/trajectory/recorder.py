@@ -100,17 +100,17 @@ def record(
 ) -> ContactRecord:
     """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
     ``force_of_node``; ``steps`` of the whole run. ``force``: at the output times, where it has been computed."""
-    if force is None and len(position):
+    if force is None:
         with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
             force = stops.force(position, velocity)
     # A force that jumps does not follow from the state: the node's counts where there is one.
-    if force is not None and node_forces is not None and stops.jumps:
+    if node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
     return ContactRecord(
         stops=stops,
         position=position,
         velocity=velocity,
-        force=position if force is None else force,
+        force=force,
         impacts=impacts_of(events),
         fraction=float(tally[TOUCHING] / max(1.0, steps - tally[SINCE])),  # of the steps after SINCE
         peak_force=float(tally[PEAK]),
@@ -262,7 +262,7 @@ def run_fields(
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     from scipy.interpolate import CubicSpline
 
-    given = _row("t", t, None)
+    given = _array("t", t, (0,), "be three or more numbers in a row")
     # Times first: of several rows at one time, as at an event, the last counts.
     times, rows = distinct_times("t", given)
     if times[0] != 0.0 or len(times) < 3:
@@ -278,20 +278,22 @@ def run_fields(
             raise InputError("states", "without a system", "come with their system", "pass system=")
         if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
             raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
-        q, v = (_states(x, (len(given), system.size)) for x in pair)
+        shape = len(given), system.size
+        q, v = (_array("states", x, shape, f"be two arrays, {shape}, (times, unknowns)") for x in pair)
         seen = channel_motion(*system.channels[system.tip_channel], given, q, v)
         tip, tip_velocity = (own if x is None else x for x, own in zip((tip, tip_velocity), seen, strict=True))
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    u = _row("tip", tip, len(given))
+    row = f"be one number per time, {len(given)}"
+    u = _array("tip", tip, given.shape, row)
     one_position("t", given, rows, u)
     u = u[rows]
     smoothed = tip_velocity is None
     w = (
         np.asarray(CubicSpline(times, u)(times, 1))
         if smoothed
-        else _row("tip_velocity", tip_velocity, len(given))[rows]
+        else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
     )
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
@@ -360,17 +362,9 @@ def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
     return step_ledger(system, _pieces(system, t, q, v), t)
 
 
-def _row(name: str, values: Any, length: int | None) -> Array:
+def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
+    """Finite numbers of the shape; 0: of any length."""
     array = numbers(name, values, remedy="end the run before it overflows")
-    if array.ndim != 1 or len(array) < 3 or (length is not None and len(array) != length):
-        rule = "be three or more numbers in a row" if length is None else f"be one number per time, {length}"
-        raise InputError(name, f"shape {array.shape}", rule, "give a list")
-    return array
-
-
-def _states(values: Any, shape: tuple[int, int]) -> Array:
-    array = numbers("states", values)
-    if array.shape != shape:
-        remedy = "give a row per time and a column per unknown"
-        raise InputError("states", array.shape, f"be two arrays of finite numbers, {shape}, (times, unknowns)", remedy)
+    if array.ndim != len(shape) or any(k not in (0, n) for k, n in zip(shape, array.shape, strict=True)):
+        raise InputError(name, f"shape {array.shape}", rule, "give a row for each time")
     return array

@@ -192,23 +192,39 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
     return dataset
 
 
-def save(result: Trajectory | Ensemble, file: str | Path) -> Path:
-    """Write a run or an ensemble in the format that the suffix names; an interrupted write leaves no file.
+class Saved:
+    """What a run and an ensemble share: their label, their units and their files."""
 
-    .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
-    ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a table
-    of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
-    """
-    suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
-    if suffix not in SUFFIXES:
-        remedy = f"name it {Path(file).stem}.nc"
-        raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
-    if suffix == ".csv":
-        return write_whole(file, result.to_dataframe().to_csv())
-    data = dataset_of(result)
-    if suffix == ".json":
-        return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
-    return write_netcdf(data, file, compression=4 if result.kind == "ensemble" else 0)
+    kind = "run"  # in files
+    provenance: dict[str, Any]
+
+    @property
+    def label(self) -> str:
+        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
+        return f"{self.provenance['method']}@{self.provenance['form']}"
+
+    @property
+    def units(self) -> Units:
+        """Names of the units of length, time and force."""
+        return tuple(self.provenance.get("units", ()))
+
+    def save(self: Any, file: str | Path) -> Path:
+        """Write it in the format that the suffix names; an interrupted write leaves no file.
+
+        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
+        ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a
+        table of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
+        """
+        suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
+        if suffix not in SUFFIXES:
+            remedy = f"name it {Path(file).stem}.nc"
+            raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
+        if suffix == ".csv":
+            return write_whole(file, self.to_dataframe().to_csv())
+        data = dataset_of(self)
+        if suffix == ".json":
+            return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
+        return write_netcdf(data, file, compression=4 if self.kind == "ensemble" else 0)
 
 
 GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"

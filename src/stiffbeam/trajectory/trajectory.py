@@ -17,11 +17,10 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, sentence, several
-from ..basics.units import Units
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import dataset_of, frame_of, output_index, save, values_of
+from .schema import Saved, dataset_of, frame_of, output_index, values_of
 
 if TYPE_CHECKING:
     import pandas
@@ -102,7 +101,7 @@ class Work:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Trajectory:
+class Trajectory(Saved):
     """A run or reference at its output times t (k,): tip and tip_velocity (k,), contacts, work, provenance.
 
     ``integrate``, ``reference`` and ``load`` return it; ``from_arrays`` makes one of a run by another program.
@@ -185,18 +184,6 @@ class Trajectory:
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
         impacts += f" at {len(self.contacts)} contacts" if len(self.contacts) > 1 else ""
         return f"<{type(self).__name__} {self.label}: {len(self.t)} times to {end}, {impacts}>"
-
-    @property
-    def label(self) -> str:
-        """Method and form, e.g. ``HHT(alpha=-0.1)@displacement``."""
-        return f"{self.provenance['method']}@{self.provenance['form']}"
-
-    @property
-    def units(self) -> Units:
-        """Names of the units of length, time and force."""
-        return tuple(self.provenance.get("units", ()))
-
-    kind = "run"  # in files
 
     @property
     def stops(self) -> list[Stops]:
@@ -284,11 +271,6 @@ class Trajectory:
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops; options: see
         ``figures.animation.animate``."""
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
-
-    def save(self, file: str | Path) -> Path:
-        """Write the run in the format of the suffix: .nc (everything, for ``stiffbeam.load``, xarray and ncdump),
-        .json or .csv. Raises InputError for any other suffix."""
-        return save(self, file)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each output time (the index): tip, tip_velocity, ``contact_force_0`` and so on of every
