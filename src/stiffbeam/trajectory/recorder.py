@@ -365,6 +365,7 @@ def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
 def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
     """Finite numbers of the shape; 0: of any length."""
     array = numbers(name, values, remedy="end the run before it overflows")
-    if array.ndim != len(shape) or any(k not in (0, n) for k, n in zip(shape, array.shape, strict=True)):
+    fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
+    if not fits or len(array) < 3:
         raise InputError(name, f"shape {array.shape}", rule, "give a row for each time")
     return array
