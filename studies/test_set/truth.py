@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import mpmath as mp
 import numpy as np
+from flint import arb, arb_mat
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.references.multiprecision.multiprecision import carry
+from stiffbeam.references.multiprecision.multiprecision import BITS, NO_TIMES, PreciseSolver
 from stiffbeam.references.multiprecision.rational import carried
 
 DIGITS = 30
@@ -70,8 +72,16 @@ def piecewise(system: sb.System, t_end: float, samples: int, digits: int = 70, g
 
 
 def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard: int) -> Truth:
-    solution, pieces = carry(system, t_end, digits, guard)
-    tip, stops, flow = system.tip_channel, system.contacts[0].stops, pieces[0].regime.flow
+    full = math.ceil(digits * BITS) + guard
+    with carried(full + guard):
+        solver = PreciseSolver(system, t_end, full, guard)
+        pieces = solver.follow()
+        solution, flow = solver.motion(pieces, NO_TIMES), solver.flow
+        forms = [*flow.forms]
+        if system.observe is not None:
+            forms.append(arb_mat([[*map(arb, system.observe.tolist()), *(flow.N - flow.n) * [0]]]))
+        rates = [form * flow.G for form in forms]
+    tip, stops = system.tip_channel, system.contacts[0].stops
     begun = np.array([float(piece.t) for piece in pieces])
 
     def at(t: Any, channel: int) -> tuple[list[Any], list[Any]]:
@@ -81,7 +91,7 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         times = np.atleast_1d(t)
         of = np.maximum(np.searchsorted(begun, times, "right") - 1, 0)
         states = [pieces[k].whole(when) for k, when in zip(of.tolist(), times.tolist(), strict=True)]
-        rows = flow.forms[channel], flow.rates[channel]
+        rows = forms[channel], rates[channel]
         with carried(pieces[0].bits):
             u, v = ([value((row * z)[0, 0]) for z in states] for row in rows)
         return u, v

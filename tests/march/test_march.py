@@ -154,7 +154,7 @@ def systems():
 @pytest.mark.parametrize(("name", "system", "dt"), list(systems()), ids=lambda x: x if isinstance(x, str) else "")
 @pytest.mark.fast(30, slow=30)
 def test_a_system(name, system, dt, scheme, contact):
-    steps = {1e-3: 150, 2e-3: 300}.get(dt, 20)
+    steps = {1e-3: 150, 2e-3: 250}.get(dt, 20)
     try:
         run = sb.integrate(system, scheme, dt, steps * dt, contact)
     except (sb.InputError, sb.Diverged):

@@ -27,6 +27,7 @@ ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
 ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
 ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0]), np.array([3.0, -1.5, 1.0 / 3.0, 0.0])  # orders 4 and 3
 EXACT = 1e-12  # relative: differences that agree to that are taken
+ROUNDING = 64.0 * float(np.finfo(float).eps)  # of an array's numbers, in their differences
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
@@ -166,6 +167,10 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
             raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
         return (data_of(member).vector() - centre) / step
 
+    def largest(numbers: Array) -> Array:
+        sizes = vars(base.of_vector(numbers)).values()
+        return np.concatenate([np.full(x.size, np.max(np.abs(x), initial=1e-300)) for x in sizes])
+
     found, error, bound = centre, np.inf, np.inf
     problem: InputError | None = None
     # Widest first: the rounding of a difference falls as the width grows.
@@ -187,8 +192,10 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
             slope, other = (order @ sides[0] for order in ONE_SIDED)
         # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
         kink = ONE_SIDED[0] @ (sides[0] - sides[-1])
-        size = float(np.max(np.abs(slope), initial=1e-300))
-        off, bend = (float(np.max(np.abs(x), initial=0.0)) / size for x in (slope - other, kink))
+        # Each array by its own largest slope: a stiffness may have a far larger one than a row. Beside rounding.
+        rounding = ROUNDING * largest(centre) / (width * scale)
+        size = np.maximum(largest(slope), rounding)
+        off, bend = (float(np.max((np.abs(x) - rounding) / size, initial=0.0)) for x in (slope - other, kink))
         if max(off, bend) < error:
             found, error, bound = slope, max(off, bend), max(off, float(np.finfo(float).eps) / width)
         if error <= EXACT:

@@ -155,7 +155,7 @@ def derivative(reference: Reference, wrt: Sequence[Any], t: Array) -> Derivative
 def ends_of(tangent: Tangent) -> list[tuple[float, str]]:
     """Times from which a motion has no derivative, each with the reason.
 
-    Undamped compliant stops have none of these: their force is continuous, and so is the derivative of the flow.
+    Of undamped compliant stops a rest alone has none: their force is continuous, and so is the derivative of the flow.
     """
     system = tangent.variation.system
     ends = [(t, "a contact grazes its stop") for t in tangent.grazes]
@@ -166,31 +166,59 @@ def ends_of(tangent: Tangent) -> list[tuple[float, str]]:
             ends.append((0.0, "an impact at the start"))
     # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
-        if stops.rigid or stops.damping > 0.0:
-            for side, _ in stops.sides:
+        for side, _ in stops.sides:
+            ends += [(t, "a contact rests on its stop without a force") for t in rests(tangent, contact, side)]
+            if stops.rigid or stops.damping > 0.0:
                 ends += [(t, "a contact grazes its stop") for t in near_misses(tangent, contact, side)]
                 if starts_on_stop(tangent, contact, side):
                     ends.append((0.0, "a contact starts on its stop, which the parameter moves away or into it"))
     return ends
 
 
+def _states(tangent: Tangent, t: Array, owner: IntArray) -> Array:
+    """y (k, N) at times of the segments ``owner`` (k,)."""
+    return np.hstack([tangent.states(t, owner), tangent.variation.base.driven(t, tangent.since[owner])])
+
+
+def _near(tangent: Tangent, contact: int, side: int, t: Array, owner: IntArray) -> NDArray[np.bool_]:
+    """True where an open contact is at its stop to rounding."""
+    base = tangent.variation.base
+    y, form, stop = _states(tangent, t, owner), base.position[contact], base.position[contact] - base.gap(contact, side)
+    size = np.abs(y) @ np.abs(form) + abs(np.sum(stop))
+    return side * (y @ (form - stop)) >= -tangent.graze * size
+
+
+def rests(tangent: Tangent, contact: int, side: int) -> list[float]:
+    """The time from which an open contact stays at its stop to rounding, of which a parameter, or a direction of the
+    start, moves it off or into it, or from which a rigid stop holds one without a reaction."""
+    if tangent.rigid:
+        held = np.flatnonzero((tangent.sides[:, contact] != 0) & (tangent.lengths > 0.0))
+        starts = tangent.times[held]
+        impulses = tangent.motion.press(contact, starts, starts + tangent.lengths[held])[1]
+        return starts[impulses == 0.0][:1].tolist()
+    owner, at, h, _ = tangent.cut()
+    there = np.all([_near(tangent, contact, side, at + s * h, owner) for s in (0.0, 0.5, 1.0)], axis=0)
+    for i in np.flatnonzero(tangent.sides[:, contact] == 0).tolist():
+        if not np.all(there[owner == i]) or not tangent.lengths[i] > 0.0:
+            continue
+        y = tangent.at(tangent.times[i : i + 1] + 0.5 * tangent.lengths[i], np.array([i]))[0]
+        moved = tangent.gap(y, contact, side)[1][0]
+        form = np.abs(tangent.variation.base.position[contact])
+        if np.any(np.abs(moved) > 1e-12 * (np.abs(y[1:]) @ form)):
+            return [float(tangent.times[i])]
+    return []
+
+
 def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
     """Times at which an open contact reaches its stop to rounding and turns back."""
-    base, sides = tangent.variation.base, tangent.sides
     owner, at, h, _ = tangent.cut()
-    here = np.flatnonzero((sides[owner, contact] == 0) & (h > 0.0))
-
-    def states(t: Array, owner: IntArray) -> Array:
-        """y (k, N) at times of the segments ``owner`` (k,)."""
-        return np.hstack([tangent.states(t, owner), base.driven(t, tangent.since[owner])])
+    here = np.flatnonzero((tangent.sides[owner, contact] == 0) & (h > 0.0))
 
     def approaches(t: Array, owner: IntArray) -> NDArray[np.bool_]:
-        return side * (states(t, owner) @ base.rate[contact]) > 0.0
+        return side * (_states(tangent, t, owner) @ tangent.variation.base.rate[contact]) > 0.0
 
     def near(t: Array, owner: IntArray) -> NDArray[np.bool_]:
-        y, form, stop = states(t, owner), base.position[contact], base.position[contact] - base.gap(contact, side)
-        size = np.abs(y) @ np.abs(form) + abs(np.sum(stop))
-        return side * (y @ (form - stop)) > -tangent.graze * size
+        return _near(tangent, contact, side, t, owner)
 
     # Parts of steps in which the approach ends, halved until they are a time.
     times = [at[here] + s * h[here] for s in np.linspace(0.0, 1.0, 1 + LOOKS)]

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from ...basics.arrays import Array
+from ...basics.validation import InputError
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
 from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved
@@ -126,6 +127,9 @@ class Variation:
         exact |= {"stiffness": np.diag(made.free.w2), "damping": made.free.damping}
         self.data = SystemData(**(vars(data) | exact))
         self.base, self.columns = Numbers(system, self.data), [self._in_modes(x) for x in columns]
+        for x, y in ((x, y) for x, y in vars(self.data).items() if np.any(y)):
+            if any(STEP * np.max(np.abs(vars(column)[x])) > 1e-20 * np.max(np.abs(y)) for column in self.columns):
+                raise InputError("wrt", f"a change of {x}", "be of a size with it for a derivative", "use other units")
         off = [{x: y + 1j * STEP * vars(column)[x] for x, y in vars(self.data).items()} for column in self.columns]
         self.beside = [Numbers(system, SystemData(**x)) for x in off]
         leaves = self.base.leaves
