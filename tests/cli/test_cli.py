@@ -43,7 +43,7 @@ def shell(*arguments, cwd):
 
 def told(stderr):
     """What a command says beside the line on its work after three seconds, which a busy machine may show."""
-    return [line for line in stderr.splitlines() if not line.endswith(" s so far")]
+    return [line for line in stderr.splitlines() if " s so far, now " not in line]
 
 
 def words(text):

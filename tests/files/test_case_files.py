@@ -387,7 +387,7 @@ def test_a_file_makes_the_system_that_python_makes(file):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"M.mtx"', '"missing.mtx"', "mass|be a file beside the case"),
+        ('"M.mtx"', '"missing.mtx"', "mass|be a regular file that exists"),
         ('"M.mtx"', '"M.csv"', ".mtx, .npz, .npy"),
         ('"M.mtx"', '"two.npz"', "be a readable matrix in .npz"),
         ('"M.mtx"', '"model.mat"', r"mass must be a file of .*: in Python: scipy.io.mmwrite"),

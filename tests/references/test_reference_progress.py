@@ -24,7 +24,7 @@ def test_work_of_seconds_shows_itself_once(colour, monkeypatch, capsys):
         assert "inside" not in said
         assert "never" not in said
         if asked is not False and not colour:
-            assert said == "stiffbeam: counting, for 0.05 s so far\n"
+            assert said == "stiffbeam: 0.05 s so far, now counting\n"
 
 
 def test_blas_has_one_thread_inside_and_its_own_outside():

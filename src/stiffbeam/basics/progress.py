@@ -61,7 +61,7 @@ class Display:
         """Show the bar, or the line."""
         self.bar = self.drawn()
         if self.bar is None:
-            print(f"stiffbeam: {self.now[0]}, for {WAIT:g} s so far", file=sys.stderr, flush=True)
+            print(f"stiffbeam: {WAIT:g} s so far, now {self.now[0]}", file=sys.stderr, flush=True)
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""

@@ -41,7 +41,7 @@ def read_matrix(file: Path) -> Any:
             remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
         raise InputError("", str(file), f"be a file of {', '.join(readers)}", remedy)
     if not file.is_file():  # devices and pipes have no end
-        raise InputError("", str(file), "be a file beside the case", "give its path relative to the case file")
+        raise InputError("", str(file), "be a regular file that exists", "give its path relative to the case file")
     if file.stat().st_size > LARGEST:
         raise InputError("", str(file), f"have at most {LARGEST} bytes", "reduce the model first")
     try:

@@ -119,7 +119,9 @@ def reference(
             whole = t_end
             t_end, times = _until(late.t, times, method, seconds)
             solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
-            solution.provenance["budget"] = f"to t = {t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU ends there"
+            solution.provenance["budget"] = (
+                f"to t = {t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU ends there"
+            )
         if kind == MULTIPRECISION or not math.isnan(solution.horizon):
             return solution  # confirmed by more digits, or by its own copies
         return with_horizon(solution, system, t_end, steps, solve, show)

@@ -367,5 +367,7 @@ def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
     array = numbers(name, values, remedy="end the run before it overflows")
     fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
     if not fits or len(array) < 3:
-        raise InputError(name, f"shape {array.shape}", rule, "give a row for each time")
+        raise InputError(
+            name, f"shape {array.shape}", rule, "give a list" if len(shape) == 1 else "give a row for each time"
+        )
     return array
