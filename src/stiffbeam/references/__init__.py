@@ -35,6 +35,7 @@ __all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "sub
 # Passes of a reference that a deadline ends: the first, one to its end, and for its horizon eight copies of an exact
 # one, of any other a second solution with shorter steps.
 PASSES, PASSES_OF_EXACT = 4.0, 10.0
+LEAST_STEP = 1e-7  # of t_end, that a caller may bound steps by
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
 
@@ -204,6 +205,8 @@ def solve(
     t_end = positive("t_end", t_end)
     if entry.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
         raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
+    if steps.max_step is not None and steps.max_step < LEAST_STEP * t_end:
+        raise InputError("max_step", steps.max_step, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
     given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else None
     if entry.kind != ADAPTIVE and given:
         raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
