@@ -310,3 +310,30 @@ def test_a_contact_that_leaves_its_stop_slowly_does_not_graze_it():
         / 12e-3
     )
     np.testing.assert_allclose(change.tip[:, 0], difference, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("law", [{"stiffness": 10.0}, {"stiffness": 10.0, "damping": 0.5},
+                                 {"stiffness": np.inf, "restitution": 0.5}])  # fmt: skip
+@pytest.mark.parametrize("wrt", ["loads[0].time.amplitude", "v0[0]"])
+def test_a_contact_that_rests_without_a_force_has_no_derivative(law, wrt):
+    """Pushed one way it swings freely, the other way on its stop: two one-sided derivatives."""
+    system = one_mass(1.0, sb.Stops(upper=0.0, **law), load=sb.Harmonic(0.0, 3.0))
+    found = sb.reference(system, 2.0).derivative([wrt], t=[1.0])
+    assert found.exists_until == 0.0
+    assert "rests on its stop" in found.reason
+    assert np.all(np.isnan(found.tip))
+
+
+def test_every_array_of_a_system_has_its_own_bound():
+    """The row of a stop depends on the length, but its slope is 1e12 times less than that of the stiffness."""
+    for place, smooth in ((0.5001, True), (0.5, False)):  # a node is a kink
+        stops = sb.Stops(upper=0.1, stiffness=1e4, position=place)
+        system = sb.semidiscretise(sb.BeamProblem(stiffness=3e10, stops=stops), 4)
+        if not smooth:
+            with pytest.raises(InputError, match="smooth"):
+                slopes(system, ["length"])
+            continue
+        _, (column,), (bound,) = slopes(system, ["length"])
+        row = column.rows[0]
+        assert np.max(np.abs(row)) > 1.0  # theta = 4 place/length - 2 has the slope -2.0004
+        assert np.allclose(row[1:3], [2.0004, -2.0004], rtol=10.0 * bound)
