@@ -205,7 +205,7 @@ def solve(
     t_end = positive("t_end", t_end)
     if entry.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
         raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
-    if steps.max_step is not None and steps.max_step < LEAST_STEP * t_end:
+    if steps.max_step is not None and positive("max_step", steps.max_step) < LEAST_STEP * t_end:
         raise InputError("max_step", steps.max_step, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
     given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else None
     if entry.kind != ADAPTIVE and given:
