@@ -366,7 +366,7 @@ API Int march(const Block *b, const Drive *drive, const Run *run)
     for (block = run->cursor[0]; block < blocks && !*run->diverged; block++) {
         if ((full = s.rows + m * b->K > run->room)) break;
         if (pass_block(&s, block) && run->outputs) /* the outputs that follow are not known */
-            for (Int j = ((labs(*run->diverged) - 1) / run->every + 1) * b->C; j < run->outputs * b->C; j++)
+            for (Int j = ((llabs(*run->diverged) - 1) / run->every + 1) * b->C; j < run->outputs * b->C; j++)
                 run->positions[j] = run->velocities[j] = NAN;
     }
     Int count = block < blocks ? b->K : run->steps - (blocks - 1) * b->K; /* of the last block */

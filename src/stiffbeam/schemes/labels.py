@@ -132,8 +132,8 @@ def user_class(name: str) -> type[Scheme]:
 
 
 def user_object(name: str) -> Any:
-    """What ``module:name`` names, None where the module has no such name; the module is looked for in the current
-    folder too. Raises InputError for a module that cannot be imported."""
+    """Object that ``module:name`` names, None where the module has none; the module is looked for in the current folder
+    too. Raises InputError for a module that cannot be imported."""
     place, _, wanted = name.partition(":")
     # At the end of the path: a file of the folder must not hide an installed module.
     sys.path.append(os.getcwd())

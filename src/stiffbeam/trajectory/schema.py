@@ -193,7 +193,7 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
 
 
 class Saved:
-    """What a run and an ensemble share: their label, their units and their files."""
+    """Label, units and files of a run or an ensemble."""
 
     kind = "run"  # in files
     provenance: dict[str, Any]
