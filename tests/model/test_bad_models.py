@@ -58,7 +58,7 @@ def lists(n, shift):
     return [m - (float(np.linalg.eigvalsh(m)[0]) + shift) * np.eye(n) for m in (bands, full)]
 
 
-HALF = scipy.sparse.triu(np.array([[2.0, -1.0], [-1.0, 2.0]]))
+HALF = scipy.sparse.triu(scipy.sparse.coo_array([[2.0, -1.0], [-1.0, 2.0]]))
 NO_BEAM = [
     (lambda: beam("clamped-hinged"), "supports must be known"),
     (lambda: beam("free-free", base=sb.Constant(0.1)), "base must be None for a free-free beam"),

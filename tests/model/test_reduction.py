@@ -135,7 +135,7 @@ def test_modal_damping_belongs_to_the_reduced_modes():
 
 def test_gyroscopic_terms_stay():
     M, K, tip = strip(10)
-    skew = scipy.sparse.diags([1.0, -1.0], [1, -1], shape=K.shape)
+    skew = scipy.sparse.diags_array([1.0, -1.0], offsets=[1, -1], shape=K.shape)
     system, T = sb.reduce_model(M, K, damping=skew, observe=tip, modes=3)
     assert system.gyroscopic
     np.testing.assert_allclose(system.damping, T.T @ (skew @ T), atol=1e-12 * np.max(np.abs(system.damping)))

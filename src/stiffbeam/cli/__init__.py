@@ -8,6 +8,7 @@ import io
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -55,6 +56,9 @@ def main() -> None:
         cause = error.__cause__
         _fail(cause if isinstance(cause, InputError) else f"{' '.join(str(error).split())} See stiffbeam --help", 2)
     except OSError as error:
+        with suppress(OSError):
+            sys.stdout.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the interpreter does not try a full disk again
         _fail(error, 1)
     except RuntimeError as error:
         # Imported here: they load SciPy, which help does without.

@@ -45,7 +45,7 @@ class Rows:
     """A matrix by the entries of its rows that are not zero."""
 
     def __init__(self, matrix: Array) -> None:
-        sparse = scipy.sparse.csr_matrix(matrix)
+        sparse = scipy.sparse.csr_array(matrix)
         self.starts, self.columns = sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64)
         self.entries = sparse.data.astype(float)
 

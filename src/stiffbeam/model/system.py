@@ -83,6 +83,7 @@ def _diagonal(mass: Any) -> Any:
 
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
+    matrix = scipy.sparse.coo_array(matrix)
     if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
         return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
     return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
