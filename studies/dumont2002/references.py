@@ -14,7 +14,7 @@ from stiffbeam.trajectory.trajectory import Reference
 
 MANIFEST = "MANIFEST.json"
 PARAMETERS = "decimals and multiples of pi exactly as written in the case, not the doubles nearest to them"
-STORE = Path(__file__).parents[2] / "reference"
+STORE = Path(__file__).parents[2] / "reference" / "tables"
 
 
 def entries(folder: Path) -> list[dict[str, Any]]:

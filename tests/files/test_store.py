@@ -34,7 +34,7 @@ UNITS = {
     "contact_position": "m", "contact_velocity": "m/s", "contact_force": "N", "contact_peak_force": "N",
     "contact_impulse": "N s", "impact_time": "s", "impact_end": "s", "impact_peak_force": "N", "impact_impulse": "N s",
 }  # fmt: skip
-FROZEN = Path(__file__).parents[2] / "reference" / "table13-displacement.nc"
+FROZEN = Path(__file__).parents[2] / "reference" / "tables" / "table13-displacement.nc"
 
 
 @cache

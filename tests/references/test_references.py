@@ -18,7 +18,7 @@ from stiffbeam.basics import storage
 from stiffbeam.files.cases import paper_cases
 from stiffbeam.files.store import BOUND, freeze
 
-STORE = Path(__file__).parents[2] / "reference"
+STORE = Path(__file__).parents[2] / "reference" / "tables"
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ from stiffbeam.schemes import GAMMA_THIRD_ORDER
 from stiffbeam.schemes.labels import parse_run
 from stiffbeam.trajectory.trajectory import Diverged
 
-STORE = Path(__file__).parents[2] / "reference"
+STORE = Path(__file__).parents[2] / "reference" / "tables"
 BDF, RK, BOTH, ONE = ("(4.13)", "(4.5)", "(4.11)"), ("(4.10)", "(4.12)", "(4.14)"), ("(4.13)", "(4.14)"), ("(4.13)",)
 
 # Typed from the paper: k^2, a or w, h, dt, g1, g2, kappa, E, alpha, gamma, schemes.
