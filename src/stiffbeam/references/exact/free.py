@@ -16,7 +16,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...kernels.exact import NONE_PRESSED, Free, Pressed
-from ...model.modes import modes, undamped_modes
+from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
 from ...model.time_functions import Drive, parts
 
@@ -48,7 +48,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     basis, m = undamped_modes(system), len(system.contacts)
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
-    decoupled = modes(system)
+    decoupled = decoupled_modes(system)
     if decoupled is not None:
         coupling = int(bool(np.any(decoupled.damping)))
         drag, D = decoupled.damping.copy(), np.diag(decoupled.damping)
