@@ -15,7 +15,7 @@ from stiffbeam.basics.validation import InputError
 from stiffbeam.kernels.march import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact_law
-from stiffbeam.model.right_hand_side_jax import contact_force
+from stiffbeam.model.right_hand_side import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
 

@@ -14,7 +14,7 @@ from ..basics.arrays import Array, Frozen, read_only
 from ..basics.validation import InputError, constants, itself, non_negative, number, positive
 from ..kernels.march import contact_forces
 from . import contact_law
-from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
+from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, stored
 from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
@@ -200,28 +200,18 @@ class Stops:
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""
-        self.require_compliant("a law of force")
-        v, law = np.asarray(v, float), self.coefficients
-        out = np.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
-        if not self.dissipative:
-            return elastic(out, law)
-        if velocity is None:
+        if velocity is None and self.dissipative:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        # One formula for both sides: depth and rate count into the stop.
-        side = np.sign(out)
-        pressed = np.maximum(0.0, contact_law.pressure(np.abs(out), -side * velocity, law))
-        return np.where(out != 0.0, side * pressed, 0.0)
+        return contact_forces(*np.broadcast_arrays(v, 0.0 if velocity is None else velocity), self.law)
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
-        if self.rigid:
-            return np.zeros(np.shape(v))
-        return contact_law.stored(self.penetration(v), self.coefficients)
+        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.coefficients)
 
     def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
         """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
-        return self.force(v, velocity) + elastic(self.penetration(v), self.coefficients)
+        return self.force(v, velocity) - self.force(v, 0.0)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.

@@ -13,8 +13,7 @@ from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import function_address
-from .right_hand_side import RightHandSide, on_positions, on_velocities
-from .right_hand_side_jax import numbers_of, rate_with_integrals
+from .right_hand_side import RightHandSide, numbers_of, on_positions, on_velocities, rate_with_integrals
 from .time_functions import breakpoints_of, require_closed_form
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The method-of-lines right-hand side of a system, as its adaptive solvers and ``ode`` call it.
+"""The method-of-lines right-hand side of a system, as its adaptive solvers and ``ode`` call it, in C and in JAX.
 
 y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of (3.5)
 """
@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from ..basics.arrays import Array
-from ..kernels.rhs import Equations
+from ..basics.validation import InputError
+from ..kernels.rhs import THROUGH, Equations
 from .beam import velocity_curvature_matrices
 from .contact import channel_motion, channel_position, laws
-from .contact_law import pressure
+from .contact_law import Law, damps, pressure
 from .time_functions import Drive, LoadFunction, Sampled, Term, evaluate, in_closed_form, parts_of
 
 if TYPE_CHECKING:
@@ -128,20 +129,11 @@ class RightHandSide:
             law=laws(contacts), bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
+        self.window = self.equations.window  # (2,): the times at which functions of time may be asked
         self.in_python, self.roots = bool(called), len(self.levels)
         self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
         # (contact, +1 upper or -1 lower) of every gap.
         self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
-
-    @property
-    def window(self) -> tuple[float, float]:
-        """The times at which functions of time may be asked."""
-        first, last = self.equations.window.tolist()
-        return first, last
-
-    @window.setter
-    def window(self, times: tuple[float, float]) -> None:
-        self.equations.window[:] = times
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
@@ -189,8 +181,8 @@ class RightHandSide:
     def stored(self, t: float, z: Array) -> Array:
         """Energy (contacts,) in the stops at t, with the functions of time of the window."""
         t, q = self._inside(t), z[: self.states : 2]
-        contacts = self.system.contacts
-        return np.array([c.stops.energy(channel_position(c.row, c.offset, t, q)) for c in contacts], float).reshape(-1)
+        energies = [c.stops.energy(channel_position(c.row, c.offset, t, q)) for c in self.system.contacts]
+        return np.array(energies, float)
 
     def jumped(self, t: float, z: Array, stored: Array) -> Array:
         """z where stops that held the energy ``stored`` jump at t: the rest of their energy is input, and those that
@@ -211,16 +203,123 @@ class RightHandSide:
         return positions, velocities
 
     def _inside(self, t: float) -> float:
-        first, last = self.window
+        first, last = self.window.tolist()
         return min(max(t, first), last)
 
 
 def _amplitudes(drive: Drive, called: list[LoadFunction], terms: Iterable[Term], width: int) -> Array:
     """Amplitudes (d, width) of the harmonics and records in ``terms``, then of the functions that Python calls."""
     basis, rest = drive.split(terms, width)
-    records = drive.recorded([(vector, f) for vector, f in rest if isinstance(f, Sampled)], width)
-    python = np.zeros((len(called), width))
-    for vector, function in rest:
-        if not isinstance(function, Sampled):
-            python[next(k for k, f in enumerate(called) if f is function)] += vector
-    return np.concatenate([basis, records, python])
+    others = [*drive.records, *called]
+    amplitudes = np.zeros((len(others), width))
+    for vector, f in rest:  # records are equal by their numbers, other functions only themselves
+        amplitudes[next(k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f))] += vector
+    return np.concatenate([basis, amplitudes])
+
+
+# ---------------------------------------------------------------- in JAX, from the numbers that C reads
+
+
+class Numbers(NamedTuple):
+    """Arrays of ``Equations`` for JAX.
+
+    All that is linear stands in one matrix, since JAX takes longer to start a small product than to compute it. Its
+    columns are the state, the functions of time and their rates; its rows are the state's rate, position, velocity and
+    offset's rate of every contact, and the powers of the loads.
+    """
+
+    linear: Any  # (n + 3 m + d, n + 2 d)
+    damping: Any  # (n, n), or no rows
+    frequencies: Any
+    edges: Any
+    records: Any  # (edges, R, P)
+    pushes: Any
+    law: Any
+    regime: Any
+    window: Any
+
+
+class Kind(NamedTuple):
+    """Constants of a compiled program beside the shapes: the exponent of every contact, and whether stops damp."""
+
+    exponents: tuple[float, ...]
+    damped: bool
+
+
+def numbers_of(e: Equations) -> tuple[Kind, Numbers]:
+    """Kind and numbers of a right-hand side, its regime and window those of now.
+
+    Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
+    """
+    if e.called:
+        rule = "be made of Harmonic, Constant and Sampled for JAX"
+        raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
+    (m, n), d = e.pushes.shape, len(e.loads)
+    linear = np.zeros((n + 3 * m + d, n + 2 * d))
+    rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
+    rate[:, :n], rate[:, n : n + d] = e.matrix, e.loads.T
+    positions[:, :n], positions[:, n : n + d] = e.positions, e.offsets.T
+    velocities[:, :n], velocities[:, n + d :] = e.velocities, e.offsets.T
+    offset_rates[:, n + d :], power[:, :n] = e.offsets.T, e.power
+    kind = Kind(tuple(float(p) for p in e.law[:, 3]), e.damped)
+    arrays = (e.frequencies, e.edges, e.records, e.pushes, e.law)
+    return kind, Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
+
+
+def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
+    """1, sin w_1 t, cos w_1 t, ..., the records, (d,); and their rates."""
+    import jax.numpy as jnp
+
+    w = numbers.frequencies
+    # Sines and cosines in the order of ``Drive.coefficients``, with their rates.
+    s, c = jnp.sin(w * t), jnp.cos(w * t)
+    g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
+    values = rates = jnp.zeros(numbers.records.shape[1])
+    if numbers.records.size:
+        edges = numbers.edges
+        inside = jnp.clip(t, numbers.window[0], numbers.window[1])
+        # At the end of a window the polynomial before it holds.
+        before = jnp.minimum(inside, jnp.nextafter(numbers.window[1], -jnp.inf))
+        k = jnp.clip(jnp.searchsorted(edges, before, side="right") - 1, 0, len(edges) - 2)
+        tau = inside - edges[k]
+        for j in range(numbers.records.shape[2] - 1, -1, -1):  # Horner's scheme
+            rates = rates * tau + values
+            values = values * tau + numbers.records[k, :, j]
+    return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
+
+
+def contact_force(u: Any, v: Any, regime: Any, stop: Law) -> Any:
+    """F at a position and velocity relative to the stops, after a regime or the law."""
+    import jax.numpy as jnp
+
+    force: Any = 0.0
+    # The regime is data, not structure: one compiled program computes both sides and selects.
+    for side in (1, -1):
+        bound: Any = stop.g2 if side > 0 else stop.g1
+        # A side without a stop counts as open, its infinite bound outside the arithmetic.
+        there = jnp.isfinite(bound)
+        depth = jnp.where(there, side * (u - jnp.where(there, bound, 0.0)), -1.0)
+        pressed = pressure(depth, side * v, stop)
+        by_law = jnp.where(depth > 0.0, jnp.maximum(0.0, pressed), 0.0)
+        force = force - side * jnp.where(regime == THROUGH, by_law, jnp.where(regime == side, pressed, 0.0))
+    return force
+
+
+def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
+    """z' of ``RightHandSide``: y' with the rates of the ledger's integrals; of z only its first n entries count."""
+    import jax.numpy as jnp
+
+    m, n = numbers.pushes.shape
+    y, (g, g_rate) = z[:n], functions_of_time(t, numbers)
+    rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
+    rate, u, v, offset_rates, power = jnp.split(rows, np.cumsum([n, m, m, m]))
+    given, absorbed, pushes = g @ power, 0.0, []
+    for c, p in enumerate(kind.exponents):
+        stop: Any = Law(*numbers.law[c])
+        force = contact_force(u[c], v[c], numbers.regime[c], stop._replace(p=p))  # p is a constant of the program
+        rate = rate + numbers.pushes[c] * force
+        given = given - force * offset_rates[c]
+        absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
+        pushes.append(-force)
+    viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
+    return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, *([absorbed] if kind.damped else [])])])

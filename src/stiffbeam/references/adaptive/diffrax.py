@@ -17,8 +17,7 @@ from ...basics.arrays import Array
 from ...basics.resources import once
 from ...basics.validation import InputError
 from ...model.contact import linear
-from ...model.right_hand_side import RightHandSide
-from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
+from ...model.right_hand_side import Kind, RightHandSide, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
