@@ -107,7 +107,7 @@ FAULTS = [
     ("model", "model/members.py", "(members, 2, system.size))", "(1, 2, system.size)).repeat(members, 0)"),
     ("march", "model/members.py", "v0 = (system.v0 + speed", "v0 = (system.v0 + 0.5 * speed"),
     ("model", "model/members.py", "else list(range(len(system.contacts)))", "else [0]"),
-    ("model", "model/members.py", "if len(values) > 1:\n        require_kept", "if False:\n        require_kept"),
+    ("model", "model/members.py", "in values.items() if len(values) > 1 else ():", "in ():"),
     ("march", "model/members.py", "or _terms(member) != terms", ""),
     ("schemes", "model/equations.py", "(Q[..., 0], force1 - force0)", "(Q[..., 0], force1)"),
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),

@@ -305,15 +305,13 @@ def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
 
 def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     """zeta of every mode, (modes,): ``ratio`` for all of them, or a sequence for the first ones. Raises InputError."""
-    ratios, zeta = ratios_of(ratio), np.zeros(modes)
-    if isinstance(ratios, tuple):
-        if len(ratios) > modes:
-            remedy = "leave the last ones out, or take more cells"
-            raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
-        zeta[: len(ratios)] = ratios
-    else:
-        zeta[:] = ratios
-    return zeta
+    ratios = ratios_of(ratio)
+    if not isinstance(ratios, tuple):
+        return np.full(modes, ratios)
+    if len(ratios) > modes:
+        remedy = "leave the last ones out, or take more cells"
+        raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
+    return np.pad(ratios, (0, modes - len(ratios)))
 
 
 def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -> tuple[Array, Array]:
@@ -323,19 +321,12 @@ def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -
     zero. Where S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
     Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
-    slow = len(X)
     # The solver errs by n eps of the largest square: squares below this one have more than ENOUGH of error.
-    if slow > SMALL:
-        slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
-        if not slow:
-            return squares, X
-    few, Y = _refined(mass, stiffness, X[:, :slow])
-    return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
-
-
-def _refined(mass: Array, stiffness: Array, X: Array) -> tuple[Array, Array]:
-    """The pairs in the space of the columns of X (n, k)."""
-    squares = rounding = np.zeros(X.shape[1])
+    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
+    if not slow:
+        return squares, X
+    fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)
+    squares = rounding = np.zeros(slow)
     for _ in range(PASSES):
         # S = X^T K X, and the size of the terms that it sums, from which its rounding follows.
         S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
@@ -354,7 +345,7 @@ def _refined(mass: Array, stiffness: Array, X: Array) -> tuple[Array, Array]:
     # A rigid motion has the square zero, not its rounding.
     squares[np.abs(squares) < rounding] = 0.0
     order = np.argsort(squares, kind="stable")
-    return squares[order], X[:, order]
+    return np.append(squares[order], fast), np.hstack([X[:, order], rest])
 
 
 def rounding_of_zero(terms: Array, n: int) -> Array:
