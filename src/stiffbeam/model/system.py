@@ -18,7 +18,7 @@ from ..basics.arrays import Array, Frozen, read_only, same
 from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, as_doubles, constants, exact_parts, itself, numbers, sequence
+from ..basics.validation import InputError, as_doubles, constants, exact_parts, itself, sequence
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
@@ -48,7 +48,12 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     if isinstance(matrix, np.ndarray) and _CHECKED.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
-    dense = constants(name, _dense(name, matrix), "be a matrix of finite numbers", remedy)
+    if hasattr(matrix, "toarray") and not isinstance(matrix, type):
+        afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
+        matrix = matrix.toarray()
+    dense = constants(name, matrix, "be a matrix of finite numbers", remedy)
+    if name == "mass" and dense.ndim == 1:
+        dense = read_only(np.diag(dense))
     if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
@@ -72,28 +77,11 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return dense
 
 
-def _diagonal(mass: Any) -> Any:
-    """The diagonal matrix of a vector; anything else as it is."""
-    try:
-        flat = np.ndim(mass) == 1 and len(mass) > 0
-    except (TypeError, ValueError):
-        return mass
-    return np.diag(numbers("mass", mass, "be a matrix of finite numbers", "or a vector of them")) if flat else mass
-
-
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
     if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
         return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
     return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
-
-
-def _dense(name: str, matrix: Any) -> Any:
-    """A SciPy sparse matrix in full."""
-    if not hasattr(matrix, "toarray") or isinstance(matrix, type):
-        return matrix
-    afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
-    return matrix.toarray()
 
 
 def _least(matrix: Array) -> float:
@@ -300,7 +288,7 @@ class System(Frozen):
         data: observe and units as in the class; initial_displacement and initial_velocity, by default at rest at zero.
         Raises InputError as the class does.
         """
-        matrix = checked_matrix("mass", _diagonal(mass))
+        matrix = checked_matrix("mass", mass)
         start = {"q0": data.pop("initial_displacement", None), "v0": data.pop("initial_velocity", None)}
         options: Any = {name: np.zeros(len(matrix)) if x is None else x for name, x in start.items()} | data
         damping = np.zeros_like(matrix) if damping is None else damping
@@ -395,22 +383,16 @@ class System(Frozen):
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
         return np.stack([channel_position(row, offset, t, q) for row, offset in self.channels], axis=-1)
 
-    def contact_energy(self, t: ArrayLike, q: Array) -> Array:
-        """sum_c U_c(row_c q + o_c(t))."""
-        total = np.zeros(np.shape(t))
-        for contact in self.contacts:
-            total = total + contact.stops.energy(channel_position(contact.row, contact.offset, t, q))
-        return total
-
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
-        return *self.free_energies(q, v), self.contact_energy(t, q)
+        stored = (x.stops.energy(channel_position(x.row, x.offset, t, q)) for x in self.contacts)
+        return *self.free_energies(q, v), sum(stored, np.zeros(np.shape(t)))
 
     def free_energies(self, q: Array, v: Array) -> tuple[Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q), the energies without the contacts'."""
         kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
-        strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
-        elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
+        G = self.stiffness_factor
+        elastic = np.sum(q * (q @ self.stiffness) if G is None else (q @ G.T) ** 2, axis=-1)
         return kinetic, 0.5 * elastic
 
     def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:

@@ -267,19 +267,9 @@ class Sampled(Frozen):
         return whole
 
     @cached_property
-    def slopes(self) -> Array:
-        """m_i of the cubic kind."""
-        return np.asarray(self._whole(self.t, 1))
-
-    @cached_property
-    def _polynomials(self) -> list[PPoly]:
-        """The function and its derivatives between the samples."""
-        return [self._whole.derivative(k) for k in range(self.derivative, KINDS[self.kind] + 1)]
-
-    @cached_property
     def pieces(self) -> Array:
         """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1."""
-        c = self._polynomials[0].c[::-1].T
+        c = self._whole.derivative(self.derivative).c[::-1].T
         # Four columns for every kind, so that records of different kinds stand in one table.
         return np.pad(c, ((0, 0), (0, 4 - c.shape[1])))
 
@@ -295,29 +285,29 @@ class Sampled(Frozen):
 
     def value(self, t: ArrayLike) -> Array:
         """The interpolant at t; InputError outside the samples."""
-        return self._derivative(t, 0)
+        return self._at(t, 0)
 
     def rate(self, t: ArrayLike) -> Array:
         """First derivative at t. Raises InputError if the interpolant jumps."""
-        return self._derivative(t, 1)
+        return self._at(t, 1)
 
     def acceleration(self, t: ArrayLike) -> Array:
         """Second derivative at t. Raises InputError if it does not exist."""
-        return self._derivative(t, 2)
+        return self._at(t, 2)
 
-    def _derivative(self, t: ArrayLike, order: int) -> Array:
+    def _at(self, t: ArrayLike, order: int) -> Array:
         if order > self.degree:
             jump = "slopes jump" if order > 1 else "values jump"
             rule = f"have a derivative of order {order}: its {jump} at the samples"
             raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
-        return np.asarray(self._polynomials[order](t))
+        return np.asarray(self._whole(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
         if times > self.degree:
-            self._derivative(self.t[0], times)
+            self._at(self.t[0], times)
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
 
 
@@ -347,9 +337,8 @@ class Superposition:
     def __init__(self, *functions: TimeFunction) -> None:
         itself("time function", self, Superposition)
         if not functions:
-            raise InputError(
-                "Superposition", "nothing", "have at least one function of time", "for none give Constant(0.0)"
-            )
+            rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
+            raise InputError("Superposition", "nothing", rule, remedy)
         for function in functions:
             motion_function("Superposition", function)
         object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
@@ -624,16 +613,11 @@ class Drive:
         return np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
 
     @cached_property
-    def order(self) -> int:
-        """P, the number of coefficients of a record between two edges."""
-        return 1 + max((record.degree for record in self.records), default=-1)
-
-    @cached_property
     def table(self) -> Array:
-        """(edges, R, P): coefficient k of s^k in every record at an edge + s, up to the next edge."""
-        table = np.zeros((len(self.edges), len(self.records), self.order))
+        """(edges, R, 4): coefficient k of s^k in every record at an edge + s, up to the next edge."""
+        table = np.zeros((len(self.edges), len(self.records), 4))
         for r, record in enumerate(self.records):
             # Where a record has not begun, or has ended, it is not asked for.
             at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
-            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])[:, : self.order]
+            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])
         return table
