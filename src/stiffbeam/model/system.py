@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
-from uuid import uuid4
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -22,17 +21,7 @@ from ..basics.validation import InputError, as_doubles, constants, exact_parts, 
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
-from .time_functions import (
-    Constant,
-    Derivative,
-    Harmonic,
-    LoadFunction,
-    Sampled,
-    Superposition,
-    TimeFunction,
-    evaluate,
-    load_function,
-)
+from .time_functions import LoadFunction, TimeFunction, description, evaluate, load_function
 
 if TYPE_CHECKING:
     from .ode import ODE
@@ -188,9 +177,6 @@ class ModelData(TypedDict, total=False):
     initial_displacement: ArrayLike | None
     initial_velocity: ArrayLike | None
     units: Units
-
-
-_PROCESS, _CALLABLES = uuid4().hex, {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -435,9 +421,9 @@ class System(Frozen):
 
     def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
         """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
-        loads = (vector.tobytes() + _describe(read(function)).encode() for vector, function in self.loads)
+        loads = (vector.tobytes() + description(read(function)).encode() for vector, function in self.loads)
         contacts = (
-            c.row.tobytes() + repr(read(c.stops)).encode() + _describe(read(c.offset)).encode() for c in self.contacts
+            c.row.tobytes() + repr(read(c.stops)).encode() + description(read(c.offset)).encode() for c in self.contacts
         )
         return {
             "form": self.form.encode(),
@@ -466,16 +452,3 @@ def require_system(system: Any, field: str = "system") -> System:
     """``system`` if it is exactly a System, not a subclass."""
     itself(field, system, System, "make it with semidiscretise or from_matrices")
     return system
-
-
-def _describe(function: LoadFunction | None) -> str:
-    if function is None or isinstance(function, (Harmonic, Constant)):
-        return repr(function)
-    if isinstance(function, Sampled):
-        return f"sampled {function.digest}"
-    if isinstance(function, Superposition):
-        return " + ".join(f"{factor!r} ({_describe(f)})" for factor, f in function.terms)
-    if isinstance(function, Derivative):
-        return f"derivative {function.order} of ({_describe(function.function)})"
-    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
-    return f"callable {_PROCESS} {id(function)}"
