@@ -59,8 +59,8 @@ class InputError(ValueError):
         return type(self), (self.field, self.value, self.rule, self.remedy)
 
 
-def number(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float; an ExactFloat stays one.
+def number(field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf) -> float:
+    """``value`` as a finite float from ``least`` to ``most``; an ExactFloat stays one.
 
     exact: for a parameter of the problem, which may also be a text such as "0.001" or "pi/2", a Fraction
     or a Decimal, and then keeps its exact value for multiprecision.
@@ -80,6 +80,9 @@ def number(field: str, value: Any, exact: bool = False) -> float:
         raise InputError(field, value, "be a number in the range of float64", "give one below 1e308") from None
     if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
+    if not least <= result <= most:
+        rules = [f">= {least:g}"] * (least > -math.inf) + [f"<= {most:g}"] * (most < math.inf)
+        raise InputError(field, value, f"be {' and '.join(rules)}", f"for example {max(least, min(most, 1.0)):g}")
     return result
 
 
@@ -118,19 +121,11 @@ def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> 
     raise InputError(field, value, rule, remedy)
 
 
-def positive(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float > 0; ``exact`` as in ``number``."""
-    result = number(field, value, exact)
+def positive(field: str, value: Any, exact: bool = False, most: float = math.inf) -> float:
+    """``value`` as a finite float > 0; ``exact`` and ``most`` as in ``number``."""
+    result = number(field, value, exact, most=most)
     if result <= 0:
         raise InputError(field, value, "be > 0", "for example 1.0")
-    return result
-
-
-def non_negative(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float >= 0; ``exact`` as in ``number``."""
-    result = number(field, value, exact)
-    if result < 0:
-        raise InputError(field, value, "be >= 0", "for example 0.0")
     return result
 
 
@@ -208,17 +203,14 @@ def step_count(dt: float, t_end: float) -> int:
 
 
 def near(name: Any, known: Iterable[str]) -> str:
-    """A remedy that lists the known names closest to ``name``, or all of them."""
+    """A remedy that lists the known names closest to ``name``, or all of them where none is close."""
     names = list(known)
     by_letters = {each.lower(): each for each in names}
     # The search takes time with the square of the length: 100 letters are enough for a name.
-    letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
-    listed = "known: " + ", ".join(names) if names else "there is none"
-    if not letters:
-        return listed
-    question = "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
-    likely = get_close_matches(name[:100].lower(), letters, n=1, cutoff=0.7)
-    return question if likely else f"{question} {listed}"
+    letters = get_close_matches(name[:100].lower(), by_letters) if isinstance(name, str) else []
+    if letters:
+        return "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
+    return "known: " + ", ".join(names) if names else "there is none"
 
 
 def require_jax_float64() -> None:

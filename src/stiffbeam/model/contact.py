@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, Frozen, read_only
-from ..basics.validation import InputError, constants, itself, non_negative, number, positive
+from ..basics.validation import InputError, constants, itself, number, positive
 from ..kernels.march import contact_forces
 from . import contact_law
 from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, stored
@@ -81,17 +81,14 @@ class Stops:
         itself("stops", self, Stops)
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
-            object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness, exact=True))
-            if self.stiffness > STIFFEST:
-                raise InputError("stops.stiffness", self.stiffness, f"be at most {STIFFEST:g}", "inf is a rigid stop")
+            kappa = positive("stops.stiffness", self.stiffness, exact=True, most=STIFFEST)
+            object.__setattr__(self, "stiffness", kappa)
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side), exact=True))
-        for name in LINEAR:
-            object.__setattr__(self, name, non_negative(f"stops.{name}", getattr(self, name), exact=True))
-        if self.exponent < 1.0:
-            remedy = "1 is linear, 3/2 is Hertz"
-            raise InputError("stops.exponent", self.exponent, "be >= 1, where the force has a slope", remedy)
+        for name, plain in LINEAR.items():
+            # Below the exponent 1 the force has no slope; its dampings are 0 in the linear law, and not negative.
+            object.__setattr__(self, name, number(f"stops.{name}", getattr(self, name), exact=True, least=plain))
         # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
         for name, plain in LINEAR.items():
             if self.rigid and getattr(self, name) != plain:
@@ -100,10 +97,8 @@ class Stops:
             if not self.rigid:
                 remedy = "for compliant ones use damping or dissipation"
                 raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
-            if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
-                remedy = "0 takes all the speed, 1 none"
-                raise InputError("stops.restitution", self.restitution, "lie in [0, 1]", remedy)
-            object.__setattr__(self, "restitution", float(self.restitution))
+            e = number("stops.restitution", self.restitution, least=0.0, most=1.0)
+            object.__setattr__(self, "restitution", e)
         # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
@@ -111,7 +106,7 @@ class Stops:
             rule = f"be > stops.lower = {self.lower}"
             raise InputError("stops.upper", self.upper, rule, "leave a gap between them")
         if self.position is not None:
-            object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
+            object.__setattr__(self, "position", number("stops.position", self.position, exact=True, least=0.0))
         if self.motion is not None:
             motion_function("stops.motion", self.motion)
 
@@ -167,7 +162,7 @@ class Stops:
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
-        return not self.rigid and contact_law.is_linear(self.coefficients)
+        return not self.rigid and all(getattr(self, name) == plain for name, plain in LINEAR.items())
 
     @cached_property
     def dissipative(self) -> bool:

@@ -22,7 +22,6 @@ from ..basics.validation import (
     instance,
     integer,
     near,
-    non_negative,
     number,
     numbers,
     positive,
@@ -179,7 +178,7 @@ def perturbed_members(
     """
     require_system(system)
     integer("members", members, 1)
-    non_negative("size", size)
+    number("size", size, least=0.0)
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 60))  # a system is an object
     span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
     basis, motion = undamped_modes(system), scales(system, span)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
+from ..basics.validation import InputError, itself, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, load_function, motion_function
 
@@ -55,8 +55,8 @@ class PolynomialProfile:
 def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
     """A damping ratio for every mode, or one for each of the first modes; >= 0."""
     if isinstance(value, (list, tuple, np.ndarray)):
-        return tuple(non_negative("modal_damping", x) for x in value)
-    return non_negative("modal_damping", value)
+        return tuple(number("modal_damping", x, least=0.0) for x in value)
+    return number("modal_damping", value, least=0.0)
 
 
 Profile = Callable[[Any], Any]
@@ -208,14 +208,13 @@ class BeamProblem:
     def __post_init__(self) -> None:
         itself("problem", self, BeamProblem)
         # Numbers first, then what they must be to each other.
-        for name, rule in (
-            ("stiffness", positive), ("viscosity", non_negative), ("length", positive), ("mass_per_length", positive),
-            ("tip_mass", non_negative), ("mass_damping", non_negative),
-        ):  # fmt: skip
-            object.__setattr__(self, name, rule(name, getattr(self, name), exact=True))
+        for name in ("stiffness", "mass_per_length"):
+            object.__setattr__(self, name, positive(name, getattr(self, name), exact=True))
+        for name in ("viscosity", "tip_mass", "mass_damping"):
+            object.__setattr__(self, name, number(name, getattr(self, name), exact=True, least=0.0))
+        length = number("length", self.length, exact=True, least=1e-60, most=1e60)  # with a fifth power in float64
+        object.__setattr__(self, "length", length)
         object.__setattr__(self, "modal_damping", ratios_of(self.modal_damping))
-        if not 1e-60 <= self.length <= 1e60:
-            raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
         object.__setattr__(self, "units", units_labels(self.units))
         # Supports, stops, base and loads: their kind, and where they act.
         self._check_supports()
