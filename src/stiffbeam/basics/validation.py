@@ -172,22 +172,35 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
     return Path(value)
 
 
-def instance(field: str, value: Any, known: type[Known], remedy: str) -> Known:
+def instance(field: str, value: Any, known: type[Known], remedy: str, rule: str = "") -> Known:
     """``value`` if it is an object of the type ``known``; else raise InputError."""
     if not isinstance(value, known):
-        raise InputError(field, f"a {type(value).__name__}", f"be a {known.__name__}", remedy)
+        raise InputError(field, value, rule or f"be a {known.__name__}", remedy)
     return value
 
 
-def itself(field: str, value: Any, known: type, remedy: str = "", rule: str = "") -> None:
-    """Raise InputError for what is no object of the type ``known``, by ``rule`` and ``remedy``, and for a subclass:
-    the computation uses its fields only and would ignore overrides."""
-    name = known.__name__
-    if not isinstance(value, known):
-        raise InputError(field, value, rule or f"be a {name}", remedy or f"make one with stiffbeam.{name}")
-    if type(value) is not known:
-        remedy = f"what a subclass overrides would be ignored: give a {name}"
-        raise InputError(field, f"a {type(value).__name__}", f"be a {name} itself", remedy)
+class Frozen:
+    """Base of the frozen dataclasses of a model. Their copies hold read-only arrays too, and they have no subclasses:
+    the computation uses their fields only and would ignore what a subclass overrides."""
+
+    def __init_subclass__(cls) -> None:
+        for base in cls.__bases__:
+            if base is not Frozen:
+                rule, remedy = f"be a {base.__name__} itself", "what a subclass overrides would be ignored"
+                raise InputError(cls.__name__, "a subclass", rule, remedy)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {x.name: getattr(self, x.name) for x in fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # A pickled array can be written to again.
+        self.__dict__.update({name: _frozen(value) for name, value in state.items()})
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 def step_count(dt: float, t_end: float) -> int:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.validation import InputError, integer, itself, one_of
+from ..basics.validation import InputError, instance, integer, one_of
 from .beam import bending_stencil, free_unknowns, interpolation, shape_functions, velocity_curvature_matrices
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
@@ -108,7 +108,7 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     >>> sb.semidiscretise(problem, cells=25)
     <System, displacement: 25 unknowns, 0 loads, 1 contact>
     """
-    itself("problem", problem, BeamProblem)
+    instance("problem", problem, BeamProblem, "make one with stiffbeam.BeamProblem")
     cells = integer("cells", cells, 4)  # the stencils at both ends must not overlap
     one_of("form", form, ALL_FORMS)
     # A dozen dense matrices.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from weakref import WeakValueDictionary
@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, Frozen, read_only, same
+from ..basics.arrays import Array, read_only, same
 from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, as_doubles, constants, exact_parts, itself, sequence
+from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
@@ -37,10 +37,11 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     if isinstance(matrix, np.ndarray) and _CHECKED.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
-    if hasattr(matrix, "toarray") and not isinstance(matrix, type):
-        afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
-        matrix = matrix.toarray()
-    dense = constants(name, matrix, "be a matrix of finite numbers", remedy)
+    full: Any = matrix
+    if scipy.sparse.issparse(matrix):
+        afford(name, f"shape {full.shape}", "condense the model", floats=float(np.prod(full.shape, dtype=float)))
+        full = full.toarray()
+    dense = constants(name, full, "be a matrix of finite numbers", remedy)
     if name == "mass" and dense.ndim == 1:
         dense = read_only(np.diag(dense))
     if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
@@ -100,7 +101,7 @@ def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
     rule, remedy = "hold Contact(row, stops) only", "for none write ()"
     checked = [contacts] if isinstance(contacts, Contact) else sequence("contacts", contacts, rule, remedy)
     for contact in checked:
-        itself("contacts", contact, Contact, remedy, rule)
+        instance("contacts", contact, Contact, remedy, rule)
         if len(contact.row) != n:
             raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
     return tuple(checked)
@@ -137,7 +138,7 @@ class Origin(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("tip", "stiffness_factor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            vars(self)[name] = read_only(getattr(self, name))
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
@@ -230,7 +231,6 @@ class System(Frozen):
     units: Units = ()
 
     def __post_init__(self) -> None:
-        itself("system", self, System)
         mass = checked_matrix("mass", self.mass)
         n = len(mass)
         damping, stiffness = (checked_matrix(x, getattr(self, x), n) for x in ("damping", "stiffness"))
@@ -241,23 +241,20 @@ class System(Frozen):
         if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
-            itself("origin", self.origin, Origin)
-        object.__setattr__(self, "units", units_labels(self.units))
+            instance("origin", self.origin, Origin, "take that of a system from semidiscretise")
         # The checked copies take the place of the arguments.
-        checked: dict[str, Any] = {
-            "mass": mass, "damping": damping, "stiffness": stiffness, "loads": loads, "contacts": contacts,
-            "observe": None if self.observe is None else finite_vector("observe", self.observe, n),
-            "q0": finite_vector("initial_displacement", self.q0, n),
-            "v0": finite_vector("initial_velocity", self.v0, n),
-        }  # fmt: skip
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            mass=mass, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts,
+            observe=None if self.observe is None else finite_vector("observe", self.observe, n),
+            q0=finite_vector("initial_displacement", self.q0, n), v0=finite_vector("initial_velocity", self.v0, n),
+            units=units_labels(self.units),
+        )  # fmt: skip
         if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
-            object.__setattr__(self, "units", self.origin.problem.units)
+            vars(self)["units"] = self.origin.problem.units
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
-        return {x.name: getattr(self, x.name) for x in fields(self)} | {"fingerprint": self.fingerprint}
+        return super().__getstate__() | {"fingerprint": self.fingerprint}
 
     @classmethod
     def from_matrices(
@@ -450,5 +447,5 @@ class System(Frozen):
 
 def require_system(system: Any, field: str = "system") -> System:
     """``system`` if it is exactly a System, not a subclass."""
-    itself(field, system, System, "make it with semidiscretise or from_matrices")
+    instance(field, system, System, "make it with semidiscretise or from_matrices")
     return system

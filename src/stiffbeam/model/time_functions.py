@@ -18,8 +18,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, Frozen
-from ..basics.validation import InputError, constants, exact_value, itself, number, numbers, one_of, positive
+from ..basics.arrays import Array
+from ..basics.validation import Frozen, InputError, constants, exact_value, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -67,7 +67,7 @@ class TimeFunction(Protocol):
 
 
 @dataclass(frozen=True)
-class Harmonic:
+class Harmonic(Frozen):
     """f(t) = amplitude sin(frequency t + phase).
 
     A number given as a text ("0.2", "pi/2", "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision.
@@ -97,14 +97,13 @@ class Harmonic:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        itself("time function", self, Harmonic)
-        object.__setattr__(self, "amplitude", number("amplitude", self.amplitude, exact=True))
-        object.__setattr__(self, "frequency", positive("frequency", self.frequency, exact=True))
+        vars(self)["amplitude"] = number("amplitude", self.amplitude, exact=True)
+        vars(self)["frequency"] = positive("frequency", self.frequency, exact=True)
         # The acceleration of a base is a load: it has to fit in float64.
         if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
             pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
             raise InputError("amplitude and frequency", pair, rule, "use other units")
-        object.__setattr__(self, "phase", number("phase", self.phase, exact=True))
+        vars(self)["phase"] = number("phase", self.phase, exact=True)
 
     def value(self, t: ArrayLike) -> Array:
         """amplitude sin(frequency t + phase)."""
@@ -120,7 +119,7 @@ class Harmonic:
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Frozen):
     """f(t) = level.
 
     Parameters
@@ -143,8 +142,7 @@ class Constant:
     level: float
 
     def __post_init__(self) -> None:
-        itself("time function", self, Constant)
-        object.__setattr__(self, "level", number("level", self.level, exact=True))
+        vars(self)["level"] = number("level", self.level, exact=True)
 
     def value(self, t: ArrayLike) -> Array:
         """The level, at every t."""
@@ -199,14 +197,13 @@ class Sampled(Frozen):
     derivative: int = 0
 
     def __post_init__(self) -> None:
-        itself("time function", self, Sampled)
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
             stated, rule = getattr(self, name), "be two or more finite numbers in a row"
             array = constants(f"sampled.{name}", stated, rule)
             if array.ndim != 1 or len(array) < 2:
                 raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            object.__setattr__(self, name, array)
+            vars(self)[name] = array
         if len(self.t) != len(self.values):
             remedy = "give as many values as times"
             raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
@@ -220,9 +217,6 @@ class Sampled(Frozen):
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
         self._whole  # noqa: B018  which refuses slopes that overflow
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Sampled) and self.digest == other.digest)
@@ -313,7 +307,7 @@ class Sampled(Frozen):
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class Superposition:
+class Superposition(Frozen):
     """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Superposition(f_1, f_2, ...)`` has factors
     1.
 
@@ -336,19 +330,18 @@ class Superposition:
     terms: tuple[tuple[float, LoadFunction], ...]
 
     def __init__(self, *functions: TimeFunction) -> None:
-        itself("time function", self, Superposition)
         if not functions:
             rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
             raise InputError("Superposition", "nothing", rule, remedy)
         for function in functions:
             motion_function("Superposition", function)
-        object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
+        vars(self)["terms"] = tuple((1.0, function) for function in functions)
 
     @classmethod
     def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
         """A sum of multiples of functions that have been checked."""
         total = object.__new__(cls)
-        object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
+        vars(total)["terms"] = tuple((float(factor), f) for factor, f in terms)
         return total
 
     def __repr__(self) -> str:
