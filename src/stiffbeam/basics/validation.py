@@ -185,7 +185,7 @@ class Frozen:
 
     def __init_subclass__(cls) -> None:
         for base in cls.__bases__:
-            if base is not Frozen:
+            if is_dataclass(base):
                 rule, remedy = f"be a {base.__name__} itself", "what a subclass overrides would be ignored"
                 raise InputError(cls.__name__, "a subclass", rule, remedy)
 

@@ -140,8 +140,8 @@ class ODE:
         require_jax_float64()
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
-        kind, numbers = numbers_of(self._rhs.equations)
-        return lambda t, y, args=None: rate_with_integrals(kind, t, y, numbers)[: self._n]
+        exponents, numbers = numbers_of(self._rhs.equations)
+        return lambda t, y, args=None: rate_with_integrals(exponents, t, y, numbers)[: self._n]
 
     def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
         """Return the event function of this number."""

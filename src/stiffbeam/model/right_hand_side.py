@@ -239,15 +239,9 @@ class Numbers(NamedTuple):
     window: Any
 
 
-class Kind(NamedTuple):
-    """Constants of a compiled program beside the shapes: the exponent of every contact, and whether stops damp."""
-
-    exponents: tuple[float, ...]
-    damped: bool
-
-
-def numbers_of(e: Equations) -> tuple[Kind, Numbers]:
-    """Kind and numbers of a right-hand side, its regime and window those of now.
+def numbers_of(e: Equations) -> tuple[tuple[float, ...], Numbers]:
+    """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
+    window those of now.
 
     Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
     """
@@ -261,9 +255,8 @@ def numbers_of(e: Equations) -> tuple[Kind, Numbers]:
     positions[:, :n], positions[:, n : n + d] = e.positions, e.offsets.T
     velocities[:, :n], velocities[:, n + d :] = e.velocities, e.offsets.T
     offset_rates[:, n + d :], power[:, :n] = e.offsets.T, e.power
-    kind = Kind(tuple(float(p) for p in e.law[:, 3]), e.damped)
     arrays = (e.frequencies, e.edges, e.records, e.pushes, e.law)
-    return kind, Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
+    return tuple(e.law[:, 3].tolist()), Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
 
 
 def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
@@ -305,7 +298,7 @@ def contact_force(u: Any, v: Any, regime: Any, stop: Law) -> Any:
     return force
 
 
-def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
+def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: Numbers) -> Any:
     """z' of ``RightHandSide``: y' with the rates of the ledger's integrals; of z only its first n entries count."""
     import jax.numpy as jnp
 
@@ -314,7 +307,7 @@ def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
     rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
     rate, u, v, offset_rates, power = jnp.split(rows, np.cumsum([n, m, m, m]))
     given, absorbed, pushes = g @ power, 0.0, []
-    for c, p in enumerate(kind.exponents):
+    for c, p in enumerate(exponents):
         stop: Any = Law(*numbers.law[c])
         force = contact_force(u[c], v[c], numbers.regime[c], stop._replace(p=p))  # p is a constant of the program
         rate = rate + numbers.pushes[c] * force
@@ -322,4 +315,4 @@ def rate_with_integrals(kind: Kind, t: Any, z: Any, numbers: Numbers) -> Any:
         absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
         pushes.append(-force)
     viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
-    return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, *([absorbed] if kind.damped else [])])])
+    return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, absorbed])])[: max(n, len(z))]

@@ -66,8 +66,27 @@ class TimeFunction(Protocol):
         ...
 
 
+class Derivable(Frozen):
+    """Base of time functions that give their derivatives of every order, ``_at(t, order)``."""
+
+    def value(self, t: ArrayLike) -> Array:
+        """f(t)."""
+        return self._at(t, 0)
+
+    def rate(self, t: ArrayLike) -> Array:
+        """f'(t)."""
+        return self._at(t, 1)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        """f''(t)."""
+        return self._at(t, 2)
+
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Harmonic(Frozen):
+class Harmonic(Derivable):
     """f(t) = amplitude sin(frequency t + phase).
 
     A number given as a text ("0.2", "pi/2", "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision.
@@ -105,21 +124,13 @@ class Harmonic(Frozen):
             raise InputError("amplitude and frequency", pair, rule, "use other units")
         vars(self)["phase"] = number("phase", self.phase, exact=True)
 
-    def value(self, t: ArrayLike) -> Array:
-        """amplitude sin(frequency t + phase)."""
-        return self.amplitude * np.sin(self.frequency * np.asarray(t, float) + self.phase)
-
-    def rate(self, t: ArrayLike) -> Array:
-        """amplitude frequency cos(frequency t + phase)."""
-        return self.frequency * self.amplitude * np.cos(self.frequency * np.asarray(t, float) + self.phase)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """-frequency^2 f(t)."""
-        return -(self.frequency**2) * self.value(t)
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        size = (1.0, self.frequency, -(self.frequency**2))[order] * self.amplitude
+        return size * (np.cos if order == 1 else np.sin)(self.frequency * np.asarray(t, float) + self.phase)
 
 
 @dataclass(frozen=True)
-class Constant(Frozen):
+class Constant(Derivable):
     """f(t) = level.
 
     Parameters
@@ -144,21 +155,12 @@ class Constant(Frozen):
     def __post_init__(self) -> None:
         vars(self)["level"] = number("level", self.level, exact=True)
 
-    def value(self, t: ArrayLike) -> Array:
-        """The level, at every t."""
-        return np.full(np.shape(t), float(self.level))
-
-    def rate(self, t: ArrayLike) -> Array:
-        """Zero."""
-        return np.zeros(np.shape(t))
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """Zero."""
-        return np.zeros(np.shape(t))
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        return np.full(np.shape(t), 0.0 if order else float(self.level))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled(Frozen):
+class Sampled(Derivable):
     """f(t) through the points (t_i, values_i), for t_0 <= t <= t_last; or its ``derivative``-th derivative.
 
         "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
@@ -278,18 +280,6 @@ class Sampled(Frozen):
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
-    def value(self, t: ArrayLike) -> Array:
-        """The interpolant at t; InputError outside the samples."""
-        return self._at(t, 0)
-
-    def rate(self, t: ArrayLike) -> Array:
-        """First derivative at t. Raises InputError if the interpolant jumps."""
-        return self._at(t, 1)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """Second derivative at t. Raises InputError if it does not exist."""
-        return self._at(t, 2)
-
     def _at(self, t: ArrayLike, order: int) -> Array:
         if order > self.degree:
             jump = "slopes jump" if order > 1 else "values jump"
@@ -307,7 +297,7 @@ class Sampled(Frozen):
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class Superposition(Frozen):
+class Superposition(Derivable):
     """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Superposition(f_1, f_2, ...)`` has factors
     1.
 
@@ -348,27 +338,16 @@ class Superposition(Frozen):
         terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
         return f"Superposition({', '.join(terms)})"
 
-    def value(self, t: ArrayLike) -> Array:
-        """The sum of the terms, each with its factor."""
-        return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
-
-    def rate(self, t: ArrayLike) -> Array:
-        """The sum of the terms' derivatives, each with its factor."""
-        return self._sum("rate", t)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """The sum of the terms' second derivatives, each with its factor."""
-        return self._sum("acceleration", t)
-
-    def _sum(self, of: str, t: ArrayLike) -> Array:
-        return sum((factor * np.asarray(getattr(f, of)(t), float) for factor, f in self.terms), np.zeros(np.shape(t)))
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        terms = (factor * evaluate(Derivative(f, order) if order else f, t) for factor, f in self.terms)
+        return sum(terms, np.zeros(np.shape(t)))
 
 
 @dataclass(frozen=True)
 class Derivative:
     """t -> f'(t) or f''(t) of a function that is known by its values only: a load that moves with a base."""
 
-    function: TimeFunction
+    function: Any
     order: int
 
     def __call__(self, t: ArrayLike) -> Array:
