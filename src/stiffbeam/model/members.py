@@ -15,18 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
 from ..basics.resources import afford
-from ..basics.validation import (
-    InputError,
-    Rng,
-    generator,
-    instance,
-    integer,
-    near,
-    number,
-    numbers,
-    positive,
-    sequence,
-)
+from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
 from .contact import Stops
 from .modes import undamped_modes
 from .scales import scales

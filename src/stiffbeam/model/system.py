@@ -24,7 +24,7 @@ from .problem import BeamProblem
 from .time_functions import LoadFunction, TimeFunction, description, evaluate, load_function
 
 if TYPE_CHECKING:
-    from .ode import ODE
+    from .right_hand_side import ODE
 
 
 _CHECKED: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
@@ -387,7 +387,7 @@ class System(Frozen):
 
         form: "explicit", y' = f(t, y), or "descriptor", E y' = f(t, y).
         """
-        from .ode import ODE
+        from .right_hand_side import ODE
 
         return ODE(self, form)
 
